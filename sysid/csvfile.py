@@ -1,0 +1,336 @@
+"""A text table as it lies on the disk: preamble, header, dialect and numbers. It knows lines and cells, no physics.
+
+`read_head` reads down to the first row, `read_body` then the wanted columns, in blocks, so that memory is bounded by
+the numbers themselves. What cannot be read ends in a `LogError` that names the file, the line and the column.
+"""
+
+import csv
+import gzip
+import hashlib
+import io
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, NoReturn
+
+import numpy as np
+
+BLOCK = 1 << 24  # bytes parsed at a time
+WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
+
+
+class LogError(ValueError):
+    """Unusable input: the message names file, line or column, what was found and what was expected.
+
+    `mapping` is a mapping file (TOML text) to start from when the file was not understood, else None.
+    """
+
+    def __init__(self, message: str, mapping: str | None = None) -> None:
+        super().__init__(message)
+        self.mapping = mapping
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written; None means: see from the file."""
+
+    delimiter: str | None = None
+    comment: str = "#"
+    decimal: str | None = None
+    header: bool | None = None
+
+
+@dataclass(frozen=True)
+class Head:
+    """A table's file down to its first row."""
+
+    path: str
+    metadata: dict[str, str]
+    repeated: frozenset[str]  # metadata keys that stand there twice with different values
+    names: tuple[str, ...]  # as in the header; "" where the header has nothing; empty texts when there is no header
+    dialect: Dialect  # with nothing left open
+    start: int  # byte in the (decompressed) file where the rows begin
+    first_line: int  # line number of that byte, counted from 1
+    sample: tuple[tuple[str, ...], ...]  # the first rows as text
+    notes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return Path(self.path).name
+
+
+@dataclass(frozen=True)
+class Body:
+    """The wanted columns: `numbers[index]` is (n,) float64 with NaN where a cell is no number; `keys` is (n,) text."""
+
+    numbers: dict[int, np.ndarray]
+    keys: np.ndarray | None
+    sha256: str
+    blank_lines: list[int] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(next(iter(self.numbers.values())))
+
+    def line(self, head: Head, row: int) -> int:
+        """Line number, counted from 1, of a row counted from 0."""
+        number = head.first_line + row
+        for blank in self.blank_lines:
+            number += blank <= number
+        return number
+
+
+def read_head(path: str, dialect: Dialect) -> Head:
+    """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
+    comments, line, offset, number = [], "", 0, 0
+    encoding, notes = "utf-8-sig", []
+    with _open(path) as file:
+        while raw := file.readline(1 << 20):
+            offset, number = offset + len(raw), number + 1
+            _refuse_binary(path, raw)
+            try:
+                line = raw.decode(encoding)
+            except UnicodeDecodeError:
+                encoding = "cp1252"
+                line = raw.decode(encoding, errors="replace")
+                notes.append(f"line {number} is not UTF-8: read as Windows-1252")
+            encoding = encoding.removesuffix("-sig")
+            if line.startswith(dialect.comment):
+                comments.append(line[len(dialect.comment) :].strip())
+            elif line.strip(" \t\r\n,;"):
+                break
+        else:
+            raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
+        below = list(itertools.islice(file, 50))
+    following = [text.decode("utf-8", errors="replace") for text in below]
+    if dialect.header is False or (dialect.header is None and _holds_numbers(line, dialect)):
+        offset, number, following = offset - len(raw), number - 1, [line, *following]
+        line, comments = _header_in_comments(comments, following[0], dialect)
+    elif dialect.header is None and _is_unit_row(line, following, dialect):
+        line, offset, number = _with_units(line, following[0], dialect), offset + len(below[0]), number + 1
+        following = following[1:]
+    delimiter = dialect.delimiter or _find_delimiter(line.strip() or following[0])
+    rows = tuple(tuple(split_line(text, delimiter)) for text in following if text.strip())
+    if not rows:
+        raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
+    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
+    while names and not names[-1] and line:
+        names = names[:-1]
+    metadata, repeated = _metadata(comments)
+    decimal = dialect.decimal or _find_decimal(rows, delimiter)
+    known = Dialect(delimiter, dialect.comment, decimal, bool(line))
+    return Head(path, metadata, repeated, names, known, offset, number + 1, rows, tuple(notes))
+
+
+def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
+    """The columns at `columns` as numbers and the one at `key` as text; every row must have its number of cells."""
+    blocks: dict[int, list[np.ndarray]] = {column: [] for column in columns}
+    keys: list[Any] = []
+    blank_lines: list[int] = []
+    line = head.first_line
+    with open(head.path, "rb") as raw:
+        digest = hashlib.file_digest(raw, "sha256").hexdigest()
+    with _open(head.path) as file:
+        file.seek(head.start)
+        for block in _blocks(file, head.dialect.delimiter == WHITESPACE):
+            blank, count = _check_counts(head, block, line)
+            blank_lines += blank
+            if len(blank) < count:
+                numbers, texts = _parse(head, block, line, columns, key)
+                for column in columns:
+                    blocks[column].append(numbers[column])
+                keys.append(texts)
+            line += count
+    if not keys:
+        raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
+    joined = {column: np.concatenate(blocks.pop(column)) for column in columns}
+    return Body(joined, np.concatenate(keys) if key is not None else None, digest, blank_lines)
+
+
+def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str = "a finite number") -> NoReturn:
+    """Raise the LogError of one bad cell: what stands there is read again from the file."""
+    label = head.names[column] or column
+    number = body.line(head, row)
+    with _open(head.path) as file:
+        text = next(itertools.islice(file, number - 1, None)).decode("utf-8", errors="replace")
+    cell = split_line(text, str(head.dialect.delimiter))[column].strip()
+    found = repr(cell) if cell else "an empty cell"
+    last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
+    raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}")
+
+
+def split_line(text: str, delimiter: str) -> list[str]:
+    """The cells of one line; quotes are understood."""
+    if delimiter == WHITESPACE:
+        text = " ".join(text.split())
+    text = text.rstrip("\r\n").replace("\r", " ")
+    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether a cell is a number (nan and inf included) as this reader takes it."""
+    try:
+        float(text.strip().replace(decimal, "."))
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _open(path: str) -> BinaryIO:
+    """The file's bytes, decompressed when it is gzip (told by its first two bytes, not by its name)."""
+    with open(path, "rb") as file:
+        zipped = file.read(2) == b"\x1f\x8b"
+    return gzip.open(path, "rb") if zipped else open(path, "rb")  # type: ignore[return-value]
+
+
+def _refuse_binary(path: str, raw: bytes) -> None:
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise LogError(f"{path}: found UTF-16 text, expected UTF-8; save it again as CSV (UTF-8)")
+    if b"\x00" in raw:
+        raise LogError(f"{path}: found binary data, expected a text table (CSV)")
+    if b"\r" in raw.rstrip(b"\r\n"):
+        raise LogError(f"{path}: found lines that end in a carriage return alone, expected line feeds")
+
+
+def _metadata(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
+    found: dict[str, str] = {}
+    repeated = set()
+    for comment in comments:
+        key, colon, value = (part.strip() for part in comment.partition(":"))
+        if colon and key:
+            if found.get(key, value) != value:
+                repeated.add(key)
+            found[key] = value
+    return found, frozenset(repeated)
+
+
+def _find_delimiter(line: str) -> str:
+    """Comma, unless the line has none: then the one of semicolon and tab that it has, else blanks."""
+    return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
+
+
+def _find_decimal(rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
+    """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns."""
+    if delimiter == ",":
+        return "."
+    return "," if any("," in cell and is_number(cell, ",") for row in rows for cell in row) else "."
+
+
+def _holds_numbers(line: str, dialect: Dialect) -> bool:
+    """Whether a line is a row, not a header: no name is a number."""
+    delimiter = dialect.delimiter or _find_delimiter(line)
+    cells = split_line(line, delimiter)
+    return any(is_number(cell, dialect.decimal or ("." if delimiter == "," else ",")) for cell in cells)
+
+
+def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
+    """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it so)."""
+    if comments and dialect.header is None:
+        delimiter = dialect.delimiter or _find_delimiter(row)
+        width = len(split_line(row, delimiter))
+        if width > 1 and len(split_line(comments[-1], delimiter)) == width:
+            return comments[-1], comments[:-1]
+    return "", comments
+
+
+def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
+    """Whether the line below the header holds units: short texts and no number, where the header has names alone."""
+    if not following:
+        return False
+    delimiter = dialect.delimiter or _find_delimiter(line)
+    names, units = split_line(line, delimiter), split_line(following[0], delimiter)
+    bare = not any(re.search(r"[_\[(]", name) for name in names)
+    texts = [unit.strip() for unit in units if unit.strip()]
+    return bare and len(names) == len(units) and bool(texts) and not any(map(is_number, texts))
+
+
+def _with_units(line: str, units: str, dialect: Dialect) -> str:
+    delimiter = dialect.delimiter or _find_delimiter(line)
+    pairs = zip(split_line(line, delimiter), split_line(units, delimiter), strict=True)
+    named = io.StringIO()
+    csv.writer(named, delimiter=delimiter).writerow(
+        [f"{name.strip()}_{unit.strip(' []()')}" if unit.strip() else name for name, unit in pairs]
+    )
+    return named.getvalue().strip()
+
+
+def _blocks(file: BinaryIO, whitespace: bool) -> Iterator[bytes]:
+    """The rest of the file in pieces that end at a line end."""
+    rest = b""
+    while chunk := file.read(BLOCK):
+        whole, end, rest = (rest + chunk).rpartition(b"\n")
+        if end:
+            yield _single_blanks(whole + end) if whitespace else whole + end
+        else:
+            rest = whole + rest
+    if rest:
+        yield _single_blanks(rest) if whitespace else rest
+
+
+def _single_blanks(block: bytes) -> bytes:
+    return re.sub(rb"(?m)^ | (?=\r?$)", b"", re.sub(rb"[ \t]+", b" ", block))
+
+
+def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
+    """The blank lines' numbers and the count of lines in `block`, which begins at `line`. Odd rows: LogError."""
+    text = np.frombuffer(block if block.endswith(b"\n") else block + b"\n", np.uint8)
+    ends = np.flatnonzero(text == ord("\n"))
+    marks = np.flatnonzero(text == ord(str(head.dialect.delimiter)))
+    counts = np.diff(np.searchsorted(marks, ends), prepend=0)
+    lengths = np.diff(ends, prepend=-1) - 1
+    last = text[np.maximum(ends - 1, 0)]
+    returned = (last == ord("\r")) & (lengths > 0)  # lines that end in CR LF
+    last = np.where(returned, text[np.maximum(ends - 2, 0)], last)
+    blank = lengths - returned == 0
+    returns = np.flatnonzero(text == ord("\r"))
+    if len(returns) > returned.sum():
+        index = int(np.searchsorted(ends, np.setdiff1d(returns, ends - 1)[0]))
+        raise LogError(
+            f"{head.path}, line {line + index}: found a carriage return within, expected it at line ends alone"
+        )
+    spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
+    for index in np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare):
+        row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")
+        cells = split_line(row, str(head.dialect.delimiter))
+        if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):
+            unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
+            last_line = " (the last line, without a line end: was the file still being written?)" if unfinished else ""
+            raise LogError(
+                f"{head.path}, line {line + index}: found {len(cells)} columns{last_line}, "
+                f"expected {len(head.names)} as in the {'header' if head.dialect.header else 'first row'}"
+            )
+    return [int(line + index) for index in np.flatnonzero(blank)], len(ends)
+
+
+def _parse(head: Head, block: bytes, line: int, columns: list[int], key: int | None) -> tuple[dict[int, Any], Any]:
+    """Columns of a block as numbers, NaN where a cell is none, and the key column as text."""
+    import pandas as pd
+
+    wanted: dict[Any, Any] = dict.fromkeys(columns, np.float64)
+    if key is not None:
+        wanted[key] = str
+    options: dict[str, Any] = {
+        "header": None, "index_col": False, "usecols": sorted(wanted), "sep": head.dialect.delimiter,
+        "decimal": head.dialect.decimal, "skipinitialspace": True, "encoding_errors": "replace", "engine": "c",
+    }  # fmt: skip
+    if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
+        options["float_precision"] = "round_trip"  # later versions read every float to the last bit as it is
+    try:
+        frame = pd.read_csv(io.BytesIO(block), dtype=wanted, **options)
+    except ValueError:  # some cell is no number: it matters only when its row is used
+        try:
+            frame = pd.read_csv(io.BytesIO(block), dtype=str, keep_default_na=False, **options)
+        except ValueError as error:
+            odd = [index for index, row in enumerate(block.split(b"\n")) if row.count(b'"') % 2]
+            where = f", line {line + odd[0]}: found a quote that is not closed" if odd else ": found no table"
+            raise LogError(f"{head.path}{where} ({error})") from None
+        for column in columns:
+            frame[column] = [_number(cell, str(head.dialect.decimal)) for cell in frame[column]]
+    texts = frame[key].fillna("").astype(str).str.strip().to_numpy(object) if key is not None else None
+    return {column: frame[column].to_numpy(np.float64) for column in columns}, texts
+
+
+def _number(cell: str, decimal: str) -> float:
+    return float(cell.strip().replace(decimal, ".")) if is_number(cell, decimal) else math.nan

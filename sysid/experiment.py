@@ -1,0 +1,237 @@
+"""From logs to the arrays that the likelihood takes: what the bench may have added to each, padding, groups of one layout."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid.likelihood import Experiment, Groups, Layout
+from sysid.log import Log
+from sysid.plant import LOW_Q, Hold, hold_inputs
+
+NUISANCES = ("rotation", "background", "offset", "start")
+AT_REST = "taken as at rest, with no output offset, before its first row"
+OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One log, how it is read, and the present knowledge of its noise and of what the bench added."""
+
+    log: Log
+    kind: str  # "transient" | "steady"
+    nuisances: tuple[str, ...] = NUISANCES
+    noise_std: float = 0.0  # per channel; 0: not yet known
+    noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
+    start: complex = 0.0  # of an amplitude log
+    floor: float = 0.0  # of an amplitude log, response squared
+    spread: np.ndarray | None = field(default=None, repr=False)  # s^2, when rows are means of many samples
+
+    @property
+    def steady(self) -> bool:
+        return self.kind == "steady"
+
+    @property
+    def scale(self) -> float:
+        """Largest magnitude of the response."""
+        return float(np.max(np.abs(self.log.response))) or 1.0
+
+    @property
+    def driven(self) -> bool:
+        """A drive is recorded and not zero throughout."""
+        return self.log.drive is not None and bool(np.any(self.log.drive != 0))
+
+    @property
+    def resonant(self) -> bool:
+        """An excitation frequency is recorded."""
+        return self.log.frequency is not None
+
+    @property
+    def signed(self) -> bool:
+        """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
+        return not self.log.amplitude_only or not self.resonant
+
+    @property
+    def one_level(self) -> bool:
+        """A transient whose inputs never change: nothing in it tells an offset from a response."""
+        inputs = [c for c in (self.log.drive, self.log.frequency) if c is not None]
+        return not self.steady and self.driven and all(np.all(c == c[0]) for c in inputs)
+
+    @property
+    def from_rest(self) -> bool:
+        """A single level that begins near zero: read as a step at the first row."""
+        return self.one_level and (abs(self.log.response[0]) < 0.1 * self.scale or self.log.response_unit in OFFSET_UNITS)
+
+    @property
+    def start_free(self) -> bool:
+        """The state at the first row is to be found."""
+        if self.steady or self.from_rest or "start" not in self.nuisances:
+            return False
+        return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
+
+    @property
+    def clock(self) -> np.ndarray:
+        """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
+        if self.log.time is None:
+            return np.arange(len(self.log), dtype=float)
+        stamps, first, count = np.unique(self.log.time, return_index=True, return_counts=True)
+        if len(stamps) == len(self.log.time):
+            return np.asarray(self.log.time)
+        if len(stamps) == 1:
+            return np.arange(len(self.log), dtype=float)
+        end = np.append(stamps[1:], 2 * stamps[-1] - stamps[-2])
+        within = np.arange(len(self.log)) - np.repeat(first, count)
+        return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
+
+    def memory(self) -> np.ndarray:
+        """Correlation of the noise with the row before."""
+        if self.noise_time <= 0:
+            return np.zeros(len(self.log))
+        rho = np.exp(-np.diff(self.clock) / self.noise_time)
+        return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
+
+    def columns(self, hold: Hold) -> np.ndarray:
+        """Known shapes that the bench adds, (K, N): offset, feedthrough of the drive, its slope over a sweep."""
+        drive, n = hold.drive[hold.interval].copy(), len(self.log)
+        offset, background = "offset" in self.nuisances, "background" in self.nuisances and self.resonant
+        shapes: list[np.ndarray] = []
+        if self.steady:
+            swept = background and np.ptp(self.log.frequency) > 0
+            if swept:
+                f = self.log.frequency - np.mean(self.log.frequency)
+                shapes += [drive] + ([drive * f] if n >= 12 else [])
+            if offset and np.ptp(drive) > 0:
+                shapes.append(np.ones(n))
+        elif self.signed:
+            if self.from_rest:
+                drive[0] = 0.0
+            if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
+                shapes.append(np.ones(n))
+            if background and (np.ptp(drive) > 0 or not offset):
+                shapes.append(drive)
+        if not self.signed or (not self.driven and self.steady and not self.resonant):
+            shapes = []
+        shapes = [s / np.max(np.abs(s)) for s in shapes if np.any(s)]
+        return np.array(shapes).reshape(len(shapes), n)
+
+    def hold(self, reference: tuple[float, float]) -> Hold:
+        """The log's inputs, as offsets from `reference` (Hz, degC)."""
+        log = self.log
+        drive = np.ones(len(log)) if log.drive is None and self.steady else log.drive
+        drive = np.zeros(len(log)) if drive is None else drive
+        delay = log.bench.get("delay_s", 0.0)
+        if not self.steady:
+            hold = hold_inputs(
+                log.time - delay, drive, log.frequency, log.temperature, settled=log.sampling == "settled", reference=reference
+            )
+            return hold if self.spread is None else hold._replace(spread=self.spread)
+        frequency = np.full(len(log), np.nan) if log.frequency is None else log.frequency
+        warming = np.zeros(len(log)) if log.temperature is None else log.temperature - reference[1]
+        return Hold(
+            np.zeros(len(log)), drive, 2 * np.pi * frequency, 2 * np.pi * (reference[0] - frequency), warming,
+            np.arange(len(log), dtype=np.int32), np.zeros(len(log)), np.zeros(len(log)),
+        )  # fmt: skip
+
+
+def group(trials: Sequence[Trial], reference: tuple[float, float], tau: float | None, own_gain: bool = False) -> tuple[Groups, list]:
+    """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
+
+    `own_gain`: every log gets a gain of its own, as a search for starting values wants. `tau` decides where Q is low.
+    """
+    low_q = tau is not None and np.isfinite(reference[0]) and np.pi * reference[0] * tau < LOW_Q
+    holds = [t.hold(reference) for t in trials]
+    sizes = _sizes(trials, holds)
+    stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
+    for i, (trial, hold) in enumerate(zip(trials, holds, strict=True)):
+        layout, x = _experiment(trial, hold, sizes[i], low_q, own_gain)
+        stacks.setdefault(layout, []).append((i, x))
+    groups, members = [], []
+    for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
+        xs = [x for _, x in stack]
+        blank = xs[0]._replace(used=np.zeros_like(xs[0].used), freedom=np.zeros(()))
+        xs += [blank] * (_bucket(len(xs), 1) - len(xs))
+        stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
+        size = len(Hold._fields)
+        groups.append((layout, Experiment(Hold(*stacked[:size]), *stacked[size:])))
+        members.append([i for i, _ in stack])
+    return tuple(groups), members
+
+
+def _sizes(trials: Sequence[Trial], holds: Sequence[Hold]) -> list[tuple[int, int]]:
+    """Rows and intervals that each log is padded to: the longest of its kind's, unless that is four times its own."""
+
+    def padded(lengths: list[int], alike: list) -> list[int]:
+        return [
+            _bucket(max(m for m, b in zip(lengths, alike, strict=True) if b == a and m <= 4 * n), 16)
+            for n, a in zip(lengths, alike, strict=True)
+        ]
+
+    rows = padded([len(t.log) for t in trials], [t.kind for t in trials])
+    few = [not t.steady and len(h.drive) <= FEW for t, h in zip(trials, holds, strict=True)]
+    return [(r, FEW if short else r) for r, short in zip(rows, few, strict=True)]
+
+
+FEW = 16  # intervals of a log of steps: more than that, and each row has one of its own
+
+
+def _bucket(n: int, least: int) -> int:
+    """The next of a few sizes, so that logs of new lengths find a compiled program: 1, 2, 3, 4, 6, 8, 12, 16, ..."""
+    size = least
+    while size < n:
+        size = size * 3 // 2 if size & (size - 1) == 0 and size > 1 else 1 << size.bit_length()
+    return size
+
+
+def _pad(values: Iterable, n: int, fill: float = 0.0) -> np.ndarray:
+    values = np.asarray(values)
+    return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
+
+
+COLUMNS = 3  # offset, feedthrough or background, slope: absent ones are zero
+
+
+def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, own_gain: bool) -> tuple[Layout, Experiment]:
+    n, (rows, intervals) = len(trial.log), size
+    columns = trial.columns(hold)
+    taken = len(columns)
+    columns = np.concatenate([columns, np.zeros((COLUMNS - taken, n))])
+    amplitude = trial.log.amplitude_only and trial.resonant
+    driven = trial.driven or (trial.steady and trial.log.drive is None)
+    own_gain = driven and (own_gain or trial.log.drive is None)
+    both = low_q and not trial.steady and trial.resonant
+    layout = Layout(trial.steady, amplitude, own_gain, both, rows, intervals)
+    known = ("duration", "drive", "offset", "warming")
+    padded = {name: _pad(getattr(hold, name), intervals) for name in known}
+    padded["offset"] = np.nan_to_num(padded["offset"])
+    by_row = {name: _pad(getattr(hold, name), rows) for name in ("interval", "elapsed", "spread")}
+    y = trial.log.response if amplitude else np.asarray(trial.log.response, complex)
+    return layout, Experiment(
+        hold=Hold(omega=_pad(hold.omega, intervals, np.nan), **padded, **by_row),
+        response=_pad(y, rows),
+        used=_pad(np.ones(n), rows),
+        columns=np.array([_pad(c, rows) for c in columns]).astype(y.dtype),
+        memory=_pad(trial.memory(), rows),
+        sigma=np.asarray(trial.noise_std or 0.05 * trial.scale),
+        looseness=np.asarray(10.0 * trial.scale),
+        freedom=np.asarray(freedom(trial, taken)),
+        rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
+        start=np.asarray(complex(trial.start)),
+        floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
+        start_free=np.asarray(float(trial.start_free)),
+        floor_free=np.asarray(float(not trial.steady)),
+    )
+
+
+def freedom(trial: Trial, columns: int | None = None) -> float:
+    """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
+    if columns is None:
+        columns = len(trial.columns(trial.hold((0.0, 0.0))))
+    if trial.log.amplitude_only:
+        return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady), 1))
+    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances)
+    return float(max(2 * len(trial.log) - taken, 1))
+
+
+def with_noise(trial: Trial, std: float, time: float) -> Trial:
+    """The trial with a noise level (never below what float64 resolves) and correlation time."""
+    return replace(trial, noise_std=max(std, 1e-10 * trial.scale), noise_time=time)

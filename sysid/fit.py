@@ -1,0 +1,295 @@
+"""The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from sysid import identify
+from sysid.experiment import NUISANCES, Trial, freedom, group, with_noise
+from sysid.likelihood import details, stacked_rows
+from sysid.log import Log
+from sysid.noise import estimate
+from sysid.plant import Plant
+from sysid.precision import float64
+from sysid.result import Parameter, Result
+from sysid.start import Search, joint, local
+
+NAMES = ("G", "tau", "f0", "k_T")
+SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
+MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
+
+
+@dataclass(frozen=True)
+class FittedLog:
+    """One log and what the fit makes of it; arrays are in the order of the log's rows."""
+
+    log: Log
+    kind: str
+    response: np.ndarray = field(repr=False)  # modelled
+    residual: np.ndarray = field(repr=False)  # recorded - modelled
+    nrmse_percent: float
+    noise_std: float
+    noise_time: float  # correlation time of the noise, s (rows where no time is recorded); 0: white
+    description: str
+
+
+@dataclass(frozen=True)
+class State:
+    """A converged minimum: theta = (log G, log tau, f0 - reference, k_T), its covariance, the logs' noise and nuisances."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    trials: tuple[Trial, ...]
+    cost: float
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The plant that explains the logs. `covariance` is over `names`, in the units of `units`."""
+
+    plant: Plant
+    parameters: dict[str, Parameter]
+    names: tuple[str, ...]
+    covariance: np.ndarray
+    result: Result
+    reference_temperature: float | None
+    logs: tuple[FittedLog, ...]
+    warnings: tuple[str, ...]
+    units: dict[str, str]
+    modes: tuple[State, ...] = field(repr=False)  # the best first
+    reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood, noise levels and nuisances eliminated, up to a constant of the logs."""
+        return self.modes[0].cost
+
+
+_rows = jax.jit(stacked_rows, static_argnames="layouts")  # one function in the programs that call it many times
+
+
+@partial(jax.jit, static_argnames="layouts")
+def _levenberg_marquardt(theta, directions, layouts, groups):
+    """theta + directions @ x that makes the residual rows smallest."""
+
+    def rows(x, _):
+        return _rows(theta + directions @ x, layouts, groups)
+
+    solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
+    x0 = jnp.zeros(directions.shape[1])
+    x = optx.least_squares(rows, solver, x0, max_steps=128, throw=False).value
+    return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
+
+
+@partial(jax.jit, static_argnames="layouts")
+def _linearise(theta, directions, layouts, groups):
+    """Gram matrix of the Jacobian and gradient along `directions`; residual and nuisances of each log, group by group."""
+
+    def rows(x):
+        return _rows(theta + directions @ x, layouts, groups)
+
+    value, tangent = jax.linearize(rows, jnp.zeros(directions.shape[1]))
+    jacobian = jax.vmap(tangent)(jnp.eye(directions.shape[1]))
+    return jacobian @ jacobian.T, jacobian @ value, details(theta, layouts, groups)
+
+
+@float64
+def fit(
+    logs: Sequence[Log],
+    *,
+    nuisances: Sequence[str] = NUISANCES,
+    reference_temperature: float = 24.0,
+    start: Plant | None = None,
+) -> Fit:
+    """Fit one plant to all `logs`, from no start values.
+
+    `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
+    (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row).
+    `start`: a plant to begin from instead of the data. Raises ValueError without logs, or for an unknown nuisance.
+    """
+    if not logs:
+        raise ValueError("no logs to fit")
+    if unknown := set(nuisances) - set(NUISANCES):
+        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(NUISANCES)}")
+    trials, warnings = _trials(logs, tuple(nuisances))
+    reference = _reference(trials)
+    free = _free(trials)
+    trials, states = _minima(trials, reference, free, start)
+    flipped = _settle(trials, states[0])
+    if flipped != trials:
+        trials, states = _minima(flipped, reference, free, start)
+    return identify.conclude(states, reference, free, tuple(warnings), reference_temperature)
+
+
+def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
+    """How each log is read at first, and what had to be assumed."""
+    recorded = [log.temperature.mean() for log in logs if log.temperature is not None]
+    trials, warnings = [], []
+    for log in logs:
+        if log.temperature is None and recorded and log.frequency is not None:
+            mean = float(np.mean(recorded))
+            log = replace(log, temperature=np.full(len(log), mean))
+            warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
+        trial = Trial(log, log.kind or "steady", nuisances)
+        trials.append(trial)
+        warnings += [f"{log.name}: {note}" for note in identify.assumptions(trial)]
+    return tuple(trials), warnings
+
+
+def _reference(trials: Sequence[Trial]) -> tuple[float, float]:
+    """Frequency (Hz) and temperature (degC) that offsets are taken from; NaN frequency where none is recorded."""
+    frequencies = [np.median(t.log.frequency) for t in trials if t.resonant]
+    warm = [t.log.temperature.mean() for t in trials if t.log.temperature is not None]
+    return (float(np.median(frequencies)) if frequencies else np.nan, float(np.mean(warm)) if warm else 0.0)
+
+
+def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
+    """The parameters that these logs could determine."""
+    warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
+    span = max((w.max() for w in warm), default=0.0) - min((w.min() for w in warm), default=0.0)
+    possible = {
+        "G": any(t.driven for t in trials),
+        "tau": True,
+        "f0": any(t.resonant for t in trials),
+        "k_T": span > identify.LEAST_WARMING,
+    }
+    return tuple(name for name in NAMES if possible[name])
+
+
+def _settle(trials: Sequence[Trial], state: State) -> tuple[Trial, ...]:
+    """Timed sweeps whose kind is not stated: settled if each row dwells long enough for the tau that was found."""
+    tau = np.exp(state.theta[1])
+    settled = []
+    for trial in trials:
+        if trial.log.kind is None:
+            kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
+            trial = replace(trial, kind=kind)
+        settled.append(trial)
+    return tuple(settled)
+
+
+def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[State]]:
+    """Minima of the cost, the best first, from the likeliest starting points."""
+    search = Search(trials, (reference[0] if np.isfinite(reference[0]) else 0.0, reference[1]))
+    if start is None:
+        best, cost = local(search, np.random.default_rng(0))
+        if any(t.log.kind is None for t in trials):  # tau of each log by itself tells settled sweeps from fast ones
+            taus = np.exp(best[:, 0])
+            kinds = [
+                t if t.log.kind is not None or np.median(np.diff(t.log.time)) >= SETTLED * tau else replace(t, kind="transient")
+                for t, tau in zip(trials, taus, strict=True)
+            ]
+            if tuple(kinds) != tuple(trials):
+                trials = tuple(kinds)
+                search = Search(trials, search.reference)
+                best, cost = local(search, np.random.default_rng(0))
+        warming = np.array([0.0 if t.log.temperature is None else t.log.temperature.mean() - reference[1] for t in trials])
+        points = joint(search, best, cost, warming, "k_T" in free)
+    else:
+        f0 = 0.0 if start.f0 is None else start.f0 - reference[0]
+        k_T = start.k_T or 0.0
+        points = np.array([[np.log(start.tau), f0 + k_T * (reference[1] - start.reference_temperature), k_T]])
+        cost = search.sums(points)[0]
+    trials = tuple(
+        with_noise(t, 0.05 * t.scale * np.sqrt(c / freedom(t)) if np.isfinite(c) else 0.05 * t.scale, 0.0)
+        for t, c in zip(trials, cost, strict=True)
+    )
+    states: list[State] = []
+    for point in _distinct(points)[:4]:
+        theta = np.concatenate([[_log_gain(search, point)], point])
+        state = _refine(trials, theta, reference, free)
+        if all(_apart(state, other, free) for other in states):
+            states.append(state)
+    states.sort(key=lambda s: s.cost)
+    return trials, [s for s in states if s.cost <= states[0].cost + MODES]
+
+
+def _distinct(points: np.ndarray) -> list[np.ndarray]:
+    """The points in order, without those within half a bandwidth and a factor of two in tau of an earlier one."""
+    kept: list[np.ndarray] = []
+    for p in points:
+        near = [
+            abs(p[0] - k[0]) < 0.7 and abs(p[1] - k[1]) * 2 * np.pi * np.exp(k[0]) < 0.5 and abs(p[2] - k[2]) * 60 * np.exp(k[0]) < 1
+            for k in kept
+        ]
+        if not any(near):
+            kept.append(p)
+        if len(kept) == 4:
+            break
+    return kept
+
+
+def _log_gain(search: Search, point: np.ndarray) -> float:
+    gains = [g for g, t in zip(search.gains(point), search.trials, strict=True) if t.driven and np.isfinite(g) and g > 0]
+    return float(np.log(np.median(gains))) if gains else 0.0
+
+
+def _apart(state: State, other: State, free) -> bool:
+    index = [NAMES.index(n) for n in free]
+    step = (state.theta - other.theta)[index]
+    spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
+    return bool(np.any(np.abs(step) > 5 * spread + 1e-9))
+
+
+def _refine(trials, theta, reference, free) -> State:
+    """Minimise, estimate each log's noise from its residual, and again until nothing changes any more."""
+    index = [NAMES.index(n) for n in free]
+    converged = False
+    last = np.inf
+    for _ in range(12):
+        scale = np.array([1.0, 1.0, 1 / (2 * np.pi * np.exp(theta[1])), 0.1 / (2 * np.pi * np.exp(theta[1]))])
+        directions = np.diag(scale)[:, index]
+        groups, members = group(trials, reference, np.exp(theta[1]))
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
+        gram, gradient, found = _linearise(theta, directions, layouts, arrays)
+        gram, gradient = np.asarray(gram), np.asarray(gradient)
+        inverse = _invert(gram)
+        left = float(gradient @ inverse @ gradient)  # what a further Newton step would take off the sum of squares
+        trials, cost, moved = _update(trials, members, found)
+        settled = moved < 0.01 and abs(last - cost) < 1e-7 * (1 + abs(cost)) + 1e-4
+        last = cost
+        if settled and np.isfinite(cost):
+            converged = left < 1e-2 or left < 1e-10 * cost
+            break
+    covariance = np.zeros((4, 4))
+    covariance[np.ix_(index, index)] = (directions @ inverse @ directions.T)[np.ix_(index, index)]
+    return State(theta, covariance, tuple(trials), float(cost), bool(converged))
+
+
+def _invert(gram: np.ndarray) -> np.ndarray:
+    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    return inverse / np.outer(size, size)
+
+
+def _update(trials, members, found):
+    """Noise and nuisances of each log from the residual at the present theta; the cost there; the largest relative move."""
+    updated, cost, moved = list(trials), 0.0, 0.0
+    for logs, detail in zip(members, found, strict=True):
+        for k, i in enumerate(logs):
+            trial, n = trials[i], len(trials[i].log)
+            dof = freedom(trial)
+            rho = trial.memory()
+            channels = 1 if trial.log.amplitude_only else 2
+            cost += 0.5 * dof * np.log(max(float(np.sum(np.abs(detail.rows[k]) ** 2)), 1e-12) * trial.noise_std**2) + 0.5 * channels * np.sum(np.log1p(-(rho**2)))
+            left = trial.log.response - np.asarray(detail.model[k])[:n]
+            left = left.real if trial.log.amplitude_only else left
+            std, time = estimate(left, trial.clock, dof)
+            new = with_noise(trial, std, time)
+            floor = float(detail.floor[k])
+            if trial.log.amplitude_only and trial.resonant:
+                # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
+                floor = new.noise_std**2 if trial.steady else max(floor, 1e-6 * new.noise_std**2)
+            new = replace(new, start=complex(detail.start[k]), floor=floor)
+            moved = max(moved, abs(new.noise_std / trial.noise_std - 1), abs(new.noise_time - trial.noise_time) / (new.noise_time or 1.0))
+            updated[i] = new
+    return tuple(updated), cost, moved

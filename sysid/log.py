@@ -1,0 +1,339 @@
+"""Logs: what was driven and what answered, read from CSV. Units, column names and files end here.
+
+A log is a table with a header whose names end in their units; lines `# key: value` above it are metadata:
+
+    # plate: A7
+    # temperature_degC: 24.0
+    time_s,voltage_V,frequency_Hz,wd_um,wq_um
+    0.0000,5.0,32300.0,0.0,0.0
+
+`read_logs` reads such files, and those of other instruments through a mapping file (see `sysid.mapping`).
+"""
+
+import csv
+import dataclasses
+import glob
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid import units
+from sysid.csvfile import Body, Dialect, Head, LogError, read_body, read_head, refuse_cell
+from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, stated
+from sysid.mapping import MappingFile, Plan, Source, decode, load_mapping, lock_in, select_rows
+
+__all__ = ["Log", "LogError", "read_logs", "write_log"]
+
+KINDS = ("transient", "steady")
+SAMPLINGS = ("instant", "settled")
+BENCH_TIMES = ("lockin_tau", "delay", "settle")  # in s inside; their metadata may carry another unit of time
+BENCH = ("lockin_tau_s", "lockin_order", "delay_s", "settle_s")
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One experiment: n rows of inputs and the measured response, peak amplitudes, in rows as recorded.
+
+    `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in `response_unit`;
+    `drive` is (n,) peak in `drive_unit`. What was not recorded is None; arrays are owned, read-only copies.
+    `kind` None: not stated, and a frequency that changes on every row leaves it open (steady at a dwell of four tau).
+    Raises LogError when lengths differ, a value is not finite, time decreases, or a word is unknown.
+    """
+
+    name: str
+    response: np.ndarray
+    time: np.ndarray | None = None  # s
+    drive: np.ndarray | None = None
+    frequency: np.ndarray | None = None  # Hz
+    temperature: np.ndarray | None = None  # degC
+    force: np.ndarray | None = None  # N
+    kind: str | None = None
+    sampling: str | None = None
+    response_unit: str = "um"
+    drive_unit: str = "V"
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    bench: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    path: str = ""
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, self._own(name, values))
+        if self.time is not None and (decrease := _decrease(self.time)) is not None:
+            raise LogError(f"{self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+        if self.kind is None:
+            object.__setattr__(self, "kind", self._tell_kind())
+        for word, words in ((self.kind, KINDS), (self.sampling, SAMPLINGS)):
+            if word is not None and word not in words:
+                raise LogError(f"{self.name}: found {word!r}, expected {_either(word, words)}")
+        if self.kind == "transient" and self.time is None:
+            raise LogError(f"{self.name}: found a transient log without time, expected a column such as time_s")
+
+    def _own(self, name: str, values: Any) -> np.ndarray:
+        array = np.asarray(values)
+        array = array.astype(np.complex128 if np.iscomplexobj(array) else np.float64, copy=False)
+        if array.ndim != 1 or not len(array) or len(array) != len(self.response):
+            raise LogError(f"{self.name}: found {name} of shape {array.shape}, expected ({len(self.response)},), n > 0")
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise LogError(f"{self.name}, row {row} (counted from 0): found {name} {array[row]}, expected finite")
+        if array.flags.writeable or not array.flags.owndata:  # a log's own arrays may be shared with another log
+            array = array.copy()
+            array.flags.writeable = False
+        return array
+
+    def _tell_kind(self) -> str | None:
+        if self.time is None:
+            return "steady"
+        if self.frequency is None or len(self) == 1:
+            return "transient"
+        return None if (self.frequency[1:] != self.frequency[:-1]).all() else "transient"
+
+    @property
+    def amplitude_only(self) -> bool:
+        """Whether the response is the real amplitude W, not the vector Wd + j Wq."""
+        return not np.iscomplexobj(self.response)
+
+    def __len__(self) -> int:
+        return len(self.response)
+
+
+def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
+    """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other instruments' files.
+
+    Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A file whose
+    bytes were read already counts once. Raises LogError, with `.mapping` to start from when one was not understood.
+    """
+    mapping = None if columns is None else load_mapping(columns)
+    logs: dict[str, list[Log]] = {}
+    for path in _expand([paths] if isinstance(paths, str | Path) else paths):
+        read = _read_file(path, mapping)
+        if known := logs.get(read[0].sha256):
+            note = f"{path} holds the same bytes: counted once"
+            logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
+        else:
+            logs[read[0].sha256] = read
+    return _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))
+
+
+def write_log(log: Log, path: str | Path) -> None:
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside)."""
+    columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
+    columns |= {"temperature_degC": log.temperature, "force_N": log.force}
+    if log.amplitude_only:
+        columns[_label(log.response_unit, "w")] = log.response
+    else:
+        columns[_label(log.response_unit, "wd")] = log.response.real
+        columns[_label(log.response_unit, "wq")] = log.response.imag
+    recorded = {name: values.tolist() for name, values in columns.items() if values is not None}
+    words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
+    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        for key, value in (kept | words).items():
+            if value is not None:
+                file.write(f"# {key}: {' '.join(str(value).split())}\n")
+        file.write(",".join(recorded) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
+
+
+def _label(unit: str, quantity: str) -> str:
+    if quantity == "drive" and unit in ("V", "duty"):
+        return "voltage_V" if unit == "V" else "duty"
+    return f"{quantity} [{unit}]" if set(unit) & set("_ ,") else f"{quantity}_{unit}"
+
+
+def _is_interpreted(key: str) -> bool:
+    """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
+    known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
+    return known or units.split_unit(key.casefold())[0] in BENCH_TIMES or _bench_time(key) is not None
+
+
+def _expand(paths: Iterable[str | Path]) -> list[str]:
+    files: list[str] = []
+    for path in map(str, paths):
+        found = [path] if Path(path).exists() or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
+        if not found:
+            raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
+        files += found
+    if not files:
+        raise LogError("found no logs, expected at least one file")
+    return files
+
+
+def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
+    if Path(path).is_dir():
+        raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
+    if not Path(path).is_file():
+        raise LogError(f"{path}: found no such file, expected a log")
+    try:
+        head = read_head(path, mapping.dialect if mapping else Dialect())
+        plan = mapping.plan(head) if mapping else contract_plan(head)
+        wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
+        body = read_body(head, wanted, plan.split)
+    except (OSError, EOFError, zlib.error, csv.Error) as error:
+        raise LogError(f"{path}: cannot be read: {error}") from None
+    if body.keys is None:
+        return [_make_log(head, body, plan, None, None)]
+    values = dict.fromkeys(body.keys)
+    return [_make_log(head, body, plan, value, np.flatnonzero(body.keys == value)) for value in values]
+
+
+def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
+    """The log of a file, or of its part in `rows` where the split column holds `value`."""
+    name = head.name if value is None else f"{head.name}[{value}]"
+    count = len(rows) if rows is not None else len(body)
+    chosen = select_rows(plan.rows, value, count, head.path)
+    if chosen is not None:
+        rows = chosen if rows is None else rows[chosen]
+        count = len(rows)
+    arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
+    if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
+        row = decrease if rows is None else int(rows[decrease])
+        column = plan.sources["time"].column
+        refuse_cell(head, body, row, column or 0, "a time not below the one before")
+    inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
+    drive, drive_unit = _drive(head, plan, arrays)
+    response, response_unit = _response(head, plan, arrays, inputs.get("frequency"))
+    for array in (response, drive, *inputs.values()):
+        if array is not None:
+            array.flags.writeable = False  # it is ours alone, so that the log need not copy it
+    log = Log(
+        name,
+        response,
+        drive=drive,
+        **inputs,
+        kind=_word(head, plan.metadata, "kind", KINDS),
+        sampling=_word(head, plan.metadata, "sampling", SAMPLINGS),
+        response_unit=response_unit,
+        drive_unit=drive_unit,
+        metadata=plan.metadata,
+        bench=_bench(head, plan.metadata),
+        notes=plan.notes,
+        path=head.path,
+        sha256=body.sha256,
+    )
+    if log.kind == "steady" and log.frequency is None and log.drive is None:
+        raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
+    return log
+
+
+def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+    """Peak values of one source, and their unit; every one is finite, or LogError names the cell."""
+    if source.column is None:
+        return decode(np.full(count, source.constant), source)
+    numbers = body.numbers[source.column]
+    numbers = numbers if rows is None else numbers[rows]
+    if not (finite := np.isfinite(numbers)).all():
+        first = int(np.argmin(finite))
+        refuse_cell(head, body, first if rows is None else int(rows[first]), source.column)
+    return decode(numbers, source)
+
+
+def _internal(quantity: str, values: Any, unit: str) -> Any:
+    return units.convert(values, unit, units.INTERNAL[quantity])
+
+
+def _drive(head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray | None, str]:
+    """Drive and its unit; a duty cycle becomes volts when `volts_per_duty` is known."""
+    if "duty" not in arrays:
+        drive = next((key for key in DRIVES if key in arrays), None)
+        return arrays.pop(drive) if drive else (None, "V")
+    duty = _internal("duty", *arrays.pop("duty"))
+    if (text := stated(plan.metadata, "volts_per_duty")) is None:
+        return duty, "duty"
+    return duty * metadata_number(head, "volts_per_duty", text), "V"
+
+
+def _response(
+    head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]], frequency: np.ndarray | None
+) -> tuple[np.ndarray, str]:
+    """Wd + j Wq, or W, and its unit."""
+    if "w" in arrays:
+        return arrays["w"]
+    first, second = ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
+    signal, unit = arrays[first]
+    if first == "magnitude" and "phase" in arrays:
+        signal = signal * np.exp(1j * arrays["phase"][0])
+    elif first != "magnitude":
+        imaginary, other = arrays[second]
+        if not units.same_kind(other, unit):
+            raise LogError(f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind")
+        signal = _complex(signal, units.convert(imaginary, other, unit))
+    return (signal, unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+
+
+def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:
+    result = np.empty(len(real), np.complex128)  # real + 1j * imaginary would lose the sign of a zero
+    result.real, result.imag = real, imaginary
+    return result
+
+
+def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, ...]) -> str | None:
+    word = stated(metadata, key)
+    if word is None or word.casefold() in words:
+        return word and word.casefold()
+    raise LogError(f"{head.path}, metadata {key!r}: found {word!r}, expected {_either(word, words)}")
+
+
+def _either(word: str, words: tuple[str, ...]) -> str:
+    return " or ".join(words) + units.did_you_mean(word, words)
+
+
+def _bench_time(key: str) -> tuple[str, str] | None:
+    """`lockin_tau_us` is ("lockin_tau", "us"); None for a key that is not a time of the bench."""
+    name = next((name for name in BENCH_TIMES if key.casefold().startswith(f"{name}_")), None)
+    return (name, key[len(name) + 1 :]) if name else None
+
+
+def _bench(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
+    """What is known of the bench: times in s, and the order of the lock-in's filter."""
+    bench = {}
+    for key, text in metadata.items():
+        if key.casefold() == "lockin_order":
+            bench["lockin_order"] = metadata_number(head, key, text)
+        elif named := _bench_time(key):
+            try:
+                units.check_unit("time", named[1])
+            except ValueError as error:
+                raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
+            bench[f"{named[0]}_s"] = float(_internal("time", metadata_number(head, key, text), named[1]))
+    return bench
+
+
+def _decrease(time: np.ndarray) -> int | None:
+    """The first row whose time lies below the one before."""
+    below = time[1:] < time[:-1]
+    return int(np.argmax(below)) + 1 if below.any() else None
+
+
+def _of_one_plate(logs: list[Log]) -> list[Log]:
+    named = [(log, plate) for log in logs if (plate := stated(log.metadata, "plate"))]
+    for log, plate in named[1:]:
+        if plate != named[0][1]:
+            first = f"{named[0][0].path} names the plate {named[0][1]!r}"
+            raise LogError(f"{first} and {log.path} the plate {plate!r}, expected logs of one plate")
+    return logs
+
+
+def _in_common_units(logs: list[Log]) -> list[Log]:
+    """All responses in the first log's unit, and all drives in the first recorded drive's."""
+    responses = [_as_first(log, logs[0], "response") for log in logs]
+    driven = next((log for log in responses if log.drive is not None), None)
+    return [_as_first(log, driven, "drive") if driven and log.drive is not None else log for log in responses]
+
+
+def _as_first(log: Log, first: Log, what: str) -> Log:
+    unit, wanted = getattr(log, f"{what}_unit"), getattr(first, f"{what}_unit")
+    if unit == wanted:
+        return log
+    if "duty" in (unit, wanted) or not units.same_kind(unit, wanted):
+        raise LogError(f"{log.path}: found the {what} in {unit}, expected a unit such as {wanted} as in {first.path}")
+    values = units.convert(getattr(log, what), unit, wanted)
+    return dataclasses.replace(log, **{what: values, f"{what}_unit": wanted})

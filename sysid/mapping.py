@@ -1,0 +1,378 @@
+r"""Mapping files: what the columns of another instrument's log mean, in TOML. A full example:
+
+    kind = "steady"                     # or "transient"; left out: told from the columns
+    sampling = "settled"                # or "instant"; only for transient logs
+    amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak to peak)
+    quantity = "velocity"               # or "displacement", "charge", "current": what x and y (or magnitude) show
+    phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it fall; else 1
+    phase_offset_deg = 90.0             # added to the phase, after the sign
+
+    delimiter = ";"                     # "\t" is a tab, " " any run of blanks; left out: seen from the header
+    decimal = ","                       # left out: seen from the first rows
+    comment = "%"                       # lines above the header that begin so are metadata; "#" unless stated
+    header = true                       # false: the first line holds numbers already; left out: seen from it
+    rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
+    split_by = "sweep"                  # a column (name or position): each of its values is one experiment
+
+    [columns]                           # name = "column", or position from 0, or table; number * scale + offset in unit
+    time = "time_unix_s"                # the unit may be the end of the column's own name ...
+    frequency = { column = "f", unit = "kHz" }                                # ... or be stated
+    x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
+    y = { column = 4, unit = "mV", scale = 10.0 }
+
+    [constants]                         # what was constant and is not in the file; peak, unless the unit says `V_rms`
+    voltage = "1 V"
+    temperature = "20 degC"
+
+    [metadata]                          # as in the metadata lines of a log
+    plate = "A7"
+    lockin_tau_s = 0.003
+
+The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
+wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase. Rows may
+be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
+be dB, dBm or dBV: 10^(dB/20) relative to 0 dB.
+
+A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
+Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
+"""
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid import units
+from sysid.csvfile import Dialect, Head, LogError, is_number
+
+RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
+_NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
+_PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+_OPTIONS: dict[str, tuple[type, ...]] = {
+    "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
+    "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
+    "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
+}  # fmt: skip
+_WORDS: dict[str, tuple[Any, ...]] = {
+    "kind": ("transient", "steady"),
+    "sampling": ("instant", "settled"),
+    "amplitude": ("peak", "rms", "pp"),
+    "quantity": ("displacement", "velocity", "charge", "current"),
+    "phase_sign": (1, -1),
+    "decimal": (".", ","),
+}
+_GUESSES: dict[str, tuple[str, ...]] = {
+    "time": ("t", "time", "timestamp", "zeit"),
+    "frequency": ("f", "freq", "frequency", "frequenz"),
+    "temperature": ("temp", "temperature", "t"),
+    "force": ("force",),
+    "duty": ("duty", "pwm"),
+    "voltage": ("v", "u", "voltage", "volt", "vin", "drive", "excitation"),
+    "wd": ("wd",),
+    "wq": ("wq",),
+    "x": ("x", "re", "real", "inphase", "in-phase", "u1", "g"),
+    "y": ("y", "im", "imag", "imaginary", "quadrature", "quad", "u2", "b"),
+    "magnitude": ("magnitude", "mag", "amplitude", "amp", "r", "power"),
+    "phase": ("phase", "phi", "theta", "arg"),
+    "w": ("w", "displacement", "velocity", "response"),
+}
+_NUMBER = (int, float)
+_COLUMN_KEYS = {"column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,)}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a quantity comes from: (column's number or constant) * scale + offset, in `unit`."""
+
+    label: str
+    unit: str
+    amplitude: str = "peak"
+    column: int | None = None
+    constant: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one file becomes logs: the sources of the quantities, and what was said about the whole."""
+
+    sources: dict[str, Source]
+    metadata: dict[str, str]
+    split: int | None = None
+    rows: Any = None
+    quantity: str = "displacement"
+    phase_sign: int = 1
+    phase_offset: float = 0.0  # rad
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MappingFile:
+    """A mapping file, checked: every key is known, every value of its type."""
+
+    path: str
+    options: Mapping[str, Any]
+    dialect: Dialect = field(default_factory=Dialect)
+
+    def fail(self, key: str, message: str) -> LogError:
+        return LogError(f"{self.path}, {key}: {message}")
+
+    def plan(self, head: Head) -> Plan:
+        """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
+        columns, constants = self.options.get("columns", {}), self.options.get("constants", {})
+        sources = {name: self._column(name, entry, head) for name, entry in columns.items()}
+        sources |= {name: self._constant(name, text) for name, text in constants.items()}
+        stated = {key: str(self.options[key]) for key in ("kind", "sampling") if key in self.options}
+        metadata = head.metadata | {key: str(value) for key, value in self.options.get("metadata", {}).items()} | stated
+        split = self.options.get("split_by")
+        return Plan(
+            sources,
+            metadata,
+            None if split is None else self._position("split_by", split, head),
+            self.options.get("rows"),
+            self.options.get("quantity", "displacement"),
+            self.options.get("phase_sign", 1),
+            math.radians(self.options.get("phase_offset_deg", 0.0)),
+            self._notes(sources),
+        )
+
+    def _position(self, key: str, column: str | int, head: Head) -> int:
+        if isinstance(column, str) and head.names.count(column) == 1:
+            return head.names.index(column)
+        if isinstance(column, int) and 0 <= column < len(head.names):
+            return column
+        if isinstance(column, int):
+            raise self.fail(key, f"found position {column}, expected 0 to {len(head.names) - 1} in {head.path}")
+        if column in head.names:
+            raise self.fail(key, f"{head.path} has several columns {column!r}, expected one; give its position")
+        named = [name for name in head.names if name]
+        hint = units.did_you_mean(column, named)
+        raise self.fail(key, f"{head.path} has no column {column!r}{hint}; it has {', '.join(named) or 'no header'}")
+
+    def _column(self, name: str, entry: dict[str, Any], head: Head) -> Source:
+        key = f"[columns] {name}"
+        index = self._position(key, entry["column"], head)
+        label = head.names[index] or f"column {index}"
+        unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
+        amplitude = entry.get("amplitude") or amplitude or self.options.get("amplitude", "peak")
+        self._check_unit(key, name, unit)
+        return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)))
+
+    def _constant(self, name: str, text: Any) -> Source:
+        key = f"[constants] {name}"
+        number, _, unit = str(text).strip().partition(" ")
+        if not is_number(number) or not math.isfinite(float(number)):
+            raise self.fail(key, f'found {text!r}, expected a number and a unit such as "20 degC"')
+        unit, amplitude = split_ending(unit.strip() or ("1" if name == "duty" else ""), True)
+        self._check_unit(key, name, unit)
+        return Source(key, unit, amplitude or "peak", constant=float(number))
+
+    def _check_unit(self, key: str, name: str, unit: str) -> None:
+        if unit == "?":
+            raise self.fail(key, 'found unit = "?", expected the unit')
+        if name == "phase" and unit not in _ANGLES:
+            raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
+        if name == "phase" or (name in ("magnitude", "w") and is_decibel(unit)):
+            return
+        try:
+            units.check_unit(name, unit)
+        except ValueError as error:
+            raise self.fail(key, str(error)) from None
+
+    def _notes(self, sources: dict[str, Source]) -> tuple[str, ...]:
+        """What was taken for granted, so that it is never taken in silence."""
+        notes = []
+        columns = self.options.get("columns", {})
+        for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
+            silent = name in columns and "amplitude" not in columns[name] and not sources[name].label.startswith("[")
+            unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
+            if silent and "amplitude" not in self.options and not units.split_amplitude(unit)[1]:
+                notes.append(f'{name} is taken as peak: {self.path} does not say amplitude = "peak", "rms" or "pp"')
+        if "x" in sources or "magnitude" in sources:
+            if "quantity" not in self.options:
+                notes.append(f"the signal is taken as a displacement: {self.path} does not say quantity")
+            if "phase_sign" not in self.options and sources.keys() & {"x", "phase"}:
+                notes.append(f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign")
+        return tuple(notes)
+
+
+def load_mapping(path: str | Path) -> MappingFile:
+    """Read and check a mapping file. Raises LogError that names the key."""
+    try:
+        options = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise LogError(f"{path}: cannot be read as a mapping file (TOML): {error}") from None
+    mapping = MappingFile(str(path), options)
+    _check_keys(mapping, "", options, _OPTIONS)
+    for key in ("columns", "constants"):
+        _check_keys(mapping, f"[{key}] ", options.get(key, {}), dict.fromkeys(_NAMES, (str, int, float, dict)))
+    options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options.get("columns", {}).items()}
+    _check_response(mapping, set(options["columns"]), set(options.get("constants", {})))
+    delimiter = options.get("delimiter")
+    if delimiter is not None and len(delimiter) != 1:
+        raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character")
+    dialect = Dialect(delimiter, options.get("comment", "#"), options.get("decimal"), options.get("header"))
+    return MappingFile(str(path), options, dialect)
+
+
+def template(head: Head) -> str:
+    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
+    guessed = _guess(head.names)
+    lines = [f"# How to read {head.name}: fill in every ?, and save; then read the logs with --columns FILE"]
+    lines += [f"# {head.path} has no header; first row: {', '.join(head.sample[0])}"] if not head.dialect.header else []
+    lines += ['# kind = "steady"  # or "transient"']
+    lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
+    if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
+        lines += ['quantity = "?"  # what the signal shows: "displacement", "velocity", "charge" or "current"']
+        lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
+    dialect = head.dialect
+    lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
+    lines += ['decimal = ","'] if dialect.decimal == "," else []
+    lines += [f"comment = {_quote(dialect.comment)}"] if dialect.comment != "#" else []
+    lines += ["", "[columns]"]
+    for name, index in guessed.items():
+        label = head.names[index]
+        unit = split_ending(label, False)[0]
+        column = _quote(label) if head.names.count(label) == 1 else str(index)
+        lines.append(f"{name} = {{ column = {column}, unit = {_quote(unit if _fits(name, unit) else '?')} }}")
+    missing = [name for name in ("time", "frequency", "voltage", "temperature") if name not in guessed]
+    missing += [] if guessed.keys() & {"x", "w", "wd", "magnitude"} else ["x", "y"]
+    example = _quote(head.names[0]) if head.names[0] else "0"
+    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
+    unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
+    lines += [f"# not used: {', '.join(unused)}"] if unused else []
+    return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
+
+
+def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:
+    """Row numbers that `rows` of a mapping file asks for, of `count` rows; None for all. Raises LogError."""
+    ranges = rows.get(value) if isinstance(rows, dict) else rows
+    if ranges is None:
+        return None
+    ranges = [ranges] if ranges and all(isinstance(edge, int) for edge in ranges) else ranges
+    for edges in ranges:
+        whole = isinstance(edges, list) and len(edges) == 2 and all(isinstance(edge, int) for edge in edges)
+        if not whole or not 0 <= edges[0] < edges[1] <= count:
+            raise LogError(f"{where}: found rows = {edges!r}, expected [first, last] within 0 to {count}")
+    return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
+
+
+def lock_in(
+    signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str
+) -> tuple[np.ndarray, str]:
+    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring says."""
+    complete = np.iscomplexobj(signal)
+    if complete:
+        signal = np.conj(signal) if plan.phase_sign < 0 else signal
+        signal = signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
+    if plan.quantity in ("displacement", "charge"):
+        return (1j * signal if complete else signal), unit
+    if frequency is None:
+        raise LogError(f"{where}: found no frequency, expected one: a {plan.quantity} is divided by omega")
+    time_integral = unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
+    return signal / (2 * np.pi * frequency), time_integral
+
+
+def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
+    """Numbers of a source, as peak values in the returned unit; phases in rad."""
+    if source.scale != 1.0 or source.offset:
+        values = values * source.scale + source.offset
+    unit = source.unit
+    if is_decibel(unit):
+        values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
+    if unit in _ANGLES and _ANGLES[unit] != 1.0:
+        values = values * _ANGLES[unit]
+    return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit
+
+
+def is_decibel(unit: str) -> bool:
+    return unit in ("dB", "dBm", "dBV")
+
+
+def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
+    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`, `X_V_rms`)."""
+    if is_unit:
+        return units.split_amplitude(text)
+    stem, unit, amplitude = units.split_unit(text)
+    if not unit:
+        stem, amplitude = units.split_amplitude(stem)
+        unit = stem.rpartition("_")[2] if "_" in stem else ""
+    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(units.split_amplitude(unit)[0]):
+        unit = ""  # the library would take S21_re for a temperature in degrees Réaumur
+    unit, inner = units.split_amplitude(unit)
+    return unit, inner or amplitude
+
+
+def _guess(names: tuple[str, ...]) -> dict[str, int]:
+    """Which column is probably which, from the first word of its name; a response only when it is whole."""
+    guessed: dict[str, int] = {}
+    for index, label in enumerate(names):
+        word = re.split(r"[\s_\[(]", label.strip().casefold(), maxsplit=1)[0]
+        ending = label.casefold().rpartition("_")[2]
+        word = ending if ending in ("re", "im") else "" if "_err" in label.casefold() else word
+        for name, words in _GUESSES.items():
+            unit = split_ending(label, False)[0]
+            if word in words and name not in guessed and (_fits(name, unit) or not _is_unit(unit)):
+                guessed[name] = index
+                break
+    whole = next((set(names) for names in RESPONSES if set(names) <= guessed.keys()), set())
+    spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - whole
+    return {name: index for name, index in guessed.items() if name not in spare}
+
+
+def _fits(name: str, unit: str) -> bool:
+    if name == "phase" or (is_decibel(unit) and name in ("magnitude", "w")):
+        return unit in _ANGLES or is_decibel(unit)
+    try:
+        units.check_unit(name, unit)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_unit(text: str) -> bool:
+    return text in _ANGLES or is_decibel(text) or _fits("w", text)
+
+
+def _quote(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)  # a JSON text is a TOML text
+
+
+def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:
+    for key, value in table.items():
+        if key not in known:
+            raise mapping.fail(f"{where}{key}", f"not a known key{units.did_you_mean(key, list(known))}")
+        if not isinstance(value, known[key]) or (isinstance(value, bool) and bool not in known[key]):
+            names = " or ".join(kind.__name__ for kind in known[key])
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected {names}")
+        if key in _WORDS and value not in _WORDS[key]:
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, _WORDS[key]))}")
+
+
+def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
+    table = entry if isinstance(entry, dict) else {"column": entry}
+    _check_keys(mapping, f"[columns] {name}.", table, _COLUMN_KEYS)
+    if "column" not in table:
+        raise mapping.fail(f"[columns] {name}", "found no column, expected its name or position")
+    return table
+
+
+def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]) -> None:
+    response = columns & {"wd", "wq", "w", "x", "y", "magnitude", "phase"}
+    if response not in map(set, RESPONSES):
+        expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
+        raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
+    if both := columns & constants:
+        raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
+    if len(drives := (columns | constants) & {"voltage", "drive", "duty"}) > 1:
+        raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
+    if "quantity" in mapping.options and not response & {"x", "magnitude"}:
+        raise mapping.fail("quantity", "belongs to x and y, or to magnitude; found a response that is one already")

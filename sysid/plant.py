@@ -1,0 +1,212 @@
+"""The plant: one resonance, seen in the frame that turns with the drive.
+
+With W = Wd + j Wq and the drive along +q the rotating-frame equation of m w'' + ds w' + c w = N v has two poles,
+
+    s1 = -1/tau + j (wd - omega)        the slow one, which a lock-in sees
+    s2 = -1/tau - j (wd + omega)        the fast one, a ripple at twice the drive frequency,   wd = sqrt(w0^2 - 1/tau^2)
+
+and W = Z1 + Z2 with  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V,  b = G w0 / (tau wd): exact, also while frequency, drive and
+resonance change from one interval to the next. The steady response of the sum is the exact one,
+
+    W = G V (w0/omega) / (1 - j (w0^2 - omega^2) tau / (2 omega)),
+
+at any Q. A lock-in removes the ripple, so Z2 follows its steady value at once, unless `both_modes` asks for the whole.
+A log without a frequency is driven at resonance: the first-order model tau W' = -W + G V.
+
+All frequencies enter as offsets from a reference, in rad/s, so that float64 resolves a micro-hertz at a gigahertz.
+Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from sysid.precision import float64
+
+
+class Poles(NamedTuple):
+    """Poles of the rotating frame and what the drive does to them; each of the shape of `detuning`."""
+
+    slow: Array  # s1, rad/s
+    fast: Array  # s2, rad/s
+    gain: Array  # b/G, 1/s
+
+
+def poles(tau: Array, detuning: Array, omega: Array) -> Poles:
+    """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s."""
+    known = jnp.isfinite(omega)
+    omega = jnp.where(known, omega, 1.0)
+    omega0 = jnp.where(known, omega + detuning, 1.0)
+    rate = jnp.where(known, 1.0 / tau, 0.0)
+    # Q = 0.5 is the end of the domain; the floor keeps a search that strays beyond it finite.
+    damped = jnp.sqrt(jnp.maximum(omega0**2 - rate**2, 0.04 * omega0**2))
+    pull = rate**2 / (omega0 + damped)  # omega0 - damped, without cancellation
+    slow = -1.0 / tau + 1j * jnp.where(known, detuning - pull, 0.0)
+    fast = -1.0 / tau - 1j * jnp.where(known, damped + omega, jnp.inf)
+    return Poles(slow, fast, jnp.where(known, omega0 / damped, 1.0) / tau)
+
+
+def steady(tau: Array, detuning: Array, omega: Array) -> Array:
+    """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega (rad/s)."""
+    known = jnp.isfinite(omega)
+    omega = jnp.where(known, omega, 1.0)
+    detuning = jnp.where(known, detuning, 0.0)
+    x = detuning * (2.0 * omega + detuning) / (2.0 * omega) * tau
+    return (1.0 + detuning / omega) / (1.0 - 1j * x)
+
+
+class Hold(NamedTuple):
+    """Inputs held from one change to the next, and where each row falls among them.
+
+    (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
+    rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
+    the variance of the times that were averaged into the row (0: a single sample).
+    """
+
+    duration: Array
+    drive: Array
+    omega: Array
+    offset: Array
+    warming: Array
+    interval: Array
+    elapsed: Array
+    spread: Array
+
+
+def transient(tau: Array, detuning: Array, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
+    """Response of each row to the drive from rest, per unit G, and the free decay of a unit start: two (N,) arrays.
+
+    `detuning` (M,) is omega0 - omega of each interval, rad/s.
+    """
+    s = poles(tau, detuning, hold.omega)
+    push = s.gain * hold.drive
+    forced, free = _propagate(s.slow, push, hold)
+    if both_modes:
+        forced = forced + _propagate(s.fast, -push, hold)[0]
+    else:
+        forced = forced + jnp.where(jnp.isfinite(s.fast.imag), push / s.fast, 0.0)[hold.interval]
+    return forced, free
+
+
+@jax.custom_jvp
+def _expm1(z: Array) -> Array:
+    """exp(z) - 1 of a complex z without cancellation in either part; its derivative costs one product."""
+    grown = jnp.expm1(z.real)
+    half = jnp.sin(0.5 * z.imag)
+    return grown * jnp.cos(z.imag) - 2 * half**2 + 1j * ((1 + grown) * jnp.sin(z.imag))
+
+
+_expm1.defjvps(lambda dz, value, z: (1 + value) * dz)
+
+
+def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
+    """Exact response of Z' = pole Z + push over held inputs, from rest; and the decay of a unit start.
+
+    Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
+    nothing is divided by a time, so that zero-length intervals need no special case.
+    """
+    target = push / pole
+    growth = _expm1(pole * hold.duration)
+
+    def advance(state, interval):
+        forced, free = state
+        growth, target = interval
+        return (forced + growth * (forced + target), free + growth * free), state
+
+    start = (jnp.zeros((), pole.dtype), jnp.ones((), pole.dtype))
+    _, (forced, free) = jax.lax.scan(advance, start, (growth, target))
+    at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
+    pole, target, forced, free = (at[..., i] for i in range(4))
+    # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
+    grown = _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
+    return forced + grown * (forced + target), free + grown * free
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["G", "tau", "f0", "k_T"], meta_fields=["reference_temperature"])
+@dataclass(frozen=True)
+class Plant:
+    """One resonance: G (response per drive), tau (s), f0 (Hz) at `reference_temperature` (degC), k_T (Hz/degC).
+
+    A JAX pytree: `jax.grad`, `jax.vmap` and `jax.jit` go through it. `f0` None: a first-order plant, driven at resonance.
+    """
+
+    G: float | None
+    tau: float
+    f0: float | None = None
+    k_T: float | None = None
+    reference_temperature: float = 24.0
+
+    @property
+    def Q(self) -> float | None:
+        """Quality factor pi f0 tau."""
+        return None if self.f0 is None else math.pi * self.f0 * self.tau
+
+    @float64
+    def steady(self, drive, frequency=None, temperature=None) -> Array:
+        """Settled response Wd + j Wq to peak `drive` at `frequency` (Hz) and `temperature` (degC)."""
+        frequency = jnp.asarray(np.nan if frequency is None or self.f0 is None else frequency)
+        warming = 0.0 if temperature is None else jnp.asarray(temperature) - self.reference_temperature
+        detuning = 2 * jnp.pi * (self._resonance(warming) - frequency)
+        return self._gain * jnp.asarray(drive) * steady(self.tau, detuning, 2 * jnp.pi * frequency)
+
+    @float64
+    def transient(self, time, drive, frequency=None, temperature=None, *, start=0.0, settled=False, both_modes=False) -> Array:
+        """Response Wd + j Wq at each row of inputs held from row to row, beginning at `start` (complex).
+
+        time: (n,) s, non-decreasing. Row k's response is the one just before row k's inputs act, or, when `settled`, the one
+        that row k's inputs have led to since row k-1. `both_modes`: with the ripple of the fast pole, for Q below LOW_Q.
+        """
+        if self.f0 is None:
+            frequency = None
+        reference = (0.0, self.reference_temperature)
+        hold = hold_inputs(np.asarray(time, float), drive, frequency, temperature, settled=settled, reference=reference)
+        detuning = 2 * jnp.pi * self._resonance(hold.warming) + hold.offset
+        forced, free = transient(self.tau, detuning, hold, both_modes=both_modes)
+        return self._gain * forced + start * free
+
+    @property
+    def _gain(self):
+        if self.G is None:
+            raise ValueError("this plant has no gain G: the logs it was fitted to record no drive")
+        return self.G
+
+    def _resonance(self, warming):
+        """Resonance (Hz) `warming` degC above the reference; 0 for a plant that has none."""
+        f0 = 0.0 if self.f0 is None else self.f0
+        return f0 if self.k_T is None else f0 + self.k_T * warming
+
+
+LOW_Q = 20.0  # below, the ripple of the fast mode (1/(4Q) of the response) outlasts what a lock-in can remove
+
+
+def hold_inputs(time, drive, frequency=None, temperature=None, *, settled=False, reference=(0.0, 0.0)) -> Hold:
+    """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in place.
+
+    `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at resonance.
+    """
+    n = len(time)
+    columns = [np.broadcast_to(np.asarray(np.nan if c is None else c, float), n) for c in (drive, frequency, temperature)]
+    if settled:  # the inputs of row k have held since row k-1
+        columns = [np.append(c[1:], c[-1]) for c in columns]
+    inputs = np.stack(columns)
+    same = (inputs[:, 1:] == inputs[:, :-1]) | (np.isnan(inputs[:, 1:]) & np.isnan(inputs[:, :-1]))
+    first = np.flatnonzero(np.append(True, ~same.all(axis=0)))  # rows at which an interval begins
+    row = np.searchsorted(first, np.arange(n), side="left") - 1  # a row belongs to the interval that ends at or after it
+    row = np.maximum(row, 0)
+    drive, frequency, temperature = inputs[:, first]
+    return Hold(
+        duration=np.diff(np.append(time[first], time[-1])),
+        drive=drive,
+        omega=2 * np.pi * frequency,
+        offset=2 * np.pi * (reference[0] - frequency),
+        warming=np.nan_to_num(temperature - reference[1]),
+        interval=row.astype(np.int32),
+        elapsed=time - time[first][row],
+        spread=np.zeros(n),
+    )

@@ -1,0 +1,27 @@
+"""How a fit ended, and what is known of one parameter."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Result(Enum):
+    """How it ended; the value is the message."""
+
+    successful = "successful"
+    not_converged = "the fit did not converge"
+    misfit = "the model does not describe the logs"
+    undetermined = "the logs do not determine tau or G"
+    sampler_stopped = "the sampler stopped before it reached its criteria"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter with its error; `value`, `std` and `ci95` are None and `why` a sentence when not determined."""
+
+    value: float | None
+    std: float | None
+    ci95: tuple[float, float] | None
+    unit: str
+    determined: bool
+    why: str | None = None
+    modes: tuple[dict, ...] = ()

@@ -1,0 +1,154 @@
+"""Names and units of log columns: `frequency_kHz`, `Voltage [V] rms`, `w_um_pp`; conversion to the units used inside.
+
+Inside, time is in s, frequency in Hz, temperature in degC, force in N; drive and response keep the user's own unit and
+are peak amplitudes. The library `pint` knows the units; it is loaded only for units that are not the internal ones.
+"""
+
+import difflib
+import functools
+import math
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1"}
+REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
+AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude")  # these may be rms or peak to peak
+QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "voltage", "drive", "wd", "wq", "w")
+PEAK = {"peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}  # peak = factor * value, for a sine
+
+_USUAL = {
+    "time": ("s", "ms", "us", "ns", "min", "h"),
+    "frequency": ("Hz", "kHz", "MHz", "GHz", "rad/s"),
+    "temperature": ("degC", "K", "degF"),
+    "force": ("N", "mN", "uN"),
+    "duty": ("1", "%"),
+    "voltage": ("V", "mV", "kV", "uV"),
+}
+_PLAIN = ("um", "nm", "mm", "m", "m/s", "mm/s", "um/s", "V", "mV", "uV", "A", "mA", "uA", "S", "C", "degC", "1", "%")
+_ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF", "Ω": "ohm"}
+_BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
+_AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
+
+
+class Name(NamedTuple):
+    """What a column name says: `voltage_V_rms` is ("voltage", "V", "rms"); the unit is "" when the name has none."""
+
+    quantity: str
+    unit: str
+    amplitude: str
+
+
+def parse_name(label: str) -> Name | None:
+    """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one of ours."""
+    name, unit, amplitude = split_unit(label)
+    quantity = name.casefold()
+    if quantity not in QUANTITIES:
+        return None
+    if quantity == "duty":
+        return Name(quantity, unit or "1", "peak")
+    if quantity in AMPLITUDES:
+        unit, stated = split_amplitude(unit)
+        amplitude = stated or amplitude
+    return Name(quantity, unit, amplitude or "peak")
+
+
+def split_unit(label: str) -> tuple[str, str, str]:
+    """Name, unit and amplitude word of `Name [unit] rms` or `name_unit`; `name_word_unit` is a name without a unit."""
+    label = label.strip()
+    if found := _BRACKETS.fullmatch(label):
+        name, stated = split_amplitude(found[1])
+        return name, found[2], (found[3] or stated).lower()
+    name, _, rest = label.partition("_")
+    if "_" in split_amplitude(rest)[0]:
+        return label, "", ""
+    return name, rest.strip(), ""
+
+
+def split_amplitude(unit: str) -> tuple[str, str]:
+    """`V_rms`, `V rms` and `Vrms` are ("V", "rms"); the second is "" when nothing is stated."""
+    found = _AMPLITUDE.fullmatch(unit)
+    return (found["unit"], found["amplitude"].lower()) if found else (unit, "")
+
+
+def check_unit(quantity: str, unit: str) -> None:
+    """Raise ValueError when `unit` is unknown or of the wrong kind for `quantity`, with what was expected."""
+    reference = REFERENCE.get(quantity)
+    if unit == reference or (reference is None and unit in _PLAIN):
+        return
+    usual = _USUAL.get(quantity, _PLAIN)
+    expected = f"expected a unit of {quantity} such as {', '.join(usual[:4])}"
+    if not unit:
+        raise ValueError(f"found no unit, {expected}, as in {quantity}_{usual[0]}")
+    if re.fullmatch(r"dB\w*", unit):
+        raise ValueError(f"found decibels ({unit}), {expected}; decibels are read through a mapping file")
+    parsed = _parse(unit)
+    if parsed is None or (reference and parsed.dimensionality != _parse(reference).dimensionality):
+        raise ValueError(f"found the unit {unit!r}, {expected}{did_you_mean(unit, usual)}")
+
+
+def same_kind(unit: str, other: str) -> bool:
+    """Whether values in `unit` can be converted to `other`."""
+    if unit == other:
+        return True
+    first, second = _parse(unit), _parse(other)
+    return first is not None and second is not None and first.dimensionality == second.dimensionality
+
+
+def convert(values: Any, unit: str, to: str) -> Any:
+    """`values` in `unit` as values in `to` (s, Hz, degC, ...); both units must have passed `check_unit`."""
+    if unit == to:
+        return values
+    scale, zero = _line(unit, to)
+    small = 1 / scale
+    # 12.5 ms is exactly 0.0125 s when divided by 1000, and not always when multiplied by 0.001
+    scaled = values / round(small) if small > 1 and math.isclose(small, round(small), rel_tol=1e-12) else values * scale
+    return scaled + zero if zero else scaled
+
+
+def nearest(word: str, choices: Sequence[str], cutoff: float = 0.6) -> str | None:
+    """The choice that is spelt most like `word`, or ends like it (C for degC); None when no one is near."""
+    folded = {choice.casefold(): choice for choice in reversed(choices)}
+    near = difflib.get_close_matches(word.casefold(), list(folded), n=1, cutoff=cutoff)
+    near = near or [choice for choice in folded if word and choice.endswith(word.casefold())]
+    return folded[near[0]] if near else None
+
+
+def did_you_mean(word: str, choices: Sequence[str]) -> str:
+    """`; did you mean 'kHz'?`, or nothing when no choice is near."""
+    near = nearest(word, choices)
+    return f"; did you mean {near!r}?" if near else ""
+
+
+@functools.cache
+def _line(unit: str, to: str) -> tuple[float, float]:
+    """Scale and zero of the straight line that takes a value in `unit` to one in `to`."""
+    quantity, source, target = _registry().Quantity, _parse(unit), _parse(to)
+    zero = quantity(0.0, source).to(target).magnitude
+    scale = quantity(1.0, source).to(target).magnitude - zero
+    if to == "Hz" and "radian" in str(quantity(1.0, source).to_base_units().units):
+        scale /= 2 * math.pi  # pint takes a radian for 1, so that 1 rad/s would be 1 Hz
+    if str(target) == "degree_Celsius":
+        scale, zero = round(scale, 12), round(zero, 12)  # differences of two temperatures carry rounding errors
+    return scale, zero
+
+
+@functools.cache
+def _parse(unit: str) -> Any:
+    """The unit as pint's object, or None when pint does not know it."""
+    if unit == "":
+        return None
+    try:
+        return _registry().parse_units(_ALIASES.get(unit, unit))
+    except Exception:  # pint answers odd text with AttributeError, ValueError, AssertionError and tokenizer errors
+        return None
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    try:
+        return pint.UnitRegistry(cache_folder=":auto:")  # ten times faster than without, where the cache can be written
+    except Exception:
+        return pint.UnitRegistry()

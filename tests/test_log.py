@@ -1,0 +1,487 @@
+"""Reading and writing logs: the contract's header, every way a bench file can be odd, and what each refusal says."""
+
+import gzip
+import hashlib
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from sysid import csvfile
+from sysid.log import Log, LogError, read_logs, write_log
+
+HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
+ROWS = "0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"
+
+
+@pytest.fixture
+def save(tmp_path):
+    """Writes a file and gives its path."""
+
+    def write(content, name="log.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def read_one(path, **options):
+    (log,) = read_logs([path], **options)
+    return log
+
+
+def refused(path, *words, **options):
+    with pytest.raises(LogError) as error:
+        read_logs([path] if not isinstance(path, list) else path, **options)
+    message = str(error.value)
+    assert all(str(word) in message for word in words), message
+    return error.value
+
+
+def check_usual(log):
+    assert log.time.tolist() == [0.0, 0.1, 0.2]
+    assert log.drive.tolist() == [5.0, 5.0, 4.0]
+    assert log.frequency.tolist() == [32300.0] * 3
+    assert log.response.tolist() == [0j, 0.25 - 0.5j, 0.5 - 0.25j]
+    assert (log.drive_unit, log.response_unit, log.kind) == ("V", "um", "transient")
+
+
+# The contract's file
+
+
+def test_the_contract_file(save):
+    content = "# plate: A7\n# temperature_degC: 24.0\n# sampling: settled\n# lockin_tau_us: 300\n" + HEADER + ROWS
+    path = save(content)
+    log = read_one(path)
+    check_usual(log)
+    assert log.temperature.tolist() == [24.0] * 3
+    assert log.sampling == "settled"
+    assert log.bench == {"lockin_tau_s": 0.0003}
+    assert log.metadata == {"plate": "A7", "temperature_degC": "24.0", "sampling": "settled", "lockin_tau_us": "300"}
+    assert (log.name, log.path) == ("log.csv", str(path))
+    assert log.sha256 == hashlib.sha256(content.encode()).hexdigest()
+    assert log.notes == ()
+    assert len(log) == 3
+    assert not log.amplitude_only
+
+
+def test_every_input_may_be_metadata_and_any_unit(save):
+    metadata = "# time: 12:31\n# frequency_kHz: 32.25\n# Temperature [K]: 297.15\n# voltage_mV: 500\n# force_mN: 250\n"
+    log = read_one(save(metadata + "time_ms,w_nm\n0,1\n12.5,2\n"))
+    assert log.time.tolist() == [0.0, 0.0125]
+    assert log.frequency.tolist() == [32250.0] * 2
+    assert log.temperature.tolist() == pytest.approx([24.0] * 2, abs=1e-12)  # 297.15 - 273.15 is rounded
+    assert (log.drive.tolist(), log.drive_unit) == ([500.0] * 2, "mV")
+    assert log.force.tolist() == [0.25] * 2
+    assert (log.response.tolist(), log.response_unit) == ([1.0, 2.0], "nm")
+    assert log.amplitude_only
+    assert log.response.dtype == np.float64
+    assert log.notes == ("metadata 'time' has no unit and is kept out; write it as in temperature_degC",)
+
+
+def test_rms_and_peak_to_peak_become_peak(save):
+    log = read_one(save("time_s,voltage_V_rms,w_um_pp\n0,1,3\n1,2,4\n"))
+    assert log.drive.tolist() == [math.sqrt(2), 2 * math.sqrt(2)]
+    assert log.response.tolist() == [1.5, 2.0]
+    log = read_one(save("frequency_Hz,wd_um_rms,wq_nm_pp\n1,1,3000\n2,2,4000\n", "second.csv"))
+    assert log.response.tolist() == [math.sqrt(2) + 1.5j, 2 * math.sqrt(2) + 2j]
+
+
+def test_duty_with_and_without_volts(save):
+    log = read_one(save("# volts_per_duty: 24\ntime_s,duty,w_um\n0,0.25,0\n1,0.5,1\n"))
+    assert (log.drive.tolist(), log.drive_unit) == ([6.0, 12.0], "V")
+    log = read_one(save("time_s,duty [%],w_um\n0,25,0\n1,50,1\n", "second.csv"))
+    assert (log.drive.tolist(), log.drive_unit) == ([0.25, 0.5], "duty")
+
+
+def test_a_drive_in_another_unit(save):
+    log = read_one(save("time_s,drive_mA,w_m/s\n0,1,0\n1,2,1\n"))
+    assert (log.drive_unit, log.response_unit) == ("mA", "m/s")
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        ("frequency_Hz,w_um\n1,1\n2,1\n", "steady"),
+        ("time_s,frequency_Hz,w_um\n0,1,1\n1,2,1\n2,1,1\n", None),
+        ("time_s,frequency_Hz,w_um\n0,1,1\n1,2,1\n2,2,1\n", "transient"),
+        ("time_s,frequency_Hz,w_um\n0,1,1\n", "transient"),
+        ("# kind: steady\ntime_s,frequency_Hz,w_um\n0,1,1\n1,2,1\n", "steady"),
+        ("# Kind: Transient\ntime_s,frequency_Hz,w_um\n0,1,1\n1,2,1\n", "transient"),
+    ],
+)
+def test_kind(save, content, kind):
+    assert read_one(save(content)).kind == kind
+
+
+def test_a_column_log_splits_the_file(save):
+    log_a, log_b = read_logs(save("Log,frequency_Hz,w_um\nhot,1,1\ncold,1,2\nhot,2,3\n", "sweeps.csv"))
+    assert (log_a.name, log_b.name) == ("sweeps.csv[hot]", "sweeps.csv[cold]")
+    assert (log_a.response.tolist(), log_b.response.tolist()) == ([1.0, 3.0], [2.0])
+    first, second = read_logs(save("log,time_s,w_um\n24.0,5,1\n24.0,6,2\n25.5,0,3\n", "steps.csv"))
+    assert (first.name, second.name) == ("steps.csv[24.0]", "steps.csv[25.5]")
+    assert second.time.tolist() == [0.0]  # time begins anew in each part
+
+
+def test_other_columns_are_noted_and_never_read(save):
+    log = read_one(save("time_s,note,w_um,wd_err_um\n0,start,1,\n1,a;b,2,nan\n"))
+    assert log.notes == ("column note is kept out of the fit", "column wd_err_um is kept out of the fit")
+    assert log.response.tolist() == [1.0, 2.0]
+
+
+# Ways to write it
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pytest.param(("\ufeff" + HEADER + ROWS).encode(), id="byte order mark"),
+        pytest.param((HEADER + ROWS).replace("\n", "\r\n").encode(), id="CR LF"),
+        pytest.param((HEADER + ROWS + "\n\n\r\n").encode(), id="blank lines at the end"),
+        pytest.param((HEADER + "\n" + ROWS.replace("\n", "\n\n")).encode(), id="blank lines between"),
+        pytest.param((HEADER + ROWS).rstrip("\n").encode(), id="no line end at the end"),
+        pytest.param(('"time_s", "voltage_V" ,"frequency_Hz" , wd_um,wq_um\n' + ROWS).encode(), id="quotes and blanks"),
+        pytest.param((HEADER + ROWS.replace(",", " , ")).encode(), id="blanks around numbers"),
+        pytest.param((HEADER + ROWS.replace("0.5", '"0.5"').replace('-"0.5"', "-0.5")).encode(), id="quoted numbers"),
+        pytest.param((HEADER + ROWS).replace("\n", ",\n").encode(), id="empty column at the end"),
+        pytest.param((HEADER + ROWS.replace("\n", ",\n")).encode(), id="empty column at the end of rows"),
+        pytest.param((HEADER + ROWS.replace("\n", ",\r\n")).encode(), id="empty column at the end of rows, CR LF"),
+        pytest.param((HEADER + ROWS.replace("\n", ",, \n")).encode(), id="two empty columns at the end of rows"),
+        pytest.param(gzip.compress((HEADER + ROWS).encode()), id="gzip"),
+        pytest.param((HEADER + ROWS).replace(",", ";").encode(), id="semicolons"),
+        pytest.param((HEADER + ROWS).replace(",", ";").replace(".", ",").encode(), id="decimal commas"),
+        pytest.param((HEADER + ROWS).replace(",", "\t").encode(), id="tabs"),
+        pytest.param((HEADER + ROWS).replace(",", "  ").encode(), id="runs of blanks"),
+        pytest.param(("# " + HEADER + ROWS).encode(), id="header in a comment, as numpy writes it"),
+        pytest.param(("# " + HEADER + ROWS).replace(",", " ").encode(), id="the same with blanks"),
+        pytest.param(("time,voltage,frequency,wd,wq\ns,V,Hz,um,um\n" + ROWS).encode(), id="row of units"),
+        pytest.param(("# by Zoë, 24 °C\n" + HEADER + ROWS).encode("cp1252"), id="Windows-1252"),
+    ],
+)
+def test_spellings_of_one_table(save, content):
+    check_usual(read_one(save(content)))
+
+
+@settings(max_examples=80, deadline=None)
+@given(arrays.arrays(np.float64, st.integers(1, 20), elements=st.floats(allow_nan=False, allow_infinity=False)))
+def test_numbers_are_read_to_the_last_bit(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("bits") / "log.csv"
+    path.write_text("frequency_Hz,w_um\n" + "".join(f"1,{value!r}\n" for value in values.tolist()))
+    assert read_one(path).response.tobytes() == values.tobytes()
+
+
+def test_blocks_and_their_lines(save, monkeypatch):
+    """Small blocks change nothing, and lines are still counted right."""
+    monkeypatch.setattr(csvfile, "BLOCK", 37)
+    rows = "".join(f"{k},{k * k}\n" + ("\n" if k % 7 == 0 else "") for k in range(300))
+    log = read_one(save("time_s,w_um\n" + rows))
+    assert log.response.tolist() == [k * k for k in range(300)]
+    lines = ("time_s,w_um\n" + rows).replace("\n250,", "\nx,").splitlines()
+    refused(save("\n".join(lines)), f"line {lines.index('x,62500') + 1}", "'time_s'", "'x'")
+    lines = ("time_s,w_um\n" + rows).replace("\n250,", "\n").splitlines()
+    refused(save("\n".join(lines)), f"line {lines.index('62500') + 1}", "found 1 columns", "expected 2")
+
+
+# Refusals of cells and rows
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "NaN", "inf", "-inf", "1e999", "abc", "1_000", "0x10", "#", "1,5"])
+def test_a_bad_cell_is_named(save, cell):
+    quoted = f'"{cell}"' if "," in cell else cell
+    path = save("# plate: A7\n" + HEADER + ROWS.replace("0.25,-0.5", f"{quoted},-0.5"))
+    refused(path, path, "line 4", "'wd_um'", repr(cell) if cell else "an empty cell", "expected a finite number")
+
+
+def test_a_row_with_the_wrong_number_of_cells_is_named(save):
+    refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,")), "line 3", "found 4 columns", "expected 5")
+    refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,5,5,")), "line 3", "found 6 columns", "expected 5")
+    refused(save(HEADER + ROWS + "0.3,5.0,32"), "line 5", "found 3 columns", "last line", "still being written")
+    refused(save(HEADER + ROWS + "0.3,5.0,32300.0,0.1,1e-"), "line 5", "'wq_um'", "'1e-'", "still being written")
+    refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
+
+
+def test_decreasing_time_is_named_and_equal_times_are_not(save):
+    refused(save("time_s,w_um\n0,1\n\n2,1\n1,1\n"), "line 5", "'time_s'", "'1'", "not below the one before")
+    assert read_one(save("time_s,w_um\n0,1\n1,1\n1,1\n")).time.tolist() == [0, 1, 1]
+
+
+# Refusals of headers and metadata
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("time_s,time_ms,w_um", ["time twice", "time_s", "time_ms"]),
+        ("time_s,w_um,w_um", ["w twice"]),
+        ("voltage_V,duty,w_um", ["the drive twice", "voltage_V", "duty"]),
+        ("time_s,voltage_V,wd_um", ["found wd", "expected columns such as wd_um and wq_um"]),
+        ("time_s,wd_um,w_um", ["w and wd"]),
+        ("time_s,w_um,log,log", ["2 columns 'log'"]),
+        ("tiem_s,voltage_V,w_um", ["'tiem_s'", "did you mean time_s"]),
+        ("freqency_Hz,voltage_V,w_um", ["'freqency_Hz'", "did you mean frequency_Hz"]),
+        ("time_s,Frequncy [kHz],w_um", ["did you mean frequency_kHz"]),
+        ("time_s,frequency_khz,w_um", ["'khz'", "did you mean 'kHz'"]),
+        ("time_s,frequency_s,w_um", ["column 'frequency_s'", "unit of frequency"]),
+        ("time,voltage_V,w_um", ["column 'time'", "no unit", "time_s"]),
+        ("time_s,voltage_V,w_dB", ["decibels"]),
+        ("note,force_N,w_um", ["neither time, frequency nor drive"]),
+        ("time_s,voltage_V,velocity", ["no response", "time_s, voltage_V, velocity"]),
+        ("drive_V,response_um,time_s", ["raw waveform", "not supported yet", "demodulated"]),
+    ],
+)
+def test_headers_that_are_refused(save, header, words):
+    count = header.count(",") + 1
+    refused(save(header + "\n" + ",".join("1" * count) + "\n"), *words)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("kind: waveform", ["raw waveform", "not supported yet"]),
+        ("kind: stedy", ["metadata 'kind'", "'stedy'", "did you mean 'steady'"]),
+        ("sampling: later", ["metadata 'sampling'", "instant or settled"]),
+        ("temperature_degC: warm", ["metadata 'temperature_degC'", "'warm'", "finite number"]),
+        ("temperature_degC: nan", ["metadata 'temperature_degC'", "'nan'"]),
+        ("frequency_khz: 3", ["did you mean 'kHz'"]),
+        ("voltage_V: 3", ["the drive twice"]),
+        ("lockin_tau_V: 3", ["metadata 'lockin_tau_V'", "unit of time"]),
+        ("force_N: 1\n# force_N: 2", ["metadata 'force_N'", "twice"]),
+    ],
+)
+def test_metadata_that_is_refused(save, line, words):
+    refused(save(f"# {line}\n" + HEADER + ROWS), *words)
+
+
+def test_transient_without_time_and_steady_without_inputs(save):
+    refused(save("# kind: transient\nvoltage_V,w_um\n1,1\n"), "without time", "time_s")
+    refused(save("# kind: steady\ntime_s,w_um\n1,1\n"), "without frequency or drive", "frequency_Hz")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", ["empty file"]),
+        (b"# plate: A7\n", ["only comment lines"]),
+        (HEADER.encode(), ["a header and no rows"]),
+        ((HEADER + "\n\n").encode(), ["a header and no rows"]),
+        ((HEADER + ROWS).encode("utf-16"), ["UTF-16"]),
+        ((HEADER + ROWS).replace("\n", "\r").encode(), ["carriage return"]),
+        (b"\x89PNG\x00\x00", ["binary data"]),
+        (gzip.compress((HEADER + ROWS).encode())[:-12], ["cannot be read"]),
+        ((HEADER + ROWS.replace(",0.25", ",\r0.25")).encode(), ["line 3", "carriage return"]),
+        ((HEADER + '0,1,2,3,"4\n').encode(), ["line 2", "a quote that is not closed"]),
+    ],
+)
+def test_files_that_are_refused(save, content, words):
+    path = save(content)
+    refused(path, path, *words)
+
+
+def test_paths(save, tmp_path):
+    for name in ("b.csv", "a.csv"):
+        save(HEADER + ROWS.replace("0.25", "0.2" if name == "a.csv" else "0.3"), name)
+    assert [log.name for log in read_logs(str(tmp_path / "*.csv"))] == ["a.csv", "b.csv"]
+    assert [log.name for log in read_logs([tmp_path / "b.csv", tmp_path / "a.csv"])] == ["b.csv", "a.csv"]
+    refused(tmp_path / "*.txt", "*.txt", "no file that fits this pattern")
+    refused(tmp_path / "none.csv", "none.csv", "no such file")
+    refused(tmp_path, "a directory", "*.csv")
+    refused([], "no logs")
+    save(HEADER + ROWS, "odd[1].csv")
+    assert read_one(tmp_path / "odd[1].csv").name == "odd[1].csv"
+
+
+def test_the_same_bytes_count_once(save):
+    first, second = save(HEADER + ROWS), save(HEADER + ROWS, "copy.csv")
+    log = read_one(first)
+    (again,) = read_logs([first, second])
+    assert again.notes == (f"{second} holds the same bytes: counted once",)
+    assert again.response.tolist() == log.response.tolist()
+
+
+def test_logs_of_two_plates_are_refused(save):
+    a7 = save("# plate: A7\n" + HEADER + ROWS, "a.csv")
+    b2 = save("# plate: B2\n" + HEADER + ROWS, "b.csv")
+    unnamed = save(HEADER + ROWS, "c.csv")
+    refused([a7, unnamed, b2], a7, "'A7'", b2, "'B2'")
+    assert len(read_logs([a7, unnamed])) == 2
+
+
+def test_units_follow_the_first_log(save):
+    um = save("time_s,voltage_V,w_um\n0,1,1\n", "um.csv")
+    nm = save("time_s,voltage_mV,w_nm\n0,500,250\n", "nm.csv")
+    still = save("time_s,w_um\n0,1\n", "still.csv")
+    _, _, log = read_logs([still, um, nm])
+    assert (log.response.tolist(), log.response_unit) == ([0.25], "um")
+    assert (log.drive.tolist(), log.drive_unit) == ([0.5], "V")
+    refused([um, save("time_s,voltage_V,w_m/s\n0,1,1\n", "v.csv")], "v.csv", "response in m/s", "um", "um.csv")
+    refused([um, save("time_s,duty,w_um\n0,1,1\n", "d.csv")], "d.csv", "drive in duty", "V")
+
+
+# The mapping file that a refusal brings
+
+
+def complete(text, quantity):
+    """What a person would do: say what the mapping file asks for."""
+    for key, value in (("amplitude", '"peak"'), ("quantity", f'"{quantity}"'), ("phase_sign", "1")):
+        assert f'{key} = "?"' in text
+        text = text.replace(f'{key} = "?"', f"{key} = {value}")
+    return text
+
+
+def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
+    path = save("time_unix_s,f_Hz,X_V,Y_V\n10,100,1,2\n11,101,3,4\n")
+    text = refused(path, "no response").mapping
+    completed = complete(text, "displacement")
+    (tmp_path / "map.toml").write_text(completed)
+    log = read_one(path, columns=tmp_path / "map.toml")
+    assert log.response.tolist() == [1j * (1 + 2j), 1j * (3 + 4j)]
+    assert log.time.tolist() == [10.0, 11.0]
+    assert log.frequency.tolist() == [100.0, 101.0]
+    (tmp_path / "map.toml").write_text(text)
+    refused(path, "map.toml", "amplitude", "'?'", columns=tmp_path / "map.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "lines"),
+    [
+        ("T_degC,T_err_degC,t_s,f [kHz],S21_re,S21_im\n1,1,1,1,1,1\n", [
+            'temperature = { column = "T_degC", unit = "degC" }', 'time = { column = "t_s", unit = "s" }',
+            'frequency = { column = "f [kHz]", unit = "kHz" }', 'x = { column = "S21_re", unit = "?" }',
+            "# not used: T_err_degC", 
+        ]),
+        ("% ID: 7\n% time [s], power [dBm]\n0, 1\n1, 2\n", [
+            'comment = "%"', 'time = { column = "time [s]", unit = "s" }',
+            'magnitude = { column = "power [dBm]", unit = "dBm" }',
+        ]),
+        ("t\tmag\tphase\n1\t2\t3\n", [
+            'delimiter = "\\t"', 'time = { column = "t", unit = "?" }', 'phase = { column = "phase", unit = "?" }',
+        ]),
+    ],
+)  # fmt: skip
+def test_what_a_mapping_is_guessed_from(save, content, lines):
+    text = refused(save(content), "no response").mapping
+    assert not set(lines) - set(text.splitlines()), text
+
+
+def test_a_file_without_header_brings_a_mapping_by_position(save, tmp_path):
+    path = save("10;100;1,5;2\n11;101;3,5;4\n".replace(";", "\t").replace(",", "."))
+    text = refused(path, "4 columns without a header").mapping
+    assert "10, 100, 1.5, 2" in text
+    text = complete(text, "velocity")
+    for name, column in (("frequency", '1, unit = "Hz"'), ("x", '2, unit = "V"'), ("y", '3, unit = "V"')):
+        text = text.replace(f'# {name} = {{ column = 0, unit = "?" }}', f"{name} = {{ column = {column} }}")
+    (tmp_path / "map.toml").write_text(text)
+    log = read_one(path, columns=tmp_path / "map.toml")
+    expected = np.array([1.5 + 2j, 3.5 + 4j]) / (2 * np.pi * np.array([100, 101]))
+    np.testing.assert_allclose(log.response, expected, rtol=1e-15)  # one division, the last bit aside
+
+
+# Log itself
+
+
+def test_a_log_copies_and_is_read_only():
+    time, response = np.array([0.0, 1.0]), np.array([1.0, 2.0])
+    log = Log("made", response, time)
+    response[0] = 7.0
+    assert log.response.tolist() == [1.0, 2.0]
+    assert response.flags.writeable
+    assert not log.response.flags.writeable
+    view = np.broadcast_to(3.0, 2)
+    assert Log("made", view, time).response.flags.owndata
+    assert log.kind == "transient"
+    assert Log("made", [1, 2], frequency=[1, 2]).response.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"time": [0.0]}, "time of shape (1,)"),
+        ({"time": [1.0, 0.0]}, "decreases"),
+        ({"drive": [1.0, math.nan]}, "row 1"),
+        ({"kind": "stedy"}, "did you mean 'steady'"),
+        ({"sampling": "never"}, "instant or settled"),
+        ({"kind": "transient"}, "without time"),
+        ({"response": []}, "n > 0"),
+        ({"response": [[1.0], [2.0]]}, "shape (2, 1)"),
+    ],
+)
+def test_a_log_checks_itself(fields, words):
+    with pytest.raises(LogError) as error:
+        Log("made", **({"response": [1.0, 2.0]} | fields))
+    assert words in str(error.value)
+
+
+# Writing
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+@st.composite
+def any_log(draw):
+    """A log with any of its parts there or not."""
+    count = draw(st.integers(1, 8))
+    column = arrays.arrays(np.float64, count, elements=FINITE)
+    maybe = st.none() | column
+    response = draw(column) + 0.0
+    if draw(st.booleans()):
+        imaginary, real = draw(column), response
+        response = np.empty(count, complex)
+        response.real, response.imag = real, imaginary
+    return Log(
+        "made",
+        response,
+        time=np.sort(draw(column)),
+        drive=draw(maybe),
+        frequency=draw(maybe),
+        temperature=draw(maybe),
+        force=draw(maybe),
+        sampling=draw(st.sampled_from([None, "instant", "settled"])),
+        response_unit=draw(st.sampled_from(["um", "m/s", "A*s", "1", "degree_Celsius"])),
+        drive_unit=draw(st.sampled_from(["V", "duty", "mA", "%"])),
+        metadata={"plate": "A7", "note": "a: b, c", "temperature_degC": "7", "kind": "gone"},
+        bench=draw(st.dictionaries(st.sampled_from(["lockin_tau_s", "lockin_order", "delay_s", "settle_s"]), FINITE)),
+    )
+
+
+@settings(max_examples=80, deadline=None)
+@given(any_log())
+def test_a_written_log_reads_back_to_the_last_bit(tmp_path_factory, log):
+    path = tmp_path_factory.mktemp("round") / "log.csv"
+    write_log(log, path)
+    again = read_one(path)
+    for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+        written, read = getattr(log, name), getattr(again, name)
+        assert (written is None) == (read is None)
+        assert written is None or (written.dtype, written.tobytes()) == (read.dtype, read.tobytes())
+    for name in ("kind", "sampling", "response_unit", "bench"):
+        assert getattr(again, name) == getattr(log, name)
+    assert log.drive is None or again.drive_unit == log.drive_unit
+    assert again.metadata["plate"] == "A7"
+    assert again.metadata["note"] == "a: b, c"
+
+
+MESS = st.sampled_from(
+    [b",", b"\n", b'"', b"#", b"\x00", b"\xff", b";", b"nan", b"\t", b" ", b"\r", b":", b"_", b"[", b"9"]
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 180), st.integers(0, 3), MESS), min_size=1, max_size=3))
+def test_a_damaged_file_is_read_or_refused(tmp_path_factory, edits):
+    """Whatever stands in the file, the answer is a log or a LogError, and its mapping file is TOML."""
+    content = f"# plate: A7\n# temperature_degC: 24.0\n{HEADER}{ROWS}".encode()
+    for place, cut, mess in edits:
+        content = content[:place] + mess + content[place + cut :]
+    path = tmp_path_factory.mktemp("mess") / "log.csv"
+    path.write_bytes(content)
+    try:
+        logs = read_logs(path)
+    except LogError as error:
+        tomllib.loads(error.mapping or "")
+    else:
+        assert all(np.isfinite(log.response).all() for log in logs)

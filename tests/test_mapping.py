@@ -1,0 +1,381 @@
+"""Mapping files: every key, what lock-in signals become, what is refused, and real files of other instruments."""
+
+import math
+import textwrap
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sysid import mapping
+from sysid.log import LogError, read_logs
+
+ROOT = Path(__file__).resolve().parents[1]
+MAPS = Path(__file__).parent / "mappings"
+REAL = ROOT.parent / "shared" / "real"
+
+XY = """
+quantity = "displacement"
+phase_sign = 1
+amplitude = "peak"
+[columns]
+frequency = "f_Hz"
+x = "X_V"
+y = "Y_V"
+"""
+TABLE = "f_Hz,X_V,Y_V,T_C,sweep\n100,1,2,20,a\n200,3,-4,21,a\n400,5,6,22,b\n"
+SIGNAL = np.array([1 + 2j, 3 - 4j, 5 + 6j])
+OMEGA = 2 * np.pi * np.array([100.0, 200.0, 400.0])
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads a table through a mapping, both given as text."""
+
+    def read_through(toml, table=TABLE):
+        log, columns = tmp_path / "log.csv", tmp_path / "map.toml"
+        log.write_text(table)
+        columns.write_text(toml)
+        return read_logs(log, columns=columns)
+
+    return read_through
+
+
+@pytest.fixture
+def refused(read):
+    def refuse(toml, *words, table=TABLE):
+        with pytest.raises(LogError) as error:
+            read(toml, table)
+        message = str(error.value)
+        assert "map.toml" in message or "log.csv" in message
+        assert all(word in message for word in words), message
+
+    return refuse
+
+
+def near(log, expected):
+    # 4e-16 is two roundings: of the product with j e^{j phase}, and of the division by omega
+    np.testing.assert_allclose(log.response, expected, rtol=1e-15, atol=4e-16 * np.abs(expected).max())
+
+
+# What a lock-in's signal becomes
+
+
+@pytest.mark.parametrize(
+    ("quantity", "expected", "unit"),
+    [
+        ("displacement", 1j * SIGNAL, "V"),
+        ("charge", 1j * SIGNAL, "V"),
+        ("velocity", SIGNAL / OMEGA, "V*s"),
+        ("current", SIGNAL / OMEGA, "V*s"),
+    ],
+)
+def test_quantities(read, quantity, expected, unit):
+    (log,) = read(XY.replace("displacement", quantity))
+    near(log, expected)
+    assert log.response_unit == unit
+    assert log.kind == "steady"
+    assert log.notes == ()
+
+
+def test_signs_of_the_contract(read):
+    """A displacement has Wd = -Y, Wq = X; a velocity Wd = X / omega, Wq = Y / omega."""
+    (log,) = read(XY)
+    assert log.response.real.tolist() == [-2, 4, -6]
+    assert log.response.imag.tolist() == [1, 3, 5]
+
+
+@pytest.mark.parametrize(("unit", "integral"), [("m/s", "m"), ("mm/s", "mm"), ("A", "A*s"), ("1", "s"), ("V", "V*s")])
+def test_the_unit_of_a_velocity(read, unit, integral):
+    toml = XY.replace("displacement", "velocity").replace('"X_V"', f'{{column = 1, unit = "{unit}"}}')
+    toml = toml.replace('"Y_V"', f'{{column = 2, unit = "{unit}"}}')
+    assert read(toml)[0].response_unit == integral
+
+
+def test_phase_sign_and_offset(read):
+    (log,) = read(XY.replace("phase_sign = 1", "phase_sign = -1\nphase_offset_deg = 30"))
+    near(log, 1j * np.conj(SIGNAL) * np.exp(1j * math.pi / 6))
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("deg", 180 / math.pi), ("rad", 1.0)])
+def test_magnitude_and_phase_are_x_and_y(read, unit, scale):
+    rows = zip([100, 200, 400], np.abs(SIGNAL), np.angle(SIGNAL) * scale, strict=True)
+    table = "f_Hz,R_V,phi\n" + "".join(f"{f},{r!r},{p!r}\n" for f, r, p in np.array(list(rows)).tolist())
+    toml = XY.replace('x = "X_V"\ny = "Y_V"', f'magnitude = "R_V"\nphase = {{ column = "phi", unit = "{unit}" }}')
+    near(read(toml, table)[0], 1j * SIGNAL)
+
+
+def test_magnitude_alone_is_an_amplitude(read):
+    (log,) = read(XY.replace('x = "X_V"\ny = "Y_V"', 'magnitude = "X_V"').replace("displacement", "velocity"))
+    assert log.amplitude_only
+    near(log, SIGNAL.real / OMEGA)
+
+
+@pytest.mark.parametrize(("unit", "result"), [("dB", "1"), ("dBm", "1"), ("dBV", "V")])
+def test_decibels(read, unit, result):
+    (log,) = read(f'amplitude = "peak"\n[columns]\ntime = "t_s"\nw = "P [{unit}]"', f"t_s,P [{unit}]\n0,-20\n1,6\n")
+    # 10^(6/20) = 1.995262314968880 as a table gives it, to 15 digits
+    np.testing.assert_allclose(log.response, [0.1, 1.99526231496888], rtol=1e-14)
+    assert log.response_unit == result
+
+
+# Amplitudes, units, constants
+
+
+def test_amplitude_is_for_drive_and_response(read):
+    table = "t_s,U_V,d_um\n0,1,1\n1,2,2\n"
+    toml = 'amplitude = "rms"\n[columns]\ntime = "t_s"\nvoltage = "U_V"\nw = "d_um"\n'
+    (log,) = read(toml, table)
+    assert log.drive.tolist() == log.response.tolist() == [math.sqrt(2), 2 * math.sqrt(2)]
+    (log,) = read(toml.replace('"U_V"', '{ column = "U_V", amplitude = "pp" }'), table)
+    assert log.drive.tolist() == [0.5, 1.0]
+    (log,) = read(toml.replace('"d_um"', '{ column = "d_um", unit = "um_pp" }'), table)
+    assert log.response.tolist() == [0.5, 1.0]
+
+
+def test_nothing_is_taken_for_granted_in_silence(read):
+    (log,) = read('[columns]\nfrequency = "f_Hz"\nx = "X_V"\ny = "Y_V"\nvoltage = { column = "T_C", unit = "V" }')
+    near(log, 1j * SIGNAL)
+    said = " ".join(log.notes)
+    assert all(word in said for word in ("voltage is taken as peak", "x is taken as peak", "quantity", "phase_sign"))
+    assert "map.toml" in said
+    (log,) = read('[columns]\ntime = "f_s"\nw = "d_um_rms"', "f_s,d_um_rms\n0,1\n")
+    assert (log.notes, log.response.tolist()) == ((), [math.sqrt(2)])
+
+
+def test_scale_offset_and_unit(read):
+    column = '{ column = "T_C", unit = "mK", scale = 1000.0, offset = 273150 }'
+    (log,) = read(XY + f"temperature = {column}\n")
+    assert log.temperature.tolist() == pytest.approx([20, 21, 22], abs=1e-10)  # 273.15 is taken off numbers near 293
+
+
+def test_constants_and_metadata(read):
+    toml = 'kind = "transient"\nsampling = "settled"\n' + XY.replace("frequency", "time").replace("f_Hz", "t_s")
+    toml += '[constants]\nvoltage = "1 V_rms"\ntemperature = "293.15 K"\n'
+    toml += '[metadata]\nplate = "A7"\nlockin_tau_ms = 3\n'
+    (log,) = read(toml, TABLE.replace("f_Hz", "t_s"))
+    assert log.drive.tolist() == [math.sqrt(2)] * 3
+    assert log.temperature.tolist() == pytest.approx([20.0] * 3, abs=1e-12)
+    assert (log.kind, log.sampling) == ("transient", "settled")
+    assert log.bench == {"lockin_tau_s": 0.003}
+    assert log.metadata["plate"] == "A7"
+
+
+def test_duty_needs_no_unit(read):
+    (log,) = read(XY + '[constants]\nduty = "0.5"\n[metadata]\nvolts_per_duty = 24\n')
+    assert (log.drive.tolist(), log.drive_unit) == ([12.0] * 3, "V")
+
+
+# Which rows
+
+
+def test_split_by_and_rows(read):
+    first, second = read('split_by = "sweep"\n' + XY)
+    assert (first.name, second.name) == ("log.csv[a]", "log.csv[b]")
+    near(second, 1j * SIGNAL[2:])
+    assert read("split_by = 4\n" + XY)[0].name == "log.csv[a]"
+    near(read("rows = [1, 3]\n" + XY)[0], 1j * SIGNAL[1:])
+    near(read("rows = [[0, 1], [2, 3]]\n" + XY)[0], 1j * SIGNAL[[0, 2]])
+    first, second = read('split_by = "sweep"\nrows = { a = [1, 2] }\n' + XY)
+    near(first, 1j * SIGNAL[1:2])
+    near(second, 1j * SIGNAL[2:])
+
+
+def test_rows_that_are_not_used_may_hold_anything(read, refused):
+    broken = TABLE.replace("200,3,-4", "200,overload,")
+    near(read("rows = [[0, 1], [2, 3]]\n" + XY, broken)[0], 1j * SIGNAL[[0, 2]])
+    refused("rows = [1, 3]\n" + XY, "line 3", "'X_V'", "'overload'", table=broken)
+
+
+# How the file is written
+
+
+@pytest.mark.parametrize(
+    ("options", "table"),
+    [
+        ('delimiter = ";"\ndecimal = ","\n', TABLE.replace(",", ";").replace(";1;", ";1,0;")),
+        ('delimiter = "\\t"\n', TABLE.replace(",", "\t")),
+        ('delimiter = " "\n', TABLE.replace(",", "   ").replace("\n", " \n  ")),
+        ('comment = "%"\n', "% Time: 12\n%\n" + TABLE),
+        ("header = true\n", TABLE),
+    ],
+)
+def test_dialects(read, options, table):
+    near(read(options + XY, table)[0], 1j * SIGNAL)
+
+
+def test_positions_without_header(read):
+    toml = XY.replace('"f_Hz"', '{column = 0, unit = "Hz"}').replace('"X_V"', '{column = 1, unit = "V"}')
+    toml = toml.replace('"Y_V"', '{column = 2, unit = "V"}')
+    table = TABLE.partition("\n")[2]
+    near(read("header = false\n" + toml, table)[0], 1j * SIGNAL)
+    near(read(toml, "# a comment\n" + table)[0], 1j * SIGNAL)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("phase_sign", "phase_sing", ["phase_sing", "not a known key", "did you mean 'phase_sign'"]),
+        ("frequency =", "frequenzy =", ["[columns] frequenzy", "did you mean 'frequency'"]),
+        ('"X_V"', '"X_W"', ["[columns] x", "no column 'X_W'", "did you mean 'X_V'"]),
+        ('"X_V"', "7", ["[columns] x", "position 7", "0 to 4"]),
+        ('"X_V"', '{ unit = "V" }', ["[columns] x", "found no column"]),
+        ('"X_V"', '{ column = "X_V", units = "V" }', ["[columns] x.units", "did you mean 'unit'"]),
+        ('"X_V"', '{ column = "X_V", unit = "?" }', ["[columns] x", "the unit"]),
+        ('"X_V"', '{ column = "X_V", scale = "2" }', ["[columns] x.scale", "'2'", "int or float"]),
+        ('"X_V"', '"sweep"', ["[columns] x", "no unit", "x_um"]),
+        ('"f_Hz"', '{ column = "f_Hz", unit = "khz" }', ["[columns] frequency", "did you mean 'kHz'"]),
+        ('"peak"', '"RMS"', ["amplitude", "'RMS'", "'rms'"]),
+        ('"displacement"', '"speed"', ["quantity", "'speed'", "'velocity'"]),
+        ("phase_sign = 1", "phase_sign = 2", ["phase_sign", "2", "1, -1"]),
+        ("phase_sign = 1", "phase_sign = true", ["phase_sign", "True"]),
+        ('y = "Y_V"\n', "", ["[columns]", "found x", "x and y"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\nw = "X_V"\n', ["found w, x, y"]),
+        ('x = "X_V"\ny = "Y_V"', 'w = "X_V"', ["quantity", "belongs to x and y"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nfrequency = "3 Hz"\n', ["[constants] frequency", "once"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\ntemperature = "warm"\n', ["temperature", "'warm'", "20 degC"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nvoltage = "1 V"\nduty = "1"\n', ["duty and voltage", "one of them"]),
+        ('frequency = "f_Hz"\n', "", ["without frequency or drive"]),
+        ("phase_sign", "delimiter = ''\nphase_sign", ["delimiter", "one character"]),
+        ("phase_sign", "rows = [2, 9]\nphase_sign", ["rows", "[2, 9]", "0 to 3"]),
+        ("phase_sign", "split_by = 'swep'\nphase_sign", ["split_by", "did you mean 'sweep'"]),
+        ("[columns]", "[columns", ["TOML"]),
+    ],
+)
+def test_a_wrong_mapping_is_refused_by_its_key(refused, old, new, words):
+    assert old in XY
+    refused(XY.replace(old, new), *words)
+
+
+def test_a_velocity_needs_a_frequency(refused):
+    toml = XY.replace("frequency", "time").replace("f_Hz", "t_s").replace("displacement", "velocity")
+    refused(toml, "no frequency", "omega", table=TABLE.replace("f_Hz", "t_s"))
+
+
+def test_a_column_name_that_stands_twice_needs_its_position(refused):
+    refused(XY, "several columns 'X_V'", "position", table=TABLE.replace("Y_V", "X_V").replace("T_C", "Y_V"))
+
+
+def test_a_mapping_file_that_is_not_there(tmp_path):
+    with pytest.raises(LogError, match=r"none\.toml"):
+        read_logs(tmp_path / "log.csv", columns=tmp_path / "none.toml")
+
+
+def test_the_example_in_the_documentation_is_a_mapping(tmp_path):
+    example = mapping.__doc__.partition("A full example:\n")[2].partition("\nThe names of")[0]
+    path = tmp_path / "map.toml"
+    path.write_text(textwrap.dedent(example))
+    assert set(mapping.load_mapping(path).options) == set(mapping._OPTIONS)
+    assert tomllib.loads(path.read_text())["rows"] == [100, 380]
+
+
+# Files of other people's instruments
+
+pytestmark_real = pytest.mark.skipif(not REAL.is_dir(), reason="the measured sets are not here")
+
+
+def real(name, pattern):
+    return read_logs(str(REAL / pattern), columns=MAPS / f"{name}.toml")
+
+
+@pytestmark_real
+def test_reed_temperature_sweeps():
+    logs = real("reed_temperature_sweeps", "02*/reed_temperature_sweeps.csv")
+    assert [len(log) for log in logs] == [501] * 11
+    assert logs[0].name == "reed_temperature_sweeps.csv[0]"
+    assert logs[0].temperature[0] == 33.287042
+    assert logs[10].frequency[-1] == 169.0
+    expected = 5.6975583e-05 * np.exp(1j * 1.2738765)  # j turned back by 90 degrees
+    assert logs[0].response[0] == pytest.approx(expected, rel=1e-14)
+    assert all(phase_falls(log, 140, 148) for log in logs)
+
+
+@pytestmark_real
+def test_reed_three_modes():
+    logs = real("reed_three_modes", "02*/reed_three_modes.csv")
+    assert [len(log) for log in logs] == [701] * 3
+    assert logs[0].response[0] == pytest.approx(1j * (5.0061905e-05 - 1.9366667e-05j), rel=1e-14)
+    assert all(phase_falls(*window) for window in zip(logs, (140, 900, 2545), (148, 916, 2565), strict=True))
+
+
+@pytestmark_real
+def test_microwave_resonators():
+    (notch,) = real("microwave_notch", "05*/S21testdata.csv")
+    assert len(notch) == 1001
+    assert notch.response[0] == pytest.approx(1j * (1.473788 - 1.447411j), rel=1e-14)
+    assert notch.response_unit == "1"
+    (reflection,) = real("microwave_reflection", "05*/S11.txt")
+    assert len(reflection) == 501
+    expected = 1j * 10 ** (-29.0414199829 / 20) * np.exp(1j * np.radians(40.6561698914))
+    assert reflection.response[0] == pytest.approx(expected, rel=1e-12)
+
+
+@pytestmark_real
+@pytest.mark.parametrize(
+    ("name", "rows", "low", "high"),
+    [
+        ("mcta_1", 200, 1097, 1098.2), ("mcta_2", 200, 1095, 1099), ("mcta_3", 51, 1090, 1102),
+        ("mcta_d1", 101, 0, 0), ("mcta_d2", 100, 0, 0), ("mcta_ov", 199, 0, 0),
+        ("mctf_1", 51, 32110, 32160), ("w2ta_1", 51, 2064.215, 2064.235),
+    ],
+)  # fmt: skip
+def test_wires_and_fork(name, rows, low, high):
+    (log,) = real("fork" if name == "mctf_1" else "wires", f"06*/{name}.csv")
+    assert (len(log), log.kind, log.response_unit) == (rows, "steady", "V*s")
+    assert not high or phase_falls(log, low, high)
+
+
+@pytestmark_real
+def test_wire_values():
+    (log,) = real("wires", "06*/mcta_1.csv")
+    assert log.response[0] == pytest.approx(-(0.000114799 - 0.000119329j) / (2 * math.pi * 1082), rel=1e-14)
+    assert log.time[0] == 1577276001.406
+
+
+@pytestmark_real
+def test_pzt_admittance():
+    (log,) = real("pzt_admittance", "10*/pzt_bar_admittance.csv")
+    assert (len(log), log.drive.tolist(), log.response_unit) == (301, [1.0] * 301, "A*s")
+    assert log.response[0] == pytest.approx((1.47e-05 + 0.000357j) / (2 * math.pi * 110e3), rel=1e-14)
+    assert phase_falls(log, 127.5e3, 128.8e3)
+
+
+@pytestmark_real
+@pytest.mark.parametrize(
+    ("number", "rows", "start", "stop", "tau"),
+    [
+        (2542, 421, 24, 125, 31.459), (722, 99, 7.2, 19, 2.3275), (3413, 72, 15, 18, 0.47425),
+        (795, 192, 45, 68, 4.4711), (488, 750, 0, 300, 158.69), (596, 28, 4.35, 4.75, 0.10507),
+        (1838, 746, 0, 200, 46.436), (962, 233, 1.6, 2.3, 0.41364),
+    ],
+)  # fmt: skip
+def test_membrane_ring_downs(number, rows, start, stop, tau):
+    """The window of each file, and tau as a straight line through ln W gave it when the data were collected."""
+    (log,) = real(f"ringdown_{number}", f"12*/measID_{number}_*")
+    assert (len(log), log.kind, log.drive.max(), log.response_unit) == (rows, "transient", 0.0, "1")
+    assert start <= log.time[0] <= log.time[-1] <= stop
+    slope = np.polyfit(log.time, np.log(log.response), 1)[0]
+    assert -1 / slope == pytest.approx(tau, rel=1e-4)  # it was printed with 5 digits
+
+
+@pytestmark_real
+def test_heater_steps():
+    logs = real("heater", "13*/*.csv")
+    assert [len(log) for log in logs] == [300, 7040, 648]
+    assert all((log.response_unit, log.drive_unit, log.kind) == ("degC", "%", "transient") for log in logs)
+    assert (np.diff(logs[1].time) == 0).any()
+    (step,) = real("heater_step_30_35", "13*/step_data.csv")
+    assert (len(step), step.drive[99], step.drive[100]) == (4141, 0.0, 5.0)
+    assert step.response[-1] == pytest.approx(31.8 - 29.6, abs=1e-12)
+
+
+def phase_falls(log, low, high):
+    """Whether the phase falls through the resonance, once the background at the sweep's ends is taken off."""
+    ends = np.interp(log.frequency, log.frequency[[0, -1]], [0, 1])
+    signal = log.response - (1 - ends) * log.response[0] - ends * log.response[-1]
+    near = (log.frequency >= low) & (log.frequency <= high)
+    return np.polyfit(log.frequency[near], np.unwrap(np.angle(signal[near])), 1)[0] < 0
