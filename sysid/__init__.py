@@ -1,1 +1,34 @@
-"""From bench logs of a resonant actuator to a tuned controller with error bars."""
+"""From bench logs of a resonant actuator to a tuned controller with honest error bars.
+
+`identify logs/*.csv` on the command line; in Python `read_logs`, `fit`, `sample`.
+"""
+
+from importlib import import_module
+
+_HOME = {
+    "Fit": "sysid.fit",
+    "FittedLog": "sysid.fit",
+    "Log": "sysid.log",
+    "LogError": "sysid.log",
+    "Parameter": "sysid.result",
+    "Plant": "sysid.plant",
+    "Posterior": "sysid.posterior",
+    "Result": "sysid.result",
+    "fit": "sysid.fit",
+    "read_logs": "sysid.log",
+    "sample": "sysid.posterior",
+    "write_log": "sysid.log",
+}
+__version__ = "0.1.0"
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str):
+    """Public names, loaded when first used: `identify --help` does not wait for a compiler."""
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'sysid' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -1,7 +1,7 @@
 """From logs to the arrays that the likelihood takes: what the bench may have added to each, padding, groups of one layout."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from sysid.log import Log
 from sysid.plant import LOW_Q, Hold, hold_inputs
 
 NUISANCES = ("rotation", "background", "offset", "start")
-AT_REST = "taken as at rest, with no output offset, before its first row"
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
 
@@ -25,7 +24,8 @@ class Trial:
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
-    spread: np.ndarray | None = field(default=None, repr=False)  # s^2, when rows are means of many samples
+
+    offset_units = OFFSET_UNITS
 
     @property
     def steady(self) -> bool:
@@ -61,6 +61,17 @@ class Trial:
     def from_rest(self) -> bool:
         """A single level that begins near zero: read as a step at the first row."""
         return self.one_level and (abs(self.log.response[0]) < 0.1 * self.scale or self.log.response_unit in OFFSET_UNITS)
+
+    @property
+    def since_change(self) -> np.ndarray:
+        """Seconds since the inputs of each row of a transient last changed."""
+        hold = self.hold((0.0, 0.0))
+        return np.where(hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf)
+
+    @property
+    def changes(self) -> int:
+        """How often the inputs of a transient change."""
+        return len(self.hold((0.0, 0.0)).drive) - 1
 
     @property
     def start_free(self) -> bool:
@@ -124,7 +135,7 @@ class Trial:
             hold = hold_inputs(
                 log.time - delay, drive, log.frequency, log.temperature, settled=log.sampling == "settled", reference=reference
             )
-            return hold if self.spread is None else hold._replace(spread=self.spread)
+            return hold
         frequency = np.full(len(log), np.nan) if log.frequency is None else log.frequency
         warming = np.zeros(len(log)) if log.temperature is None else log.temperature - reference[1]
         return Hold(
@@ -133,17 +144,21 @@ class Trial:
         )  # fmt: skip
 
 
-def group(trials: Sequence[Trial], reference: tuple[float, float], tau: float | None, own_gain: bool = False) -> tuple[Groups, list]:
+def group(
+    trials: Sequence[Trial], reference: tuple[float, float], tau: float | None = None, *, search: bool = False
+) -> tuple[Groups, list[list[int]]]:
     """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
 
-    `own_gain`: every log gets a gain of its own, as a search for starting values wants. `tau` decides where Q is low.
+    `tau` decides where Q is low. `search`: as a search for starting values wants it, with a gain of its own for every log,
+    and no more than SEARCH_ROWS of its rows.
     """
     low_q = tau is not None and np.isfinite(reference[0]) and np.pi * reference[0] * tau < LOW_Q
     holds = [t.hold(reference) for t in trials]
-    sizes = _sizes(trials, holds)
+    kept = [_thin(t, h) if search else np.arange(len(t.log)) for t, h in zip(trials, holds, strict=True)]
+    sizes = _sizes(trials, holds, kept)
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
     for i, (trial, hold) in enumerate(zip(trials, holds, strict=True)):
-        layout, x = _experiment(trial, hold, sizes[i], low_q, own_gain)
+        layout, x = _experiment(trial, hold, kept[i], sizes[i], low_q, search)
         stacks.setdefault(layout, []).append((i, x))
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
@@ -157,7 +172,23 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], tau: float | 
     return tuple(groups), members
 
 
-def _sizes(trials: Sequence[Trial], holds: Sequence[Hold]) -> list[tuple[int, int]]:
+SEARCH_ROWS = 160
+
+
+def _thin(trial: Trial, hold: Hold) -> np.ndarray:
+    """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
+    n = len(trial.log)
+    edges = np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
+    if n <= SEARCH_ROWS:
+        return np.arange(n)
+    if len(edges) - 1 > SEARCH_ROWS // 8:
+        return np.unique(np.linspace(0, n - 1, SEARCH_ROWS).astype(int))
+    share = np.linspace(0, 1, SEARCH_ROWS // (len(edges) - 1)) ** (1 if trial.steady else 2)
+    rows = np.concatenate([a + share * (b - 1 - a) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    return np.unique(np.rint(rows).astype(int))
+
+
+def _sizes(trials: Sequence[Trial], holds: Sequence[Hold], kept: Sequence[np.ndarray]) -> list[tuple[int, int]]:
     """Rows and intervals that each log is padded to: the longest of its kind's, unless that is four times its own."""
 
     def padded(lengths: list[int], alike: list) -> list[int]:
@@ -166,9 +197,13 @@ def _sizes(trials: Sequence[Trial], holds: Sequence[Hold]) -> list[tuple[int, in
             for n, a in zip(lengths, alike, strict=True)
         ]
 
-    rows = padded([len(t.log) for t in trials], [t.kind for t in trials])
+    rows = padded([len(k) for k in kept], [t.kind for t in trials])
     few = [not t.steady and len(h.drive) <= FEW for t, h in zip(trials, holds, strict=True)]
-    return [(r, FEW if short else r) for r, short in zip(rows, few, strict=True)]
+    many = [_bucket(len(h.drive), 16) for h in holds]
+    return [
+        (r, r if t.steady else FEW if short else max(m, r))
+        for r, short, m, t in zip(rows, few, many, trials, strict=True)
+    ]
 
 
 FEW = 16  # intervals of a log of steps: more than that, and each row has one of its own
@@ -190,35 +225,46 @@ def _pad(values: Iterable, n: int, fill: float = 0.0) -> np.ndarray:
 COLUMNS = 3  # offset, feedthrough or background, slope: absent ones are zero
 
 
-def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, own_gain: bool) -> tuple[Layout, Experiment]:
-    n, (rows, intervals) = len(trial.log), size
-    columns = trial.columns(hold)
-    taken = len(columns)
-    columns = np.concatenate([columns, np.zeros((COLUMNS - taken, n))])
+def _experiment(
+    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool
+) -> tuple[Layout, Experiment]:
+    rows, intervals = size
+    known = trial.columns(hold)
+    columns = np.zeros((COLUMNS, rows))
+    columns[: len(known), : len(keep)] = known[:, keep]
     amplitude = trial.log.amplitude_only and trial.resonant
     driven = trial.driven or (trial.steady and trial.log.drive is None)
-    own_gain = driven and (own_gain or trial.log.drive is None)
+    own_gain = driven and (search or trial.log.drive is None)
     both = low_q and not trial.steady and trial.resonant
     layout = Layout(trial.steady, amplitude, own_gain, both, rows, intervals)
-    known = ("duration", "drive", "offset", "warming")
-    padded = {name: _pad(getattr(hold, name), intervals) for name in known}
-    padded["offset"] = np.nan_to_num(padded["offset"])
-    by_row = {name: _pad(getattr(hold, name), rows) for name in ("interval", "elapsed", "spread")}
-    y = trial.log.response if amplitude else np.asarray(trial.log.response, complex)
+    y = trial.log.response[keep] if amplitude else np.asarray(trial.log.response[keep], complex)
     return layout, Experiment(
-        hold=Hold(omega=_pad(hold.omega, intervals, np.nan), **padded, **by_row),
+        hold=_padded_hold(hold, keep, rows, intervals, trial.steady),
         response=_pad(y, rows),
-        used=_pad(np.ones(n), rows),
-        columns=np.array([_pad(c, rows) for c in columns]).astype(y.dtype),
-        memory=_pad(trial.memory(), rows),
+        used=_pad(np.ones(len(keep)), rows),
+        columns=columns.astype(y.dtype),
+        memory=np.zeros(rows) if search else _pad(trial.memory(), rows),
         sigma=np.asarray(trial.noise_std or 0.05 * trial.scale),
         looseness=np.asarray(10.0 * trial.scale),
-        freedom=np.asarray(freedom(trial, taken)),
+        freedom=np.asarray(freedom(trial, len(known))),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
         start_free=np.asarray(float(trial.start_free)),
         floor_free=np.asarray(float(not trial.steady)),
+    )
+
+
+def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, intervals: int, steady: bool) -> Hold:
+    held = keep if steady else slice(None)
+    return Hold(
+        *(_pad(v[held], intervals) for v in (hold.duration, hold.drive)),
+        omega=_pad(hold.omega[held], intervals, np.nan),
+        offset=_pad(np.nan_to_num(hold.offset[held]), intervals),
+        warming=_pad(hold.warming[held], intervals),
+        interval=np.arange(rows, dtype=np.int32) if steady else _pad(hold.interval[keep], rows),
+        elapsed=_pad(hold.elapsed[keep], rows),
+        spread=_pad(hold.spread[keep], rows),
     )
 
 

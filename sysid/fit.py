@@ -99,6 +99,9 @@ def _linearise(theta, directions, layouts, groups):
     return jacobian @ jacobian.T, jacobian @ value, details(theta, layouts, groups)
 
 
+_details = jax.jit(details, static_argnames="layouts")
+
+
 @float64
 def fit(
     logs: Sequence[Log],
@@ -124,7 +127,109 @@ def fit(
     flipped = _settle(trials, states[0])
     if flipped != trials:
         trials, states = _minima(flipped, reference, free, start)
-    return identify.conclude(states, reference, free, tuple(warnings), reference_temperature)
+    return _conclude(states, reference, free, warnings, reference_temperature)
+
+
+def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float) -> Fit:
+    best = states[0]
+    G, tau = np.exp(best.theta[:2])
+    index = [NAMES.index(n) for n in free]
+    units = _units(best.trials[0].log)
+    # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
+    drifts = "k_T" in free and np.sqrt(best.covariance[3, 3]) <= identify.limits(G, tau)["k_T"]
+    warm = any(t.log.temperature is not None for t in best.trials)
+    at = reference_temperature if drifts else (reference[1] if warm else None)
+    carry = np.diag([G, tau, 1.0, 1.0])
+    carry[2, 3] = at - reference[1] if drifts else 0.0
+    covariance = (carry @ best.covariance @ carry.T)[np.ix_(index, index)]
+    values = {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3], "k_T": best.theta[3]}
+    plant = Plant(*(float(values[n]) if n in free else None for n in NAMES), reference_temperature=at or reference_temperature)
+    estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
+    described, logs = _described(best, reference)
+    warnings = warnings + described
+    result = Result.successful if best.converged else Result.not_converged
+    fitted = Fit(
+        plant, {}, free, covariance, result, at, logs, tuple(warnings), units, tuple(states), reference
+    )  # fmt: skip
+    parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in NAMES}
+    if result is Result.successful and described:
+        result = Result.misfit
+    if result is Result.successful and not usable(parameters, best.trials):
+        result = Result.undetermined
+    return replace(fitted, parameters=parameters, result=result)
+
+
+def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
+    """Whether tau is determined, and G where a drive was recorded."""
+    return parameters["tau"].determined and (parameters["G"].determined or all(t.log.drive is None for t in trials))
+
+
+def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
+    """The estimate of one parameter, or why there is none."""
+    state = fit.modes[0]
+    G, tau = np.exp(state.theta[:2])
+    known = name in fit.names and np.isfinite(value) and std <= identify.limits(G, tau)[name]
+    if known and len(fit.modes) == 1:
+        ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
+        return Parameter(value, std, ci95, fit.units[name], True)
+    apart = known and _spread_of_modes(fit, name) > 2 * std
+    if known and not apart:
+        ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
+        return Parameter(value, std, ci95, fit.units[name], True)
+    modes = _modes(fit, name) if apart else ()
+    said = identify.why(name, state.trials, tau, fit.names, len(modes))
+    return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
+    found = []
+    for state in fit.modes:
+        k, value = NAMES.index(name), float(state.theta[NAMES.index(name)])
+        std = float(np.sqrt(state.covariance[k, k]))
+        if k < 2:
+            value, std = np.exp(value), np.exp(value) * std
+        elif name == "f0":
+            value += fit.reference[0]
+        found.append((float(value), float(std)))
+    return found
+
+
+def _spread_of_modes(fit: Fit, name: str) -> float:
+    return float(np.ptp([value for value, _ in _mode_values(fit, name)]))
+
+
+def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
+    weight = np.exp(-np.array([s.cost for s in fit.modes]) + fit.modes[0].cost)
+    return tuple(
+        {"value": value, "std": std, "weight": float(w)}
+        for (value, std), w in zip(_mode_values(fit, name), weight / weight.sum(), strict=True)
+    )
+
+
+def _units(log: Log) -> dict[str, str]:
+    gain = log.response_unit if log.drive is None else f"{log.response_unit}/{log.drive_unit}"
+    return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
+
+
+def _described(state: State, reference) -> tuple[list[str], tuple[FittedLog, ...]]:
+    """Each log beside its model; and, for every log that the model does not describe, a sentence."""
+    groups, members = group(state.trials, reference, np.exp(state.theta[1]))
+    found = jax.device_get(_details(state.theta, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
+    models = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
+    misfits, fitted = [], []
+    for i, trial in enumerate(state.trials):
+        model = models[i][: len(trial.log)]
+        model = model.real if trial.log.amplitude_only else model
+        left = trial.log.response - model
+        said = identify.misfit(trial, model, left, float(np.exp(state.theta[1])))
+        if said:
+            misfits.append(f"{trial.log.name}: {said}")
+        centred = trial.log.response - np.mean(trial.log.response)
+        nrmse = 100 * float(np.linalg.norm(left) / max(np.linalg.norm(centred), 1e-300))
+        fitted.append(
+            FittedLog(trial.log, trial.kind, model, left, nrmse, trial.noise_std, trial.noise_time, identify.describe(trial))
+        )
+    return misfits, tuple(fitted)
 
 
 def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
@@ -196,14 +301,17 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
         k_T = start.k_T or 0.0
         points = np.array([[np.log(start.tau), f0 + k_T * (reference[1] - start.reference_temperature), k_T]])
         cost = search.sums(points)[0]
-    trials = tuple(
-        with_noise(t, 0.05 * t.scale * np.sqrt(c / freedom(t)) if np.isfinite(c) else 0.05 * t.scale, 0.0)
-        for t, c in zip(trials, cost, strict=True)
-    )
+    level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
+    trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
+    starts = [np.concatenate([[_log_gain(search, point)], point]) for point in _distinct(points)]
+    found = sorted((_refine(trials, theta, reference, free, rounds=1) for theta in starts), key=lambda s: s.cost)
     states: list[State] = []
-    for point in _distinct(points)[:4]:
-        theta = np.concatenate([[_log_gain(search, point)], point])
-        state = _refine(trials, theta, reference, free)
+    for first in found:
+        if any(not _apart(first, other, free) for other in states):
+            continue
+        if states and first.cost > states[0].cost + 0.2 * abs(states[0].cost) + 10 * MODES:
+            continue
+        state = _refine(first.trials, first.theta, reference, free)
         if all(_apart(state, other, free) for other in states):
             states.append(state)
     states.sort(key=lambda s: s.cost)
@@ -226,7 +334,8 @@ def _distinct(points: np.ndarray) -> list[np.ndarray]:
 
 
 def _log_gain(search: Search, point: np.ndarray) -> float:
-    gains = [g for g, t in zip(search.gains(point), search.trials, strict=True) if t.driven and np.isfinite(g) and g > 0]
+    found = search(point[None])[1][0]
+    gains = [g for g, t in zip(found, search.trials, strict=True) if t.driven and np.isfinite(g) and g > 0]
     return float(np.log(np.median(gains))) if gains else 0.0
 
 
@@ -237,19 +346,18 @@ def _apart(state: State, other: State, free) -> bool:
     return bool(np.any(np.abs(step) > 5 * spread + 1e-9))
 
 
-def _refine(trials, theta, reference, free) -> State:
+def _refine(trials, theta, reference, free, rounds: int = 12) -> State:
     """Minimise, estimate each log's noise from its residual, and again until nothing changes any more."""
     index = [NAMES.index(n) for n in free]
     converged = False
     last = np.inf
-    for _ in range(12):
+    for _ in range(rounds):
         scale = np.array([1.0, 1.0, 1 / (2 * np.pi * np.exp(theta[1])), 0.1 / (2 * np.pi * np.exp(theta[1]))])
         directions = np.diag(scale)[:, index]
         groups, members = group(trials, reference, np.exp(theta[1]))
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
-        gram, gradient, found = _linearise(theta, directions, layouts, arrays)
-        gram, gradient = np.asarray(gram), np.asarray(gradient)
+        gram, gradient, found = jax.device_get(_linearise(theta, directions, layouts, arrays))
         inverse = _invert(gram)
         left = float(gradient @ inverse @ gradient)  # what a further Newton step would take off the sum of squares
         trials, cost, moved = _update(trials, members, found)

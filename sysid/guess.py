@@ -53,21 +53,29 @@ def _about_peak(f: np.ndarray, y: np.ndarray, fraction: float) -> np.ndarray:
 
 
 def _pole(f: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
-    """Pole p of y = (A + B u + C u^2)/(u - p): u y = p y + A + B u + C u^2, reweighted by the last |u - p|."""
     centre, half = f.mean(), max(np.ptp(f) / 2, 1e-300)
-    u = (f - centre) / half
-    found = []
-    for degree in (1, 2):
-        weight = np.ones(len(u))
-        pole = 0j
-        for _ in range(8):
-            design = np.column_stack([y] + [u**k for k in range(degree + 1)]) * weight[:, None]
-            pole = np.linalg.lstsq(design, u * y * weight, rcond=None)[0][0]
-            distance = np.abs(u - pole)
-            weight = 1 / np.maximum(distance, 1e-3 * np.max(distance) + 1e-12)
-        if pole.imag != 0:
-            found.append((1 / (2 * np.pi * half * abs(pole.imag)), centre + half * pole.real))
-    return found
+    poles = [_rational_pole((f - centre) / half, y, degree) for degree in (1, 2)]
+    return [(1 / (2 * np.pi * half * abs(p.imag)), centre + half * p.real) for p in poles if p.imag != 0]
+
+
+def _rational_pole(u: np.ndarray, y: np.ndarray, degree: int) -> complex:
+    """Pole p of y = (A + B u + C u^2)/(u - p): u y = p y + A + B u + C u^2, reweighted by the last |u - p|."""
+    weight, pole = np.ones(len(u)), 0j
+    for _ in range(8):
+        design = np.column_stack([y] + [u**k for k in range(degree + 1)]) * weight[:, None]
+        pole = np.linalg.lstsq(design, u * y * weight, rcond=None)[0][0]
+        distance = np.abs(u - pole)
+        weight = 1 / np.maximum(distance, 1e-3 * np.max(distance) + 1e-12)
+    return pole
+
+
+def phase_falls(trial: Trial) -> bool:
+    """Whether the phase of a d/q sweep falls through the resonance, as e^{+j omega t} makes it: a pole above the axis."""
+    log = trial.log
+    f, y = log.frequency, log.response if log.drive is None else log.response / np.where(log.drive == 0, 1.0, log.drive)
+    if np.ptp(f) == 0 or len(f) < 6:
+        return True
+    return bool(_rational_pole((f - f.mean()) / (np.ptp(f) / 2), y, 2).imag > 0)
 
 
 def _lorentzian(f: np.ndarray, w: np.ndarray) -> list[tuple[float, float]]:
@@ -143,8 +151,8 @@ def _matrix_pencil(y: np.ndarray, dt: float, order: int, signed: bool) -> list[c
     hankel = np.lib.stride_tricks.sliding_window_view(y, length + 1)
     _, _, right = np.linalg.svd(hankel, full_matrices=False)
     found = []
-    for rank in {2, order} if signed else {2, order}:
-        v = right[:rank].conj().T if False else right[:rank].T
+    for rank in {2, order}:
+        v = right[:rank].T
         shift = np.linalg.lstsq(v[:-1], v[1:], rcond=None)[0]
         z = np.linalg.eigvals(shift)
         poles = np.log(np.where(z == 0, 1e-12, z)) / dt

@@ -1,5 +1,188 @@
-"""What these logs determine and what they do not, why, and what to record next."""
-LEAST_WARMING = 0.2
-def assumptions(trial): return []
-def conclude(states, reference, free, warnings, reference_temperature):
-    return states, reference, free, warnings
+"""What these logs determine and what they do not: the limits, the reasons in words, and what to record next.
+
+A parameter is determined when its interval is finite, comes from the data, belongs to one mode, and is narrow enough to use:
+
+    G, tau    standard deviation below 20 % of the value
+    f0        standard deviation below half of the half bandwidth 1/(2 pi tau)
+    k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.experiment import Trial
+from sysid.guess import phase_falls
+
+LEAST_WARMING = 0.2  # degC; a smaller span of temperatures is one temperature
+RELATIVE = 0.2
+WARMING = 10.0
+STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
+SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+
+
+def limits(G: float, tau: float) -> dict[str, float]:
+    """Largest standard deviation at which each parameter counts as determined."""
+    half_bandwidth = 1 / (2 * np.pi * tau)
+    return {"G": RELATIVE * G, "tau": RELATIVE * tau, "f0": 0.5 * half_bandwidth, "k_T": half_bandwidth / WARMING}
+
+
+def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
+    """One sentence: why `name` cannot be told from these logs, and what to record."""
+    if modes > 1:
+        return _why_modes(trials)
+    return {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}[name](trials, tau, free)
+
+
+def _why_modes(trials: Sequence[Trial]) -> str:
+    if all(t.log.amplitude_only for t in trials if t.resonant):
+        return (
+            "cannot tell, because the amplitude alone does not say on which side of the drive the resonance lies and two"
+            " solutions fit alike; record wd and wq, or a sweep across the resonance"
+        )
+    return "cannot tell, because separate solutions fit these logs alike; record a sweep across the resonance and a voltage step"
+
+
+def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    if all(t.log.drive is None for t in trials):
+        return "cannot tell, because no drive is recorded; add a voltage_* or drive_* column, or its value as metadata"
+    if not any(t.driven for t in trials):
+        return "cannot tell, because the drive is zero in every row; record a voltage step"
+    if all(t.one_level for t in trials if t.driven):
+        return (
+            "cannot tell, because no row shows the response without drive, so that an output offset, a plate that still rings"
+            f" and a gain look alike; record {_seconds(tau)} before the step, with the drive at zero"
+        )
+    return "cannot tell, because noise or background hide the response to the drive; record a larger voltage step"
+
+
+def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    moving = [t for t in trials if not t.steady]
+    swept = [t for t in trials if t.steady and t.resonant and np.ptp(t.log.frequency) > 0]
+    if not moving and not swept:
+        return (
+            "cannot tell, because settled points at one frequency hold no time constant; record a voltage step or a sweep"
+            " across the resonance"
+        )
+    if moving:
+        window = max(t.log.time[-1] - t.log.time[0] for t in moving)
+        step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
+        if window < 2 * tau:
+            return (
+                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {_seconds(5 * window)} or more"
+                " after a voltage step"
+            )
+        if step > tau:
+            return (
+                f"cannot tell, because rows are {_seconds(step)} apart and the response settles between two of them;"
+                f" record rows {_seconds(step / 20)} apart or closer"
+            )
+    if swept and not moving:
+        span = max(np.ptp(t.log.frequency) for t in swept)
+        return (
+            f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep over at least"
+            f" {max(span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more across it"
+        )
+    return "cannot tell, because noise hides the transient; record a larger step, or the average of several"
+
+
+def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    if "f0" not in free:
+        return "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
+    if all(t.log.amplitude_only for t in trials if t.resonant):
+        return (
+            "cannot tell, because the amplitude of a step near resonance does not depend on the detuning; record wd and wq,"
+            " or a sweep across the resonance"
+        )
+    return f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz wide or more"
+
+
+def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
+    if "f0" not in free:
+        return "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
+    if not warm:
+        return "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC apart"
+    lowest, highest = min(w.min() for w in warm), max(w.max() for w in warm)
+    if "k_T" not in free:
+        return (
+            f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC); record a sweep"
+            " 10 degC away from it"
+        )
+    return (
+        f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the resonance;"
+        " record sweeps at temperatures further apart"
+    )
+
+
+def _seconds(t: float) -> str:
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if t >= size:
+            return f"{t / size:.3g} {unit}"
+    return f"{t / 1e-9:.3g} ns"
+
+
+def assumptions(trial: Trial) -> list[str]:
+    """What had to be taken for granted to read a log at all."""
+    log, found = trial.log, []
+    if trial.from_rest and log.response_unit not in trial.offset_units:
+        found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
+    elif trial.from_rest:
+        found.append("taken as settled, with the drive at zero, before its first row")
+    if not trial.steady and log.sampling is None and trial.changes > 0.1 * len(log):
+        found.append(
+            "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling: instant"
+        )
+    if log.amplitude_only and trial.resonant and trial.driven:
+        found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
+    if not trial.resonant and not trial.steady:
+        found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
+    return found
+
+
+def describe(trial: Trial) -> str:
+    """What a log was taken for, in a few words."""
+    log = trial.log
+    shape = "settled points" if trial.steady else "transient"
+    if log.frequency is not None and np.ptp(log.frequency) > 0:
+        shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
+    elif not trial.steady:
+        shape += ", undriven" if not trial.driven else f", drive changes {trial.changes} times" if trial.changes else ", one level"
+    shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
+    return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
+
+
+def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> str | None:
+    """A sentence when the residual of a log holds more than noise, by an amount that could matter; else None."""
+    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
+    order = np.argsort(trial.log.frequency, kind="stable") if trial.steady and trial.resonant else slice(None)
+    part, chance = _structure(residual[order])
+    if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
+        return None
+    if not trial.steady and not _near_changes(trial, residual, tau):
+        return None
+    said = f"the residual holds {100 * part / size:.1f} % of the response that is not noise"
+    if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
+        return f"{said}: the phase rises through the resonance; if the demodulator's sign is the other one, say phase_sign = -1"
+    return f"{said}: saturated, a second resonance, an interfering line, or a background that is not a slope"
+
+
+def _structure(residual: np.ndarray) -> tuple[float, float]:
+    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
+    n = len(residual)
+    power = float(np.mean(np.abs(residual) ** 2))
+    if n < 8 or power == 0:
+        return 0.0, 0.0
+    shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
+    channels = 2 if np.iscomplexobj(residual) else 1
+    return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
+
+
+def _near_changes(trial: Trial, residual: np.ndarray, tau: float) -> bool:
+    """Whether the residual is larger after changes of the inputs than at rest: a misfit; coloured noise is everywhere."""
+    since = trial.since_change
+    near = since < 5 * tau
+    if near.sum() < 8 or (~near).sum() < 20:
+        return True
+    ratio = np.mean(np.abs(residual[near]) ** 2) / max(np.mean(np.abs(residual[~near]) ** 2), 1e-300)
+    return bool(ratio > 4)

@@ -14,6 +14,7 @@ The noise level of each log has the scale-free prior 1/sigma and is integrated o
 log p = -sum_logs (degrees of freedom / 2) log S.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -85,6 +86,7 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> tuple[Array, Array]:
     return forced, jnp.zeros_like(forced)
 
 
+@partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it
 def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
     """Whitened residual of one experiment in units of its noise, all nuisances at their optimum."""
     forced, free = basis(theta, x.hold, layout)

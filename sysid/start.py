@@ -4,23 +4,22 @@ from collections.abc import Sequence
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from sysid.experiment import Trial, freedom, group
+from sysid.experiment import SEARCH_ROWS, Trial, freedom, group
 from sysid.guess import candidates
-from sysid.likelihood import details, sums
+from sysid.likelihood import details
 
 BATCH = 64  # candidates per call: one compiled program for any number of them
 
 
 @partial(jax.jit, static_argnames="layouts")
-def _sums(thetas, layouts, groups):
-    return jax.vmap(lambda theta: sums(theta, layouts, groups))(thetas)
+def _sums_and_gains(thetas, layouts, groups):
+    def one(theta):
+        return tuple((jnp.sum(jnp.abs(d.rows) ** 2, axis=-1), d.gain) for d in details(theta, layouts, groups))
 
-
-@partial(jax.jit, static_argnames="layouts")
-def _gains(theta, layouts, groups):
-    return tuple(found.gain for found in details(theta, layouts, groups))
+    return jax.vmap(one)(thetas)
 
 
 class Search:
@@ -28,29 +27,26 @@ class Search:
 
     def __init__(self, trials: Sequence[Trial], reference: tuple[float, float]):
         self.trials, self.reference = trials, reference
-        groups, self.members = group(trials, reference, None, own_gain=True)
+        groups, self.members = group(trials, reference, search=True)
         self.layouts, self.groups = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        self.freedom = np.array([freedom(t) for t in trials])
+        self.freedom = np.array([min(freedom(t), 2 * SEARCH_ROWS) for t in trials])
 
-    def sums(self, points: np.ndarray) -> np.ndarray:
-        """(n, logs) residual sums of squares at points (n, 3) of log tau, f0 - reference, k_T."""
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference, k_T."""
         n = len(points)
         thetas = np.zeros((-(-n // BATCH) * BATCH, 4))
-        thetas[:n, 1:] = points
-        thetas[n:, 1:] = points[-1]
-        found = np.empty((len(thetas), len(self.trials)))
+        thetas[:, 1:] = np.concatenate([points, np.repeat(points[-1:], len(thetas) - n, axis=0)])
+        found = np.empty((2, len(thetas), len(self.trials)))
         for i in range(0, len(thetas), BATCH):
-            for members, part in zip(self.members, _sums(thetas[i : i + BATCH], self.layouts, self.groups), strict=True):
-                found[i : i + BATCH, members] = np.asarray(part)[:, : len(members)]
-        return np.where(np.isfinite(found), found, np.inf)[:n]
+            parts = jax.device_get(_sums_and_gains(thetas[i : i + BATCH], self.layouts, self.groups))
+            for members, part in zip(self.members, parts, strict=True):
+                found[:, i : i + BATCH, members] = np.stack(part)[..., : len(members)]
+        sums, gains = found[:, :n]
+        return np.where(np.isfinite(sums), sums, np.inf), gains
 
-    def gains(self, point: np.ndarray) -> np.ndarray:
-        """(logs,) gains at one point; zero where no drive acts."""
-        found = np.zeros(len(self.trials))
-        theta = np.concatenate([[0.0], point])
-        for members, part in zip(self.members, _gains(theta, self.layouts, self.groups), strict=True):
-            found[members] = np.asarray(part)[: len(members)]
-        return found
+    def sums(self, points: np.ndarray) -> np.ndarray:
+        """(n, logs) residual sums of squares."""
+        return self(points)[0]
 
 
 def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

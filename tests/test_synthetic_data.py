@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -41,7 +42,7 @@ def stretches(*inputs):
     """(first, last) rows between which no input changes; `last` is the row at which the next one acts."""
     changes = np.flatnonzero(np.any([np.diff(column) != 0 for column in inputs], axis=0)) + 1
     edges = [0, *changes, len(inputs[0]) - 1]
-    return [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+    return [(a, b) for a, b in pairwise(edges) if b > a]
 
 
 # --- the files --------------------------------------------------------------------------------------------------------
@@ -195,6 +196,22 @@ def test_the_resonance_moves_with_temperature():
     loss = 1 - abs(make.steady(plant, 1.0, plant.f0, 28.0) / make.steady(plant, 1.0, plant.f0, 24.0))
     assert loss == pytest.approx(0.08, abs=0.002)  # "8 %" has one digit; w0/omega adds 0.1 %
     assert make.steady(plant, 1.0, plant.f0, 28.0).imag < 0  # warmer: the resonance is below the drive
+
+
+@pytest.mark.parametrize(
+    ("folder", "name"), [(".", "step_100V_24C"), (".", "ring_down"), ("low_q", "step_and_release")]
+)
+def test_the_row_at_which_a_step_acts_does_not_feel_it_yet(folder, name):
+    """`sampling: instant`, for the state and for the feedthrough (too small to show under the noise of one row)."""
+    log = replace(named(folder, name), noise=0.0)
+    rows, _ = make.record(PLANTS[folder], log, 0)
+    z, step = rows["wd"] + 1j * rows["wq"], np.flatnonzero(log.voltage)[0]
+    leak = PLANTS[folder].G * log.feedthrough * log.voltage[step]
+    assert z[step] == log.offset  # still at rest
+    # One row later there is the plate, turned, and the leak; 1e-9 is for rounding.
+    state = make.ringing(PLANTS[folder], log.time, log.voltage, log.frequency, log.temperature)[step + 1]
+    turned = np.exp(1j * np.deg2rad(log.rotation_deg)) * state
+    assert z[step + 1] - log.offset - turned == pytest.approx(leak, rel=1e-9)
 
 
 # --- the committed files, against their truth -------------------------------------------------------------------------
