@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid.likelihood import Experiment, Groups, Layout
 from sysid.log import Log
-from sysid.plant import LOW_Q, Hold, hold_inputs
+from sysid.plant import LOW_Q, Hold, hold_inputs, settled_points
 
 NUISANCES = ("rotation", "background", "offset", "start")
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
@@ -130,17 +130,13 @@ class Trial:
         log = self.log
         drive = np.ones(len(log)) if log.drive is None and self.steady else log.drive
         drive = np.zeros(len(log)) if drive is None else drive
-        delay = log.bench.get("delay_s", 0.0)
-        if not self.steady:
-            hold = hold_inputs(
-                log.time - delay, drive, log.frequency, log.temperature, settled=log.sampling == "settled", reference=reference
-            )
-            return hold
-        frequency = np.full(len(log), np.nan) if log.frequency is None else log.frequency
-        warming = np.zeros(len(log)) if log.temperature is None else log.temperature - reference[1]
-        return Hold(
-            np.zeros(len(log)), drive, 2 * np.pi * frequency, 2 * np.pi * (reference[0] - frequency), warming,
-            np.arange(len(log), dtype=np.int32), np.zeros(len(log)), np.zeros(len(log)),
+        if self.steady:
+            frequency = np.full(len(log), np.nan) if log.frequency is None else log.frequency
+            temperature = np.full(len(log), np.nan) if log.temperature is None else log.temperature
+            return settled_points(drive, frequency, temperature, reference=reference)
+        time = log.time - log.bench.get("delay_s", 0.0)
+        return hold_inputs(
+            time, drive, log.frequency, log.temperature, settled=log.sampling == "settled", reference=reference
         )  # fmt: skip
 
 
@@ -155,7 +151,7 @@ def group(
     low_q = tau is not None and np.isfinite(reference[0]) and np.pi * reference[0] * tau < LOW_Q
     holds = [t.hold(reference) for t in trials]
     kept = [_thin(t, h) if search else np.arange(len(t.log)) for t, h in zip(trials, holds, strict=True)]
-    sizes = _sizes(trials, holds, kept)
+    sizes = _sizes([max(len(k), len(h.drive)) if not t.steady else len(k) for t, h, k in zip(trials, holds, kept, strict=True)])
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
     for i, (trial, hold) in enumerate(zip(trials, holds, strict=True)):
         layout, x = _experiment(trial, hold, kept[i], sizes[i], low_q, search)
@@ -164,7 +160,7 @@ def group(
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
         xs = [x for _, x in stack]
         blank = xs[0]._replace(used=np.zeros_like(xs[0].used), freedom=np.zeros(()))
-        xs += [blank] * (_bucket(len(xs), 1) - len(xs))
+        xs += [blank] * (_bucket(len(xs)) - len(xs))
         stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
         size = len(Hold._fields)
         groups.append((layout, Experiment(Hold(*stacked[:size]), *stacked[size:])))
@@ -188,36 +184,20 @@ def _thin(trial: Trial, hold: Hold) -> np.ndarray:
     return np.unique(np.rint(rows).astype(int))
 
 
-def _sizes(trials: Sequence[Trial], holds: Sequence[Hold], kept: Sequence[np.ndarray]) -> list[tuple[int, int]]:
-    """Rows and intervals that each log is padded to: the longest of its kind's, unless that is four times its own."""
-
-    def padded(lengths: list[int], alike: list) -> list[int]:
-        return [
-            _bucket(max(m for m, b in zip(lengths, alike, strict=True) if b == a and m <= 4 * n), 16)
-            for n, a in zip(lengths, alike, strict=True)
-        ]
-
-    rows = padded([len(k) for k in kept], [t.kind for t in trials])
-    few = [not t.steady and len(h.drive) <= FEW for t, h in zip(trials, holds, strict=True)]
-    many = [_bucket(len(h.drive), 16) for h in holds]
-    return [
-        (r, r if t.steady else FEW if short else max(m, r))
-        for r, short, m, t in zip(rows, few, many, trials, strict=True)
-    ]
+def _sizes(lengths: Sequence[int]) -> list[int]:
+    """Rows that each log is padded to: as many as the longest has, unless that is over twice its own."""
+    return [_bucket(max(m for m in lengths if m <= 2 * n), 64) for n in lengths]
 
 
-FEW = 16  # intervals of a log of steps: more than that, and each row has one of its own
-
-
-def _bucket(n: int, least: int) -> int:
-    """The next of a few sizes, so that logs of new lengths find a compiled program: 1, 2, 3, 4, 6, 8, 12, 16, ..."""
+def _bucket(n: int, least: int = 1) -> int:
+    """The next of a few sizes, 1, 2, 3, 4, 6, 8, 12, 16, ..., so that logs of new lengths find a compiled program."""
     size = least
     while size < n:
-        size = size * 3 // 2 if size & (size - 1) == 0 and size > 1 else 1 << size.bit_length()
+        size = 1 << size.bit_length() if size & (size - 1) else max(size * 3 // 2, size + 1)
     return size
 
 
-def _pad(values: Iterable, n: int, fill: float = 0.0) -> np.ndarray:
+def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
     values = np.asarray(values)
     return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
 
@@ -226,9 +206,8 @@ COLUMNS = 3  # offset, feedthrough or background, slope: absent ones are zero
 
 
 def _experiment(
-    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool
+    trial: Trial, hold: Hold, keep: np.ndarray, rows: int, low_q: bool, search: bool
 ) -> tuple[Layout, Experiment]:
-    rows, intervals = size
     known = trial.columns(hold)
     columns = np.zeros((COLUMNS, rows))
     columns[: len(known), : len(keep)] = known[:, keep]
@@ -236,10 +215,10 @@ def _experiment(
     driven = trial.driven or (trial.steady and trial.log.drive is None)
     own_gain = driven and (search or trial.log.drive is None)
     both = low_q and not trial.steady and trial.resonant
-    layout = Layout(trial.steady, amplitude, own_gain, both, rows, intervals)
+    layout = Layout(amplitude, own_gain, both, rows)
     y = trial.log.response[keep] if amplitude else np.asarray(trial.log.response[keep], complex)
     return layout, Experiment(
-        hold=_padded_hold(hold, keep, rows, intervals, trial.steady),
+        hold=_padded_hold(hold, keep, rows, trial.steady),
         response=_pad(y, rows),
         used=_pad(np.ones(len(keep)), rows),
         columns=columns.astype(y.dtype),
@@ -255,16 +234,17 @@ def _experiment(
     )
 
 
-def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, intervals: int, steady: bool) -> Hold:
+def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, steady: bool) -> Hold:
     held = keep if steady else slice(None)
     return Hold(
-        *(_pad(v[held], intervals) for v in (hold.duration, hold.drive)),
-        omega=_pad(hold.omega[held], intervals, np.nan),
-        offset=_pad(np.nan_to_num(hold.offset[held]), intervals),
-        warming=_pad(hold.warming[held], intervals),
+        *(_pad(v[held], rows) for v in (hold.duration, hold.drive)),
+        omega=_pad(hold.omega[held], rows, np.nan),
+        offset=_pad(np.nan_to_num(hold.offset[held]), rows),
+        warming=_pad(hold.warming[held], rows),
         interval=np.arange(rows, dtype=np.int32) if steady else _pad(hold.interval[keep], rows),
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),
+        settled=_pad(hold.settled[keep], rows, True),
     )
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from sysid.likelihood import details, stacked_rows
 from sysid.log import Log
 from sysid.noise import estimate
 from sysid.plant import Plant
-from sysid.precision import float64
+from sysid.precision import compiled, float64
 from sysid.result import Parameter, Result
 from sysid.start import Search, joint, local
 
@@ -74,7 +73,7 @@ class Fit:
 _rows = jax.jit(stacked_rows, static_argnames="layouts")  # one function in the programs that call it many times
 
 
-@partial(jax.jit, static_argnames="layouts")
+@compiled
 def _levenberg_marquardt(theta, directions, layouts, groups):
     """theta + directions @ x that makes the residual rows smallest."""
 
@@ -87,7 +86,7 @@ def _levenberg_marquardt(theta, directions, layouts, groups):
     return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
 
 
-@partial(jax.jit, static_argnames="layouts")
+@compiled
 def _linearise(theta, directions, layouts, groups):
     """Gram matrix of the Jacobian and gradient along `directions`; residual and nuisances of each log, group by group."""
 
@@ -99,7 +98,7 @@ def _linearise(theta, directions, layouts, groups):
     return jacobian @ jacobian.T, jacobian @ value, details(theta, layouts, groups)
 
 
-_details = jax.jit(details, static_argnames="layouts")
+_details = compiled(details)
 
 
 @float64

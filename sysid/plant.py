@@ -66,7 +66,8 @@ class Hold(NamedTuple):
 
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
     rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
-    the variance of the times that were averaged into the row (0: a single sample).
+    the variance of the times that were averaged into the row (0: a single sample), `settled` True for a row that is read
+    after its inputs have held for ever.
     """
 
     duration: Array
@@ -77,9 +78,10 @@ class Hold(NamedTuple):
     interval: Array
     elapsed: Array
     spread: Array
+    settled: Array
 
 
-def transient(tau: Array, detuning: Array, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
+def respond(tau: Array, detuning: Array, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
     """Response of each row to the drive from rest, per unit G, and the free decay of a unit start: two (N,) arrays.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s.
@@ -112,7 +114,7 @@ def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
     nothing is divided by a time, so that zero-length intervals need no special case.
     """
     target = push / pole
-    growth = _expm1(pole * hold.duration)
+    growth = _expm1(pole * hold.duration)  # duration of a settled point: 0
 
     def advance(state, interval):
         forced, free = state
@@ -124,7 +126,7 @@ def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
     at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
-    grown = _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
+    grown = jnp.where(hold.settled, -1.0, _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread))
     return forced + grown * (forced + target), free + grown * free
 
 
@@ -167,7 +169,7 @@ class Plant:
         reference = (0.0, self.reference_temperature)
         hold = hold_inputs(np.asarray(time, float), drive, frequency, temperature, settled=settled, reference=reference)
         detuning = 2 * jnp.pi * self._resonance(hold.warming) + hold.offset
-        forced, free = transient(self.tau, detuning, hold, both_modes=both_modes)
+        forced, free = respond(self.tau, detuning, hold, both_modes=both_modes)
         return self._gain * forced + start * free
 
     @property
@@ -209,4 +211,21 @@ def hold_inputs(time, drive, frequency=None, temperature=None, *, settled=False,
         interval=row.astype(np.int32),
         elapsed=time - time[first][row],
         spread=np.zeros(n),
+        settled=np.zeros(n, bool),
+    )
+
+
+def settled_points(drive, frequency, temperature, *, reference=(0.0, 0.0)) -> Hold:
+    """Settled points as a `Hold`: each row has inputs of its own, held for ever; NaN frequency: at resonance."""
+    n = len(drive)
+    return Hold(
+        duration=np.zeros(n),
+        drive=np.asarray(drive, float),
+        omega=2 * np.pi * np.asarray(frequency, float),
+        offset=2 * np.pi * (reference[0] - np.asarray(frequency, float)),
+        warming=np.nan_to_num(np.asarray(temperature, float) - reference[1]),
+        interval=np.arange(n, dtype=np.int32),
+        elapsed=np.zeros(n),
+        spread=np.zeros(n),
+        settled=np.ones(n, bool),
     )

@@ -1,7 +1,6 @@
 """From the candidates of each log to starting points for all logs together."""
 
 from collections.abc import Sequence
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -10,11 +9,12 @@ import numpy as np
 from sysid.experiment import SEARCH_ROWS, Trial, freedom, group
 from sysid.guess import candidates
 from sysid.likelihood import details
+from sysid.precision import compiled
 
 BATCH = 64  # candidates per call: one compiled program for any number of them
 
 
-@partial(jax.jit, static_argnames="layouts")
+@compiled
 def _sums_and_gains(thetas, layouts, groups):
     def one(theta):
         return tuple((jnp.sum(jnp.abs(d.rows) ** 2, axis=-1), d.gain) for d in details(theta, layouts, groups))

@@ -1,0 +1,7 @@
+"""`python -m sysid` is the command `identify`."""
+
+import sys
+
+from sysid.cli import main
+
+sys.exit(main())

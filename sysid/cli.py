@@ -1,0 +1,193 @@
+"""The command `identify`: reads logs, fits, samples, designs the controller, writes the files, prints one screen.
+
+Exit codes: 0 identified; 1 not converged, not described or not determined; 2 bad usage or unreadable input; 130 interrupted.
+"""
+
+import argparse
+import io
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from sysid import __version__
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
+    arguments = _parser().parse_args(argv)
+    try:
+        return _identify(arguments)
+    except KeyboardInterrupt:
+        print("identify: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="identify",
+        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
+        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
+        allow_abbrev=False,
+    )
+    parser.add_argument("logs", nargs="+", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
+    parser.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
+    parser.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
+    parser.add_argument(
+        "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
+    )
+    parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
+    parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    return parser
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _seed(text: str) -> int:
+    if not 0 <= (value := int(text)) < 2**32:
+        raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
+    return value
+
+
+_number.__name__, _seed.__name__ = "temperature", "seed"  # argparse says: invalid temperature value
+
+
+def _identify(arguments: argparse.Namespace) -> int:
+    from sysid import outputs
+    from sysid.log import LogError, read_logs
+
+    stages, folder = _Stages(), Path(arguments.folder)
+    try:
+        outputs.check_writable(folder)
+    except OSError as error:
+        return _refuse(f"{folder}: cannot be written: {error}")
+    try:
+        with stages("read", "reading the logs"):
+            logs = read_logs(arguments.logs, arguments.columns)
+    except LogError as error:
+        return _refuse(str(error), error.mapping)
+    posterior = _posterior(logs, arguments, stages)
+    loop, warnings = _design(posterior)
+    try:
+        content, text = _write(posterior, loop, warnings, folder, stages)
+    except OSError as error:
+        return _refuse(f"{folder}: cannot be written: {error}")
+    _say(content, text, posterior, folder, arguments.json)
+    return 0 if content["result"] == "successful" else 1
+
+
+def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> Any:
+    with stages("load", "starting"):
+        _cache_compilations()
+        from sysid.fit import fit
+        from sysid.posterior import sample
+    with stages("fit", "fitting the plant"):
+        fitted = fit(logs, reference_temperature=arguments.reference_temperature)
+    with stages("sample", "sampling the posterior"):
+        return sample(fitted, seed=arguments.seed)
+
+
+def _cache_compilations() -> None:
+    """Keep compiled programs between runs: the first run's compilation costs more than all of its arithmetic."""
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    import jax
+    from platformdirs import user_cache_dir
+
+    folder = Path(user_cache_dir("sysid")) / "xla"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    if os.access(folder, os.W_OK):
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def _design(posterior: Any) -> tuple[Any, list[str]]:
+    """The controller, None when there is none, and all warnings."""
+    import controller
+
+    warnings = list(posterior.fit.warnings)
+    if posterior.result.value != "successful":
+        return None, warnings
+    try:
+        return controller.design(posterior), warnings
+    except ValueError as error:  # no drive was recorded: G is not determined
+        return None, [*warnings, str(error)]
+
+
+def _write(posterior: Any, loop: Any, warnings: list[str], folder: Path, stages: "_Stages") -> tuple[dict, str]:
+    """Write the set into `folder`; returns the content of fit.json and its text."""
+    import controller
+    from sysid import outputs
+    from sysid.report import html
+
+    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings)
+    with outputs.staging(folder) as fresh:
+        with stages("report", "writing the report"):
+            outputs.write_draws(posterior, fresh / outputs.DRAWS)
+            (fresh / outputs.REPORT).write_text(html.render(content, posterior), encoding="utf-8", newline="\n")
+        if loop is not None:
+            (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
+            controller.export_c(loop, fresh / outputs.HEADER)
+        content |= {"files": outputs.digests(fresh), "cost": stages.cost}
+        text = outputs.to_json(content)
+        (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")
+        outputs.place(fresh, folder)
+    return content, text
+
+
+def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) -> None:
+    from sysid.report.text import clean, derived
+
+    for warning in content["warnings"]:
+        print(f"warning: {clean(warning)}", file=sys.stderr)
+    if as_json:
+        sys.stdout.write(text)
+        return
+    from sysid.report.screen import show
+
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that has no ± gets a question mark
+    show(content, derived(posterior.draws, content["parameters"]), folder, sys.stdout)
+
+
+def _refuse(message: str, mapping: str | None = None) -> int:
+    from sysid.report.text import clean
+
+    print(f"identify: {clean(message)}", file=sys.stderr)
+    if mapping:
+        print("\nSave the following as map.toml, complete it, and run: identify --columns map.toml LOGS\n", file=sys.stderr)
+        print(clean(mapping), file=sys.stderr)
+    return 2
+
+
+class _Stages:
+    """Seconds that each stage took, and a spinner on a terminal while it lasts."""
+
+    def __init__(self) -> None:
+        self.cost: dict[str, float] = {}
+        self._spin: Callable[[str], Any] = nullcontext
+        if sys.stderr.isatty():
+            from rich.console import Console
+
+            self._spin = Console(stderr=True).status
+
+    @contextmanager
+    def __call__(self, name: str, doing: str) -> Iterator[None]:
+        began = time.perf_counter()
+        with self._spin(f"{doing} ..."):
+            yield
+        self.cost[f"{name}_s"] = round(time.perf_counter() - began, 3)

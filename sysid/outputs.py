@@ -1,0 +1,137 @@
+"""The files of a run: fit.json, the draws, and how a whole set takes the place of an older one."""
+
+import hashlib
+import json
+import math
+import os
+import platform
+import signal
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sysid.fit import FittedLog
+    from sysid.posterior import Posterior
+    from sysid.result import Parameter
+
+SCHEMA = 1
+FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"
+PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
+
+
+def document(posterior: "Posterior", controller: Mapping[str, Any] | None, warnings: Sequence[str]) -> dict[str, Any]:
+    """The content of fit.json; `files` and `cost` are empty until the other files are written."""
+    fit = posterior.fit
+    content = {
+        "schema": SCHEMA,
+        "result": posterior.result.value,
+        "parameters": {name: _parameter(p) for name, p in posterior.summary().items()},
+        "reference_temperature_degC": fit.reference_temperature,
+        "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat},
+        "warnings": list(warnings),
+        "logs": [_log(fitted) for fitted in fit.logs],
+        "controller": controller,
+        "files": {},
+        "seed": posterior.seed,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "cost": {},
+    }
+    return _plain(content)
+
+
+def to_json(content: Mapping[str, Any]) -> str:
+    """JSON text, ASCII, that any strict reader takes: what is not finite is null."""
+    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+
+
+def _parameter(p: "Parameter") -> dict[str, Any]:
+    shown = {"value": p.value, "std": p.std, "ci95": p.ci95, "unit": p.unit, "determined": p.determined, "why": p.why}
+    return shown | ({"modes": list(p.modes)} if p.modes else {})
+
+
+def _log(fitted: "FittedLog") -> dict[str, Any]:
+    log = fitted.log
+    return {
+        "path": log.path,
+        "sha256": log.sha256,
+        "kind": fitted.kind,
+        "rows": len(log),
+        "nrmse_percent": fitted.nrmse_percent,
+        "name": log.name,
+        "description": fitted.description,
+        "response_unit": log.response_unit,
+        "noise_std": fitted.noise_std,
+        # Without time the correlation is known in rows, which are no seconds.
+        "noise_time_s": None if log.time is None and fitted.noise_time else fitted.noise_time,
+        "notes": log.notes,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Dicts, lists, strings, numbers; None for a number that is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    return float(value) if math.isfinite(value) else None
+
+
+def write_draws(posterior: "Posterior", path: Path) -> None:
+    """The draws as NetCDF4, group "posterior", dimensions (chain, draw): `arviz.from_netcdf(path)` opens it."""
+    import h5netcdf
+    import numpy as np
+
+    chains, count = next(iter(posterior.draws.values())).shape
+    with h5netcdf.File(path, "w") as file:
+        group = file.create_group("posterior")
+        group.dimensions = {"chain": chains, "draw": count}
+        for name in ("chain", "draw"):
+            group.create_variable(name, (name,), data=np.arange(len(group.dimensions[name])))
+        for name, draws in posterior.draws.items():
+            variable = group.create_variable(name, ("chain", "draw"), data=np.asarray(draws, np.float64))
+            variable.attrs["units"] = posterior.fit.units.get(name, "1")
+
+
+def check_writable(folder: Path) -> None:
+    """Raise OSError when a set could not be placed in `folder`; leaves nothing behind."""
+    for name in (FIT, DRAWS, REPORT, CONTROLLER, HEADER):
+        if (folder / name).is_dir():
+            raise IsADirectoryError(f"{folder / name} is a directory, expected a file or nothing")
+    with staging(folder):
+        pass
+
+
+@contextmanager
+def staging(folder: Path) -> Iterator[Path]:
+    """A fresh directory on the file system of `folder`, removed in every case. Raises OSError."""
+    ground = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    with tempfile.TemporaryDirectory(prefix=".identify-", dir=ground) as fresh:
+        yield Path(fresh)
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """sha256 of every file in a folder, by name."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}
+
+
+def place(fresh: Path, folder: Path) -> None:
+    """Move the files of `fresh` into `folder`, fit.json last; older controller files that have no successor go first.
+
+    Ctrl-C waits until all are moved: it would leave a mixture of two sets.
+    """
+    names = sorted((path.name for path in fresh.iterdir()), key=lambda name: (name == FIT, name))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in {CONTROLLER, HEADER} - set(names):
+            (folder / stale).unlink(missing_ok=True)
+        for name in names:
+            os.replace(fresh / name, folder / name)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,1 @@
+"""What a run says: one screen, and a report to keep."""

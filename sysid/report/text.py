@@ -1,0 +1,88 @@
+"""Numbers and names in words: two digits of the error, readable units, nothing that a terminal would obey."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+ADVICE = {
+    "the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance",
+    "the model does not describe the logs": "leave out the logs that the warnings name, or record them again at a smaller drive",
+    "the logs do not determine tau or G": "the parameters say what to record",
+    "the sampler stopped before it reached its criteria": "record a voltage step and a sweep across the resonance",
+}
+
+
+def clean(text: str) -> str:
+    """The text with control, direction and undecodable characters as \\uXXXX: a file name cannot steer the terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in text)
+
+
+def seconds(value: float) -> str:
+    """A time to three digits."""
+    unit, factor = _prefix(value)
+    return f"{value * factor:.3g} {unit}"
+
+
+def measured(value: float, std: float, others: Iterable[float] = (), unit: str = "") -> tuple[list[str], str]:
+    """[value, std, *others] to two digits of the error, and their unit; a time comes with a prefix."""
+    if unit == "s":
+        unit, factor = _prefix(value)
+        value, std, others = value * factor, std * factor, [x * factor for x in others]
+    size = max(abs(value), std)
+    exponent = 3 * math.floor(math.log10(size) / 3) if size > 0 and (size < 1e-3 or std >= 1e6) else 0
+    digits = 6 if std <= 0 else min(max(1 - math.floor(math.log10(std) - exponent), 0), 15)
+    tail = f"e{exponent}" if exponent else ""
+    return [f"{x / 10**exponent:.{digits}f}{tail}" for x in (value, std, *others)], unit
+
+
+def row(parameter: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Value and error, 95 % interval, unit of a determined parameter in the form of fit.json."""
+    (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
+    return f"{value} ± {std}", f"{low} to {high}", unit
+
+
+def derived(draws: Mapping[str, np.ndarray], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Q = pi f0 tau and half the bandwidth 1/(2 pi tau) from the draws, where their parameters are determined."""
+    found = {}
+    if parameters["tau"]["determined"]:
+        if parameters["f0"]["determined"]:
+            found["Q"] = _summarised(np.pi * draws["f0"] * draws["tau"], "1")
+        found["half bandwidth"] = _summarised(1 / (2 * np.pi * draws["tau"]), "Hz")
+    return found
+
+
+def grouped(logs: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The logs' notes, each once, with the logs that it is about."""
+    names: dict[str, list[str]] = {}
+    for log in logs:
+        for note in log["notes"]:
+            names.setdefault(note, []).append(log["name"])
+    return [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
+
+
+def gains(controller: Mapping[str, Any]) -> list[str]:
+    """The controller in a few lines."""
+    unit = " ({drive} per {response})".format(**controller["units"])
+    d, bound = controller["gains"]["d"], {"stated": "as stated", "plant": "0.3 tau", "delay": "limited by one sample of delay"}
+    lines = [
+        f"Kp {d['Kp']:.6g}, Ki Ts {d['Ki_Ts']:.6g}{unit} at a sample time of {seconds(controller['sample_time_s'])};"
+        f" closed loop {controller['bandwidth_Hz']:.4g} Hz ({bound[controller['bandwidth_bound']]})"
+    ]
+    if tracker := controller["tracker"]:
+        lines.append(
+            f"tracker {tracker['gain_Hz']:.4g} Hz per Wq/Wd every {seconds(tracker['period_s'])}, at most"
+            f" {tracker['max_step_Hz']:.4g} Hz at once, from {tracker['start_Hz']:.8g} Hz"
+        )
+    return lines + list(controller["notes"])
+
+
+def _prefix(value: float) -> tuple[str, float]:
+    return next((p for p in PREFIXES if abs(value) * p[1] >= 1), PREFIXES[0 if value == 0 else -1])
+
+
+def _summarised(draws: np.ndarray, unit: str) -> dict[str, Any]:
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return {"value": float(draws.mean()), "std": float(draws.std(ddof=1)), "ci95": [float(low), float(high)], "unit": unit}
