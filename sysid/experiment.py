@@ -24,6 +24,7 @@ class Trial:
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
+    level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
 
     offset_units = OFFSET_UNITS
 
@@ -94,6 +95,14 @@ class Trial:
         within = np.arange(len(self.log)) - np.repeat(first, count)
         return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
 
+    @property
+    def weight(self) -> np.ndarray:
+        """(n,) what each row's noise is divided by, relative to the largest: 1, or the response where noise is a fraction."""
+        if not self.log.relative_noise:
+            return np.ones(len(self.log))
+        level = np.abs(self.log.response) if self.level is None else self.level
+        return self.scale / np.maximum(level, 1e-4 * self.scale)
+
     def memory(self) -> np.ndarray:
         """Correlation of the noise with the row before."""
         if self.noise_time <= 0:
@@ -159,7 +168,7 @@ def group(
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
         xs = [x for _, x in stack]
-        blank = xs[0]._replace(used=np.zeros_like(xs[0].used), freedom=np.zeros(()))
+        blank = xs[0]._replace(weight=np.zeros_like(xs[0].weight), freedom=np.zeros(()))
         xs += [blank] * (_bucket(len(xs)) - len(xs))
         stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
         size = len(Hold._fields)
@@ -220,7 +229,7 @@ def _experiment(
     return layout, Experiment(
         hold=_padded_hold(hold, keep, rows, trial.steady),
         response=_pad(y, rows),
-        used=_pad(np.ones(len(keep)), rows),
+        weight=_pad(trial.weight[keep], rows),
         columns=columns.astype(y.dtype),
         memory=np.zeros(rows) if search else _pad(trial.memory(), rows),
         sigma=np.asarray(trial.noise_std or 0.05 * trial.scale),

@@ -387,16 +387,18 @@ def _update(trials, members, found):
             dof = freedom(trial)
             rho = trial.memory()
             channels = 1 if trial.log.amplitude_only else 2
+            cost -= channels * np.sum(np.log(trial.weight))
             cost += 0.5 * dof * np.log(max(float(np.sum(np.abs(detail.rows[k]) ** 2)), 1e-12) * trial.noise_std**2) + 0.5 * channels * np.sum(np.log1p(-(rho**2)))
             left = trial.log.response - np.asarray(detail.model[k])[:n]
             left = left.real if trial.log.amplitude_only else left
-            std, time = estimate(left, trial.clock, dof)
+            std, time = estimate(left * trial.weight, trial.clock, dof)
             new = with_noise(trial, std, time)
             floor = float(detail.floor[k])
             if trial.log.amplitude_only and trial.resonant:
                 # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
                 floor = new.noise_std**2 if trial.steady else max(floor, 1e-6 * new.noise_std**2)
-            new = replace(new, start=complex(detail.start[k]), floor=floor)
+            level = np.abs(np.asarray(detail.model[k])[:n]) if trial.log.relative_noise else None
+            new = replace(new, start=complex(detail.start[k]), floor=floor, level=level)
             moved = max(moved, abs(new.noise_std / trial.noise_std - 1), abs(new.noise_time - trial.noise_time) / (new.noise_time or 1.0))
             updated[i] = new
     return tuple(updated), cost, moved

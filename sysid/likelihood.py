@@ -37,7 +37,7 @@ class Experiment(NamedTuple):
     """One log as arrays, padded to its layout; in a group each has a leading axis of logs.
 
     `hold`: inputs, with room for an interval per row. `response` (N,) complex d/q or real amplitude;
-    `used` (N,) 1 for a row, 0 for padding; `columns` (K, N), largest magnitude 1; `memory` (N,) correlation of the noise with
+    `weight` (N,) of a row's noise, 0 for padding; `columns` (K, N), largest magnitude 1; `memory` (N,) correlation of the noise with
     the row before; `sigma` its standard deviation per channel; `looseness` standard deviation of the nuisances' prior;
     `freedom` degrees of freedom of the residual; `rotated` 1 when the demodulator's phase is unknown; `start` and `floor` the
     amplitude log's nu_1 (complex) and nu_2, `start_free` and `floor_free` 1 when they are to be found.
@@ -45,7 +45,7 @@ class Experiment(NamedTuple):
 
     hold: Hold
     response: Array
-    used: Array
+    weight: Array
     columns: Array
     memory: Array
     sigma: Array
@@ -124,8 +124,9 @@ def _amplitude(gain: Array, forced: Array, free: Array, x: Experiment) -> Residu
 
 def _whiten(v: Array, x: Experiment) -> Array:
     """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid)."""
+    v = v * x.weight
     before = jnp.concatenate([jnp.zeros_like(v[..., :1]), v[..., :-1]], axis=-1)
-    return x.used * (v - x.memory * before) / jnp.sqrt(1 - x.memory**2)
+    return (v - x.memory * before) / jnp.sqrt(1 - x.memory**2)
 
 
 class _Projection:

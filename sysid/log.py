@@ -24,7 +24,7 @@ import numpy as np
 from sysid import units
 from sysid.csvfile import Body, Dialect, Head, LogError, read_body, read_head, refuse_cell
 from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, stated
-from sysid.mapping import MappingFile, Plan, Source, decode, load_mapping, lock_in, select_rows
+from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
 
 __all__ = ["Log", "LogError", "read_logs", "write_log"]
 
@@ -60,6 +60,7 @@ class Log:
     notes: tuple[str, ...] = ()
     path: str = ""
     sha256: str = ""
+    relative_noise: bool = False  # read in decibels: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
         for name in ("response", "time", "drive", "frequency", "temperature", "force"):
@@ -218,6 +219,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         notes=plan.notes,
         path=head.path,
         sha256=body.sha256,
+        relative_noise=any(is_decibel(source.unit) for source in plan.sources.values()),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")

@@ -1,0 +1,38 @@
+"""report.html: one file for an engineer to keep; it asks for nothing else and holds no program."""
+
+from base64 import b64encode
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.report.text import ADVICE, clean, derived, gains, grouped, row, seconds
+
+if TYPE_CHECKING:
+    from sysid.posterior import Posterior
+
+
+def render(document: Mapping[str, Any], posterior: "Posterior") -> str:
+    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs, the same text."""
+    import jinja2
+
+    from sysid.report.plots import PANELS, figures
+
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    settings = {"undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    environment = jinja2.Environment(loader=loader, autoescape=True, finalize=_finalize, **settings)
+    environment.filters |= {"row": row, "seconds": seconds}
+    images = {title: b64encode(png).decode() for title, png in figures(posterior, document["parameters"]).items()}
+    return environment.get_template("template.html.j2").render(
+        document,
+        derived=derived(posterior.draws, document["parameters"]),
+        advice=ADVICE.get(document["result"], ""),
+        gains=gains(document["controller"]) if document["controller"] else [],
+        notes=grouped(document["logs"]),
+        images=images,
+        panels=PANELS,
+    )
+
+
+def _finalize(value: Any) -> Any:
+    """Texts without control characters, which HTML forbids even when escaped."""
+    return clean(value) if type(value) is str else value

@@ -1,0 +1,224 @@
+"""The report's figures, drawn straight on the raster canvas: one per kind of log, the residuals, the posterior.
+
+Wd is blue and Wq is orange throughout; what was recorded is dots, the fit is lines.
+"""
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from sysid.report.text import clean, measured
+
+if TYPE_CHECKING:
+    from sysid.fit import FittedLog
+    from sysid.posterior import Posterior
+
+POINTS = 2000  # of one log in one figure
+PANELS = 15  # logs over time in one figure
+BLUE, ORANGE, GREY = "#1f6fb4", "#e07b1a", "#666666"
+STYLE: dict[str, Any] = {
+    "text.parse_math": False,  # names of files are shown as they are
+    "text.usetex": False,
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 2.5,
+}
+Numbered = tuple[int, "FittedLog"]
+
+
+def figures(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, bytes]:
+    """PNG images by title, of the kinds that there are; `parameters` as in fit.json. The same draws give the same bytes."""
+    logs = list(enumerate(posterior.fit.logs, 1))
+    sweeps = [(i, f) for i, f in logs if _is_sweep(f)]
+    others = [(i, f) for i, f in logs if not _is_sweep(f)]
+    wanted: list[tuple[str, Callable[[], Figure], Any]] = [
+        ("Over time", lambda: _panels(others[:PANELS]), others),
+        ("Sweeps", lambda: _sweeps(sweeps), sweeps),
+        ("Residuals, in units of the noise", lambda: _residuals(logs), True),
+        ("Posterior", lambda: _corner(posterior, parameters), True),
+    ]
+    with matplotlib.rc_context(STYLE):
+        return {title: _png(draw()) for title, draw, needed in wanted if needed}
+
+
+def _png(figure: Figure) -> bytes:
+    """The image without the program's name or any time in it."""
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return buffer.getvalue()
+
+
+def _figure(width: float, height: float) -> Figure:
+    return Figure((width, height), dpi=120)
+
+
+def _is_sweep(fitted: "FittedLog") -> bool:
+    frequency = fitted.log.frequency
+    return fitted.kind == "steady" and frequency is not None and bool(np.ptp(frequency) > 0)
+
+
+def _panels(logs: Sequence[Numbered]) -> Figure:
+    columns = min(3, len(logs))
+    rows = ceil(len(logs) / columns)
+    figure = _figure(10, 0.4 + 1.75 * rows)
+    for place, (number, fitted) in enumerate(logs, 1):
+        axes = figure.add_subplot(rows, columns, place)
+        _over_inputs(axes, fitted)
+        axes.set_title(_name(number, fitted), loc="left", pad=3)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="upper right", ncols=4, frameon=False, borderaxespad=0.1)
+    figure.subplots_adjust(0.06, 0.42 / figure.get_figheight(), 0.995, 1 - 0.4 / figure.get_figheight(), 0.17, 0.55)
+    return figure
+
+
+def _over_inputs(axes: Axes, fitted: "FittedLog") -> None:
+    """One log against time, or settled points against what changes from one to the next."""
+    log, keep = fitted.log, _thin(len(fitted.log))
+    if fitted.kind == "transient" and log.time is not None:
+        x, label = _milliseconds(log.time - log.time[0])
+    elif log.drive is not None and np.ptp(log.drive) > 0:
+        x, label = log.drive, f"drive ({log.drive_unit})"
+    else:
+        x, label = np.arange(len(log)), "row"
+    line = "-" if fitted.kind == "transient" else "x"
+    for part, colour, name in _parts(fitted):
+        axes.plot(x[keep], part(log.response)[keep], ".", color=colour, alpha=0.35, mew=0, label=f"{name} recorded")
+        axes.plot(x[keep], part(fitted.response)[keep], line, color=colour, label=f"{name} fitted")
+    axes.set_xlabel(clean(label), labelpad=1)
+    axes.set_ylabel(clean(log.response_unit), labelpad=1)
+
+
+def _milliseconds(time: np.ndarray) -> tuple[np.ndarray, str]:
+    return (time, "time (s)") if time[-1] >= 2 else (1e3 * time, "time (ms)") if time[-1] >= 2e-3 else (1e6 * time, "time (us)")
+
+
+def _parts(fitted: "FittedLog") -> list[tuple[Callable[[np.ndarray], np.ndarray], str, str]]:
+    if fitted.log.amplitude_only:
+        return [(np.real, GREY, "W")]
+    return [(np.real, BLUE, "Wd"), (np.imag, ORANGE, "Wq")]
+
+
+def _sweeps(logs: Sequence[Numbered]) -> Figure:
+    """Wd and Wq (or W) against frequency on the left, the resonance circle on the right; one colour for each log."""
+    figure = _figure(10, 4.6)
+    frequencies = np.concatenate([f.log.frequency for _, f in logs if f.log.frequency is not None])
+    middle = float(np.round(np.median(frequencies)))
+    shift = middle if np.ptp(frequencies) < 0.2 * middle else 0.0
+    kinds = [name for name in ("Wd", "Wq", "W") if any(part[2] == name for _, f in logs for part in _parts(f))]
+    stack = {name: figure.add_subplot(len(kinds), 2, 2 * k + 1) for k, name in enumerate(kinds)}
+    unit = clean(logs[0][1].log.response_unit)
+    circle = figure.add_subplot(1, 2, 2)
+    colours = matplotlib.colormaps["tab10"].colors  # type: ignore[attr-defined]
+    for k, (number, fitted) in enumerate(logs):
+        _one_sweep(stack, circle, fitted, shift, colours[k % 10], _name(number, fitted))
+    for name, axes in stack.items():
+        axes.set_ylabel(f"{name} ({unit})")
+        axes.tick_params(labelbottom=name == kinds[-1])
+    stack[kinds[-1]].set_xlabel(f"frequency - {shift:.0f} Hz (Hz)" if shift else "frequency (Hz)")
+    circle.set(aspect="equal", xlabel=f"Wd ({unit})", ylabel=f"Wq ({unit})", adjustable="datalim")
+    circle.legend(*_handles(stack, 12), loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
+    figure.subplots_adjust(0.065, 0.1, 0.99, 0.85, 0.16, 0.08)
+    return figure
+
+
+def _one_sweep(stack: Mapping[str, Axes], circle: Axes, fitted: "FittedLog", shift: float, colour: Any, name: str) -> None:
+    log = fitted.log
+    assert log.frequency is not None
+    order = np.argsort(log.frequency, kind="stable")[_thin(len(log))]
+    x, recorded, model = log.frequency[order] - shift, log.response[order], fitted.response[order]
+    for part, _, which in _parts(fitted):
+        stack[which].plot(x, part(recorded), ".", color=colour, alpha=0.4, mew=0)
+        stack[which].plot(x, part(model), color=colour, lw=1.0, label=name)
+    if not log.amplitude_only:
+        circle.plot(recorded.real, recorded.imag, ".", color=colour, alpha=0.4, mew=0)
+        circle.plot(model.real, model.imag, color=colour, lw=1.0)
+
+
+def _handles(stack: Mapping[str, Axes], most: int) -> tuple[list, list[str]]:
+    found = {}
+    for axes in stack.values():
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return list(found.values())[:most], list(found)[:most]
+
+
+def _residuals(logs: Sequence[Numbered]) -> Figure:
+    """Every log in a strip of its own width one, row by row; the band holds 95 % of normal noise."""
+    figure = _figure(10, 2.3)
+    axes = figure.add_subplot()
+    axes.axhspan(-1.96, 1.96, color="#eef2f7", lw=0)
+    for place, (_, fitted) in enumerate(logs):
+        keep = _thin(len(fitted.log))
+        x = place + 0.04 + 0.92 * (np.arange(len(fitted.log)) + 0.5)[keep] / len(fitted.log)
+        for part, colour, _ in _parts(fitted):
+            axes.plot(x, part(fitted.residual)[keep] / (fitted.noise_std or 1.0), ".", color=colour, alpha=0.5, mew=0)
+    axes.set_xticks(np.arange(len(logs)) + 0.5, [str(number) for number, _ in logs])
+    axes.vlines(np.arange(1, len(logs)), 0, 1, transform=axes.get_xaxis_transform(), color="#bbbbbb", lw=0.6)
+    axes.set(xlim=(0, len(logs)), xlabel="log, each from its first row to its last", ylabel="residual / noise")
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=False, axis="x")
+    figure.subplots_adjust(0.065, 0.2, 0.995, 0.97)
+    return figure
+
+
+def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Marginals on the diagonal, pairs below it."""
+    names = [name for name in parameters if name in posterior.draws]
+    flat = [posterior.draws[name].ravel() for name in names]
+    count = len(names)
+    figure = _figure(2 + 1.7 * count, 0.8 + 1.5 * count)
+    for i in range(count):
+        for j in range(i + 1):
+            axes = figure.add_subplot(count, count, count * i + j + 1)
+            axes.grid(visible=False)
+            if i == j:
+                axes.hist(flat[i], 40, color=BLUE, alpha=0.7)
+                axes.spines["left"].set_visible(False)
+            else:
+                keep = _thin(len(flat[i]))
+                axes.plot(flat[j][keep], flat[i][keep], ".", color=BLUE, alpha=0.25, mew=0)
+            _mark(axes, "x", names[j], flat[j], parameters[names[j]]["unit"], i == count - 1)
+            if i == j:
+                axes.set_yticks([])
+            else:
+                _mark(axes, "y", names[i], flat[i], parameters[names[i]]["unit"], j == 0)
+    high = figure.get_figheight()
+    figure.subplots_adjust(1.1 / figure.get_figwidth(), 0.75 / high, 0.985, 1 - 0.08 / high, 0.1, 0.1)
+    figure.align_labels()
+    return figure
+
+
+def _mark(axes: Axes, which: str, name: str, draws: np.ndarray, unit: str, labelled: bool) -> None:
+    """Ticks at the mean and two standard deviations, in digits that tell them apart."""
+    mean, std = float(draws.mean()), float(draws.std())
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    low, high = float(draws.min()), float(draws.max())
+    (axes.set_xlim if which == "x" else axes.set_ylim)((low, high) if high > low else None)
+    ticks = [mean - 2 * std, mean, mean + 2 * std]
+    if not labelled:
+        axis.set_ticks(ticks, labels=[])
+        return
+    texts, shown = measured(mean, std, ticks, unit)
+    axis.set_ticks(ticks, texts[2:], rotation=30, ha="right" if which == "x" else None)
+    axis.set_label_text(clean(f"{name} ({shown})"))
+
+
+def _name(number: int, fitted: "FittedLog") -> str:
+    name = clean(fitted.log.name)
+    return f"{number}  {name if len(name) <= 44 else name[:20] + '...' + name[-21:]}"
+
+
+def _thin(rows: int) -> slice:
+    return slice(None, None, ceil(rows / POINTS))
