@@ -1,7 +1,7 @@
 """From logs to the arrays that the likelihood takes: what the bench may have added to each, padding, groups of one layout."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
