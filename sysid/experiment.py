@@ -24,6 +24,7 @@ class Trial:
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
+    floor_free: bool = True  # until the data want it below zero
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
 
     offset_units = OFFSET_UNITS
@@ -50,7 +51,7 @@ class Trial:
     @property
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
-        return not self.log.amplitude_only or not self.resonant
+        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise)
 
     @property
     def one_level(self) -> bool:
@@ -220,7 +221,7 @@ def _experiment(
     known = trial.columns(hold)
     columns = np.zeros((COLUMNS, rows))
     columns[: len(known), : len(keep)] = known[:, keep]
-    amplitude = trial.log.amplitude_only and trial.resonant
+    amplitude = not trial.signed
     driven = trial.driven or (trial.steady and trial.log.drive is None)
     own_gain = driven and (search or trial.log.drive is None)
     both = low_q and not trial.steady and trial.resonant
@@ -239,7 +240,7 @@ def _experiment(
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
         start_free=np.asarray(float(trial.start_free)),
-        floor_free=np.asarray(float(not trial.steady)),
+        floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
     )
 
 

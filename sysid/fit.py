@@ -20,6 +20,7 @@ from sysid.start import Search, joint, local
 
 NAMES = ("G", "tau", "f0", "k_T")
 SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
+NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
 
 
@@ -241,6 +242,8 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             log = replace(log, temperature=np.full(len(log), mean))
             warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
         trial = Trial(log, log.kind or "steady", nuisances)
+        if trial.start_free and not trial.signed:
+            trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
         warnings += [f"{log.name}: {note}" for note in identify.assumptions(trial)]
     return tuple(trials), warnings
@@ -302,13 +305,14 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
         cost = search.sums(points)[0]
     level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
     trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
-    starts = [np.concatenate([[_log_gain(search, point)], point]) for point in _distinct(points)]
+    points = np.array(_distinct(points))
+    starts = np.column_stack([_log_gains(search, points), points])
     found = sorted((_refine(trials, theta, reference, free, rounds=1) for theta in starts), key=lambda s: s.cost)
     states: list[State] = []
     for first in found:
+        if states and first.cost > states[0].cost + 10 * MODES and states[0].converged:
+            continue  # far above a minimum that is one
         if any(not _apart(first, other, free) for other in states):
-            continue
-        if states and first.cost > states[0].cost + 0.2 * abs(states[0].cost) + 10 * MODES:
             continue
         state = _refine(first.trials, first.theta, reference, free)
         if all(_apart(state, other, free) for other in states):
@@ -332,10 +336,11 @@ def _distinct(points: np.ndarray) -> list[np.ndarray]:
     return kept
 
 
-def _log_gain(search: Search, point: np.ndarray) -> float:
-    found = search(point[None])[1][0]
-    gains = [g for g, t in zip(found, search.trials, strict=True) if t.driven and np.isfinite(g) and g > 0]
-    return float(np.log(np.median(gains))) if gains else 0.0
+def _log_gains(search: Search, points: np.ndarray) -> list[float]:
+    """Log of the median gain of the driven logs at each point."""
+    driven = np.array([t.driven for t in search.trials])
+    gains = [row[driven & np.isfinite(row) & (row > 0)] for row in search(points)[1]]
+    return [float(np.log(np.median(g))) if len(g) else 0.0 for g in gains]
 
 
 def _apart(state: State, other: State, free) -> bool:
@@ -345,29 +350,32 @@ def _apart(state: State, other: State, free) -> bool:
     return bool(np.any(np.abs(step) > 5 * spread + 1e-9))
 
 
-def _refine(trials, theta, reference, free, rounds: int = 12) -> State:
-    """Minimise, estimate each log's noise from its residual, and again until nothing changes any more."""
+def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
+    """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
+
+    Once a Gauss-Newton step would change the sum of squares by less than NEAR, that step replaces the search.
+    """
     index = [NAMES.index(n) for n in free]
-    converged = False
-    last = np.inf
-    for _ in range(rounds):
-        scale = np.array([1.0, 1.0, 1 / (2 * np.pi * np.exp(theta[1])), 0.1 / (2 * np.pi * np.exp(theta[1]))])
-        directions = np.diag(scale)[:, index]
+    last, left, converged = np.inf, np.inf, False
+    for k in range(rounds):
+        half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
+        directions = np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, index]
         groups, members = group(trials, reference, np.exp(theta[1]))
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
+        if left > NEAR:
+            theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
         gram, gradient, found = jax.device_get(_linearise(theta, directions, layouts, arrays))
         inverse = _invert(gram)
-        left = float(gradient @ inverse @ gradient)  # what a further Newton step would take off the sum of squares
-        trials, cost, moved = _update(trials, members, found)
-        settled = moved < 0.01 and abs(last - cost) < 1e-7 * (1 + abs(cost)) + 1e-4
-        last = cost
-        if settled and np.isfinite(cost):
-            converged = left < 1e-2 or left < 1e-10 * cost
+        left = float(gradient @ inverse @ gradient)
+        trials, cost, moved = _update(trials, members, found, weights=k < 10)
+        change, last = abs(last - cost), cost
+        converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
+        if converged and change < 1e-7 + 1e-13 * abs(cost):
             break
-    covariance = np.zeros((4, 4))
-    covariance[np.ix_(index, index)] = (directions @ inverse @ directions.T)[np.ix_(index, index)]
-    return State(theta, covariance, tuple(trials), float(cost), bool(converged))
+        if left <= NEAR:
+            theta = theta - directions @ (inverse @ gradient)
+    covariance = directions @ inverse @ directions.T
+    return State(theta, covariance, tuple(trials), float(cost), converged)
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:
@@ -378,27 +386,36 @@ def _invert(gram: np.ndarray) -> np.ndarray:
     return inverse / np.outer(size, size)
 
 
-def _update(trials, members, found):
+def _update(trials, members, found, weights: bool):
     """Noise and nuisances of each log from the residual at the present theta; the cost there; the largest relative move."""
     updated, cost, moved = list(trials), 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
-            trial, n = trials[i], len(trials[i].log)
-            dof = freedom(trial)
-            rho = trial.memory()
-            channels = 1 if trial.log.amplitude_only else 2
-            cost -= channels * np.sum(np.log(trial.weight))
-            cost += 0.5 * dof * np.log(max(float(np.sum(np.abs(detail.rows[k]) ** 2)), 1e-12) * trial.noise_std**2) + 0.5 * channels * np.sum(np.log1p(-(rho**2)))
-            left = trial.log.response - np.asarray(detail.model[k])[:n]
-            left = left.real if trial.log.amplitude_only else left
-            std, time = estimate(left * trial.weight, trial.clock, dof)
-            new = with_noise(trial, std, time)
-            floor = float(detail.floor[k])
-            if trial.log.amplitude_only and trial.resonant:
-                # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
-                floor = new.noise_std**2 if trial.steady else max(floor, 1e-6 * new.noise_std**2)
-            level = np.abs(np.asarray(detail.model[k])[:n]) if trial.log.relative_noise else None
-            new = replace(new, start=complex(detail.start[k]), floor=floor, level=level)
-            moved = max(moved, abs(new.noise_std / trial.noise_std - 1), abs(new.noise_time - trial.noise_time) / (new.noise_time or 1.0))
+            new = _renew(trials[i], detail, k, weights)
+            cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
+            change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
+            moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
             updated[i] = new
     return tuple(updated), cost, moved
+
+
+def _cost(trial: Trial, total: float) -> float:
+    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
+    channels = 1 if trial.log.amplitude_only else 2
+    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(trial.weight))
+    return float(0.5 * freedom(trial) * np.log(max(total, 1e-12) * trial.noise_std**2) + channels * shrink)
+
+
+def _renew(trial: Trial, detail, k: int, weights: bool) -> Trial:
+    """The trial with the noise and the nuisances that the residual of row `k` of its group shows."""
+    model = detail.model[k][: len(trial.log)]
+    left = trial.log.response - (model.real if trial.log.amplitude_only else model)
+    new = with_noise(trial, *estimate(left * trial.weight, trial.clock, freedom(trial)))
+    if trial.log.relative_noise and weights:  # held after a while: a weight that follows the fit may circle
+        new = replace(new, level=np.abs(model))
+    if trial.signed:
+        return new
+    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
+    free = new.floor_free and not trial.steady and detail.floor[k] > 0
+    held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
+    return replace(new, start=complex(detail.start[k]), floor=float(detail.floor[k]) if free else held, floor_free=bool(free))

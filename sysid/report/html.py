@@ -18,8 +18,9 @@ def render(document: Mapping[str, Any], posterior: "Posterior") -> str:
     from sysid.report.plots import PANELS, figures
 
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
-    settings = {"undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
-    environment = jinja2.Environment(loader=loader, autoescape=True, finalize=_finalize, **settings)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters |= {"row": row, "seconds": seconds}
     images = {title: b64encode(png).decode() for title, png in figures(posterior, document["parameters"]).items()}
     return environment.get_template("template.html.j2").render(

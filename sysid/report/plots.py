@@ -50,7 +50,7 @@ def figures(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]])
         ("Residuals, in units of the noise", lambda: _residuals(logs), True),
         ("Posterior", lambda: _corner(posterior, parameters), True),
     ]
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
         return {title: _png(draw()) for title, draw, needed in wanted if needed}
 
 
@@ -147,7 +147,7 @@ def _one_sweep(stack: Mapping[str, Axes], circle: Axes, fitted: "FittedLog", shi
 
 
 def _handles(stack: Mapping[str, Axes], most: int) -> tuple[list, list[str]]:
-    found = {}
+    found: dict[str, Any] = {}
     for axes in stack.values():
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
