@@ -310,8 +310,8 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
     found = sorted((_refine(trials, theta, reference, free, rounds=1) for theta in starts), key=lambda s: s.cost)
     states: list[State] = []
     for first in found:
-        if states and first.cost > states[0].cost + 10 * MODES and states[0].converged:
-            continue  # far above a minimum that is one
+        if first.cost > found[0].cost + 10 * MODES + 0.05 * search.freedom.sum():
+            continue  # far above the best, also if the noise turns out to be coloured
         if any(not _apart(first, other, free) for other in states):
             continue
         state = _refine(first.trials, first.theta, reference, free)
@@ -367,7 +367,7 @@ def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
         gram, gradient, found = jax.device_get(_linearise(theta, directions, layouts, arrays))
         inverse = _invert(gram)
         left = float(gradient @ inverse @ gradient)
-        trials, cost, moved = _update(trials, members, found, weights=k < 10)
+        trials, cost, moved = _update(trials, members, found, round_=k)
         change, last = abs(last - cost), cost
         converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
         if converged and change < 1e-7 + 1e-13 * abs(cost):
@@ -386,12 +386,12 @@ def _invert(gram: np.ndarray) -> np.ndarray:
     return inverse / np.outer(size, size)
 
 
-def _update(trials, members, found, weights: bool):
+def _update(trials, members, found, round_: int):
     """Noise and nuisances of each log from the residual at the present theta; the cost there; the largest relative move."""
     updated, cost, moved = list(trials), 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
-            new = _renew(trials[i], detail, k, weights)
+            new = _renew(trials[i], detail, k, round_)
             cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
             moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
@@ -406,12 +406,15 @@ def _cost(trial: Trial, total: float) -> float:
     return float(0.5 * freedom(trial) * np.log(max(total, 1e-12) * trial.noise_std**2) + channels * shrink)
 
 
-def _renew(trial: Trial, detail, k: int, weights: bool) -> Trial:
+def _renew(trial: Trial, detail, k: int, round_: int) -> Trial:
     """The trial with the noise and the nuisances that the residual of row `k` of its group shows."""
     model = detail.model[k][: len(trial.log)]
     left = trial.log.response - (model.real if trial.log.amplitude_only else model)
-    new = with_noise(trial, *estimate(left * trial.weight, trial.clock, freedom(trial)))
-    if trial.log.relative_noise and weights:  # held after a while: a weight that follows the fit may circle
+    std, time = estimate(left * trial.weight, trial.clock, freedom(trial))
+    if round_ > 2 and time > 0 and trial.noise_time > 0:
+        time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
+    new = with_noise(trial, std, time)
+    if trial.log.relative_noise and round_ < 10:  # held after a while: a weight that follows the fit may circle
         new = replace(new, level=np.abs(model))
     if trial.signed:
         return new
