@@ -5,20 +5,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sysid.condense import prepare
 from sysid.likelihood import Experiment, Groups, Layout
 from sysid.log import Log
-from sysid.plant import LOW_Q, Hold, hold_inputs, settled_points
+from sysid.plant import LOW_Q, Hold
 
 NUISANCES = ("rotation", "background", "offset", "start")
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """One log, how it is read, and the present knowledge of its noise and of what the bench added."""
 
-    log: Log
+    log: Log  # condensed where it is long
     kind: str  # "transient" | "steady"
+    inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
+    count: np.ndarray = field(repr=False)  # (n,) rows of the file that each row is the mean of
     nuisances: tuple[str, ...] = NUISANCES
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
@@ -28,6 +31,12 @@ class Trial:
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
 
     offset_units = OFFSET_UNITS
+
+    @classmethod
+    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
+        """A log as it is read at first: nothing known of its noise."""
+        short, inputs, count = prepare(log, kind)
+        return cls(short, kind, inputs, count, nuisances)
 
     @property
     def steady(self) -> bool:
@@ -67,13 +76,13 @@ class Trial:
     @property
     def since_change(self) -> np.ndarray:
         """Seconds since the inputs of each row of a transient last changed."""
-        hold = self.hold((0.0, 0.0))
+        hold = self.inputs
         return np.where(hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf)
 
     @property
     def changes(self) -> int:
         """How often the inputs of a transient change."""
-        return len(self.hold((0.0, 0.0)).drive) - 1
+        return len(self.inputs.drive) - 1
 
     @property
     def start_free(self) -> bool:
@@ -98,11 +107,12 @@ class Trial:
 
     @property
     def weight(self) -> np.ndarray:
-        """(n,) what each row's noise is divided by, relative to the largest: 1, or the response where noise is a fraction."""
+        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise is a fraction."""
+        weight = np.sqrt(self.count)
         if not self.log.relative_noise:
-            return np.ones(len(self.log))
+            return weight
         level = np.abs(self.log.response) if self.level is None else self.level
-        return self.scale / np.maximum(level, 1e-4 * self.scale)
+        return weight * self.scale / np.maximum(level, 1e-4 * self.scale)
 
     def memory(self) -> np.ndarray:
         """Correlation of the noise with the row before."""
@@ -137,17 +147,9 @@ class Trial:
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
-        log = self.log
-        drive = np.ones(len(log)) if log.drive is None and self.steady else log.drive
-        drive = np.zeros(len(log)) if drive is None else drive
-        if self.steady:
-            frequency = np.full(len(log), np.nan) if log.frequency is None else log.frequency
-            temperature = np.full(len(log), np.nan) if log.temperature is None else log.temperature
-            return settled_points(drive, frequency, temperature, reference=reference)
-        time = log.time - log.bench.get("delay_s", 0.0)
-        return hold_inputs(
-            time, drive, log.frequency, log.temperature, settled=log.sampling == "settled", reference=reference
-        )  # fmt: skip
+        known = np.isfinite(self.inputs.omega)
+        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
+        return self.inputs._replace(offset=np.where(known, 2 * np.pi * reference[0] - self.inputs.omega, 0.0), warming=warming)
 
 
 def group(
@@ -261,7 +263,7 @@ def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, steady: bool) -> Hold:
 def freedom(trial: Trial, columns: int | None = None) -> float:
     """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
     if columns is None:
-        columns = len(trial.columns(trial.hold((0.0, 0.0))))
+        columns = len(trial.columns(trial.inputs))
     if trial.log.amplitude_only:
         return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady), 1))
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances)

@@ -28,8 +28,9 @@ MODES = 8.0  # a second minimum whose log-likelihood is within this of the best 
 class FittedLog:
     """One log and what the fit makes of it; arrays are in the order of the log's rows."""
 
-    log: Log
+    log: Log  # means of neighbouring rows where the file is long
     kind: str
+    rows: int  # of the file
     response: np.ndarray = field(repr=False)  # modelled
     residual: np.ndarray = field(repr=False)  # recorded - modelled
     nrmse_percent: float
@@ -125,7 +126,7 @@ def fit(
     free = _free(trials)
     trials, states = _minima(trials, reference, free, start)
     flipped = _settle(trials, states[0])
-    if flipped != trials:
+    if [t.kind for t in flipped] != [t.kind for t in trials]:
         trials, states = _minima(flipped, reference, free, start)
     return _conclude(states, reference, free, warnings, reference_temperature)
 
@@ -227,7 +228,7 @@ def _described(state: State, reference) -> tuple[list[str], tuple[FittedLog, ...
         centred = trial.log.response - np.mean(trial.log.response)
         nrmse = 100 * float(np.linalg.norm(left) / max(np.linalg.norm(centred), 1e-300))
         fitted.append(
-            FittedLog(trial.log, trial.kind, model, left, nrmse, trial.noise_std, trial.noise_time, identify.describe(trial))
+            FittedLog(trial.log, trial.kind, int(trial.count.sum()), model, left, nrmse, trial.noise_std, trial.noise_time, identify.describe(trial))
         )
     return misfits, tuple(fitted)
 
@@ -241,7 +242,7 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             mean = float(np.mean(recorded))
             log = replace(log, temperature=np.full(len(log), mean))
             warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
-        trial = Trial(log, log.kind or "steady", nuisances)
+        trial = Trial.of(log, log.kind or "steady", nuisances)
         if trial.start_free and not trial.signed:
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
@@ -276,7 +277,7 @@ def _settle(trials: Sequence[Trial], state: State) -> tuple[Trial, ...]:
     for trial in trials:
         if trial.log.kind is None:
             kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
-            trial = replace(trial, kind=kind)
+            trial = trial if trial.kind == kind else Trial.of(trial.log, kind, trial.nuisances)
         settled.append(trial)
     return tuple(settled)
 
@@ -289,10 +290,10 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
         if any(t.log.kind is None for t in trials):  # tau of each log by itself tells settled sweeps from fast ones
             taus = np.exp(best[:, 0])
             kinds = [
-                t if t.log.kind is not None or np.median(np.diff(t.log.time)) >= SETTLED * tau else replace(t, kind="transient")
+                t if t.log.kind is not None or np.median(np.diff(t.log.time)) >= SETTLED * tau else Trial.of(t.log, "transient", t.nuisances)
                 for t, tau in zip(trials, taus, strict=True)
             ]
-            if tuple(kinds) != tuple(trials):
+            if any(t.kind == "transient" for t in kinds if t.log.kind is None):
                 trials = tuple(kinds)
                 search = Search(trials, search.reference)
                 best, cost = local(search, np.random.default_rng(0))

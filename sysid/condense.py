@@ -1,0 +1,81 @@
+"""Logs of millions of rows, as the means of neighbouring rows: what the fit then takes, with nothing assumed about tau.
+
+Blocks are densest after each change of the inputs and widen with the time since, as the response slows down. A block keeps
+the mean and the variance of its times, so that the model of its mean response is exact to fourth order in (block / tau).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.log import Log
+from sysid.plant import Hold, hold_inputs, settled_points
+
+MOST = 4096  # rows of a log that the fit looks at one by one
+
+
+def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
+    """The log, condensed where it is long; its inputs; and how many rows each of its rows is the mean of."""
+    hold = _inputs(log, kind)
+    n = len(log)
+    if n <= MOST or log.kind is None:  # its kind may still change
+        return log, hold, np.ones(n)
+    if kind == "steady":
+        if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
+            return log, hold, np.ones(n)
+        order = np.argsort(log.frequency, kind="stable")
+        log = _taken(replace(log, time=None, kind="steady"), order)
+        edges = np.linspace(0, n, MOST + 1).astype(int)[:-1]
+        short = _means(log, edges)
+        return short, _inputs(short, kind), np.diff(np.append(edges, n)).astype(float)
+    if len(hold.drive) > MOST // 8:
+        return log, hold, np.ones(n)
+    edges = _edges(hold)
+    count = np.diff(np.append(edges, n)).astype(float)
+    elapsed = _mean(hold.elapsed, edges, count)
+    spread = np.maximum(_mean(hold.elapsed**2, edges, count) - elapsed**2, 0.0)
+    hold = hold._replace(
+        interval=hold.interval[edges], elapsed=elapsed, spread=np.where(count > 1, spread, 0.0), settled=hold.settled[edges]
+    )
+    return _means(log, edges), hold, count
+
+
+def _inputs(log: Log, kind: str) -> Hold:
+    drive = log.drive
+    if drive is None:  # unknown: settled points have a gain of their own, a transient is taken as undriven
+        drive = np.full(len(log), 1.0 if kind == "steady" else 0.0)
+    if kind == "steady":
+        unknown = np.full(len(log), np.nan)
+        return settled_points(
+            drive, unknown if log.frequency is None else log.frequency, unknown if log.temperature is None else log.temperature
+        )
+    time = log.time - log.bench.get("delay_s", 0.0)
+    return hold_inputs(time, drive, log.frequency, log.temperature, settled=log.sampling == "settled")
+
+
+def _edges(hold: Hold) -> np.ndarray:
+    """First rows of the blocks: none crosses a change of the inputs, and within a stretch they widen linearly."""
+    starts = np.searchsorted(hold.interval, np.arange(len(hold.drive)))
+    stops = np.append(starts[1:], len(hold.interval))
+    share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
+    edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
+    return np.unique(np.concatenate([[0, 1], *edges]))
+
+
+def _mean(values: np.ndarray, edges: np.ndarray, count: np.ndarray) -> np.ndarray:
+    return np.add.reduceat(values, edges) / count
+
+
+def _means(log: Log, edges: np.ndarray) -> Log:
+    count = np.diff(np.append(edges, len(log))).astype(float)
+    arrays = {}
+    for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+        values = getattr(log, name)
+        constant = name in ("drive",) or (name == "frequency" and log.kind != "steady")
+        arrays[name] = None if values is None else values[edges] if constant else _mean(values, edges, count)
+    return replace(log, **arrays)
+
+
+def _taken(log: Log, rows: np.ndarray) -> Log:
+    names = ("response", "time", "drive", "frequency", "temperature", "force")
+    return replace(log, **{k: None if getattr(log, k) is None else getattr(log, k)[rows] for k in names})
