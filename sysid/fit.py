@@ -10,6 +10,7 @@ import optimistix as optx
 
 from sysid import identify
 from sysid.experiment import NUISANCES, Trial, freedom, group, with_noise
+from sysid.guess import candidates
 from sysid.likelihood import details, stacked_rows
 from sysid.log import Log
 from sysid.noise import estimate
@@ -46,6 +47,7 @@ class State:
     theta: np.ndarray
     covariance: np.ndarray
     trials: tuple[Trial, ...]
+    models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
     cost: float
     converged: bool
 
@@ -72,15 +74,12 @@ class Fit:
         return self.modes[0].cost
 
 
-_rows = jax.jit(stacked_rows, static_argnames="layouts")  # one function in the programs that call it many times
-
-
 @compiled
 def _levenberg_marquardt(theta, directions, layouts, groups):
     """theta + directions @ x that makes the residual rows smallest."""
 
     def rows(x, _):
-        return _rows(theta + directions @ x, layouts, groups)
+        return stacked_rows(theta + directions @ x, layouts, groups)
 
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
     x0 = jnp.zeros(directions.shape[1])
@@ -93,14 +92,11 @@ def _linearise(theta, directions, layouts, groups):
     """Gram matrix of the Jacobian and gradient along `directions`; residual and nuisances of each log, group by group."""
 
     def rows(x):
-        return _rows(theta + directions @ x, layouts, groups)
+        return stacked_rows(theta + directions @ x, layouts, groups)
 
     value, tangent = jax.linearize(rows, jnp.zeros(directions.shape[1]))
     jacobian = jax.vmap(tangent)(jnp.eye(directions.shape[1]))
     return jacobian @ jacobian.T, jacobian @ value, details(theta, layouts, groups)
-
-
-_details = compiled(details)
 
 
 @float64
@@ -125,7 +121,7 @@ def fit(
     reference = _reference(trials)
     free = _free(trials)
     trials, states = _minima(trials, reference, free, start)
-    flipped = _settle(trials, states[0])
+    flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         trials, states = _minima(flipped, reference, free, start)
     return _conclude(states, reference, free, warnings, reference_temperature)
@@ -146,7 +142,7 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     values = {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3], "k_T": best.theta[3]}
     plant = Plant(*(float(values[n]) if n in free else None for n in NAMES), reference_temperature=at or reference_temperature)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
-    described, logs = _described(best, reference)
+    described, logs = _described(best)
     warnings = warnings + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
@@ -212,14 +208,10 @@ def _units(log: Log) -> dict[str, str]:
     return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
 
 
-def _described(state: State, reference) -> tuple[list[str], tuple[FittedLog, ...]]:
+def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
     """Each log beside its model; and, for every log that the model does not describe, a sentence."""
-    groups, members = group(state.trials, reference, np.exp(state.theta[1]))
-    found = jax.device_get(_details(state.theta, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
-    models = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
     misfits, fitted = [], []
-    for i, trial in enumerate(state.trials):
-        model = models[i][: len(trial.log)]
+    for trial, model in zip(state.trials, state.models, strict=True):
         model = model.real if trial.log.amplitude_only else model
         left = trial.log.response - model
         said = identify.misfit(trial, model, left, float(np.exp(state.theta[1])))
@@ -243,6 +235,8 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             log = replace(log, temperature=np.full(len(log), mean))
             warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
         trial = Trial.of(log, log.kind or "steady", nuisances)
+        if log.kind is None:
+            trial = _settled(trial, candidates(trial)[0][0])
         if trial.start_free and not trial.signed:
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
@@ -270,16 +264,12 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(name for name in NAMES if possible[name])
 
 
-def _settle(trials: Sequence[Trial], state: State) -> tuple[Trial, ...]:
-    """Timed sweeps whose kind is not stated: settled if each row dwells long enough for the tau that was found."""
-    tau = np.exp(state.theta[1])
-    settled = []
-    for trial in trials:
-        if trial.log.kind is None:
-            kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
-            trial = trial if trial.kind == kind else Trial.of(trial.log, kind, trial.nuisances)
-        settled.append(trial)
-    return tuple(settled)
+def _settled(trial: Trial, tau: float) -> Trial:
+    """A timed sweep whose kind is not stated: settled if each row dwells long enough for `tau`, else a transient."""
+    if trial.log.kind is not None:
+        return trial
+    kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
+    return trial if kind == trial.kind else Trial.of(trial.log, kind, trial.nuisances)
 
 
 def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[State]]:
@@ -287,16 +277,6 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
     search = Search(trials, (reference[0] if np.isfinite(reference[0]) else 0.0, reference[1]))
     if start is None:
         best, cost = local(search, np.random.default_rng(0))
-        if any(t.log.kind is None for t in trials):  # tau of each log by itself tells settled sweeps from fast ones
-            taus = np.exp(best[:, 0])
-            kinds = [
-                t if t.log.kind is not None or np.median(np.diff(t.log.time)) >= SETTLED * tau else Trial.of(t.log, "transient", t.nuisances)
-                for t, tau in zip(trials, taus, strict=True)
-            ]
-            if any(t.kind == "transient" for t in kinds if t.log.kind is None):
-                trials = tuple(kinds)
-                search = Search(trials, search.reference)
-                best, cost = local(search, np.random.default_rng(0))
         warming = np.array([0.0 if t.log.temperature is None else t.log.temperature.mean() - reference[1] for t in trials])
         points = joint(search, best, cost, warming, "k_T" in free)
     else:
@@ -376,7 +356,9 @@ def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
         if left <= NEAR:
             theta = theta - directions @ (inverse @ gradient)
     covariance = directions @ inverse @ directions.T
-    return State(theta, covariance, tuple(trials), float(cost), converged)
+    models = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
+    models = tuple(models[i][: len(t.log)] for i, t in enumerate(trials))
+    return State(theta, covariance, tuple(trials), models, float(cost), converged)
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:

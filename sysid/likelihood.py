@@ -18,6 +18,7 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
+import jax.export
 import jax.numpy as jnp
 from jax import Array
 
@@ -66,6 +67,10 @@ class Residual(NamedTuple):
     start: Array
     floor: Array
     gain: Array
+
+
+for _type in (Hold, Experiment, Residual):  # so that a traced program can be kept
+    jax.export.register_namedtuple_serialization(_type, serialized_name=f"sysid.{_type.__name__}")
 
 
 def parameters(theta: Array) -> tuple[Array, Array, Array, Array]:

@@ -1,13 +1,19 @@
-"""How JAX is used, decided in one place: float64, and programs that compile fast.
+"""How JAX is used, decided in one place: float64, and programs that are compiled once and kept.
 
 Public functions run under `float64` and leave the host program's JAX flags as they were.
 """
 
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
 import jax
+import jax.export
+import numpy as np
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -35,12 +41,65 @@ def _options() -> dict[str, bool]:
     return options
 
 
-def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, jitted on first use, with the static argument `layouts`."""
-    program = cache(lambda: jax.jit(function, static_argnames="layouts", compiler_options=_options()))
+_traced: list[Path] = []  # the folder of traced programs, when there is one
 
-    @wraps(function)
-    def run(*args: P.args, **kwargs: P.kwargs) -> R:
-        return program()(*args, **kwargs)
 
-    return run
+def keep_programs(folder: Path) -> None:
+    """Keep compiled and traced programs in `folder` for later processes; for a program that owns its process."""
+    with suppress(OSError):
+        (folder / "traced").mkdir(parents=True, exist_ok=True)
+        _traced[:] = [folder / "traced"]
+        jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+@cache
+def _version() -> str:
+    """What a traced program depends on beside its layout: this package's text and JAX."""
+    text = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    return f"{jax.__version__} {jax.default_backend()} {sha256(text).hexdigest()}"
+
+
+class compiled:
+    """`function(*arrays, layouts, groups)` compiled once for each layout; with `keep_programs`, traced once for all time.
+
+    A trace is kept as StableHLO, which is data: nothing in it runs when it is read.
+    """
+
+    def __init__(self, function: Callable[..., Any]):
+        self.function, self.programs = function, {}
+
+    def __call__(self, *args: Any) -> Any:
+        *arrays, layouts, groups = args
+        arrays, groups = jax.tree.map(np.asarray, (arrays, groups))
+        shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (*arrays, groups))
+        key = (layouts, str(shapes))
+        if key not in self.programs:
+            self.programs[key] = self._program(layouts, shapes)
+        return self.programs[key](*arrays, groups)
+
+    def _program(self, layouts: tuple, shapes: tuple) -> Callable[..., Any]:
+        def program(*args):
+            return self.function(*args[:-1], layouts, args[-1])
+
+        traced = jax.jit(program)
+        if _traced:
+            key = f"{_version()} {layouts} {shapes}"
+            traced = _kept(_traced[0] / f"{self.function.__name__}-{sha256(key.encode()).hexdigest()}", traced, shapes)
+        return jax.jit(traced, compiler_options=_options())
+
+
+def _kept(path: Path, program: Callable[..., Any], shapes: tuple) -> Callable[..., Any]:
+    """The trace in `path`, or a new one that is put there."""
+    try:
+        return jax.export.deserialize(bytearray(path.read_bytes())).call
+    except Exception:  # absent, cut off, or of another kind: made anew
+        # No promise across versions is needed: the version is part of the name.
+        unchecked = [jax.export.DisabledSafetyCheck.custom_call("lapack_dormqr_ffi")]
+        exported = jax.export.export(program, disabled_checks=unchecked)(*shapes)
+    with suppress(OSError):
+        part = path.with_suffix(f".{os.getpid()}")
+        part.write_bytes(exported.serialize())
+        part.replace(path)
+    return exported.call

@@ -41,15 +41,15 @@ def exact(plant, time, drive, frequency, temperature, start=0j):
     return np.array(out)
 
 
-def random_inputs(plant, rng, rows=ROWS):
-    """Irregular times, some of them equal, and inputs that change at random rows."""
+def random_inputs(plant, rng, rows=ROWS, warms=False):
+    """Irregular times, some of them equal, and inputs that change at random rows; the temperature only when it `warms`."""
     time = np.cumsum(rng.exponential(0.3 * plant.tau, rows) * (rng.random(rows) > 0.1))
     levels = rng.integers(0, 6, rows // 10)
     held = np.repeat(levels, 10)
     half_bandwidth = 1 / (2 * np.pi * plant.tau)
     drive = rng.normal(0, 50, 6)[held]
     frequency = plant.f0 + half_bandwidth * rng.normal(0, 2, 6)[held]
-    temperature = 24 + rng.normal(0, 5, 6)[np.roll(held, 3)]
+    temperature = 24 + rng.normal(0, 5, 6)[np.roll(held, 3)] if warms else np.full(rows, 26.0)
     return time, drive, frequency, temperature
 
 
@@ -79,13 +79,13 @@ def test_without_the_ripple_the_error_is_a_quarter_of_one_over_q(Q):
     assert np.max(np.abs(slaved - whole)) > 0.3 / (4 * Q)
 
 
-def test_temperature_and_frequency_changes_of_a_plate_keep_the_slow_mode_continuous():
-    inputs = random_inputs(PLATE, np.random.default_rng(7))
-    found, truth = PLATE.transient(*inputs), exact(PLATE, *inputs)
-    # each of the six changes starts a ripple of at most 1/(4 Q) of the response, here 0.15 %, which then decays
-    assert np.max(np.abs(found - truth)) < 3 * np.max(np.abs(truth)) / (4 * PLATE.Q)
-    both = PLATE.transient(*inputs, both_modes=True)
-    np.testing.assert_allclose(both, truth, rtol=0, atol=1e-9 * np.max(np.abs(truth)))  # 1e4 turns of carrier phase in expm
+def test_a_resonance_that_moves_keeps_the_slow_mode_continuous():
+    inputs = random_inputs(PLATE, np.random.default_rng(7), warms=True)
+    found, truth = PLATE.transient(*inputs, both_modes=True), exact(PLATE, *inputs)
+    moves = 2 * np.pi * PLATE.k_T * np.ptp(inputs[3]) / (2 * np.pi * PLATE.f0)
+    # w and w' are continuous: a jump of the resonance passes d w0/(2 w0) of one mode to the other, six times at most
+    assert np.max(np.abs(found - truth)) < 3 * abs(moves) * np.max(np.abs(truth))
+    assert np.max(np.abs(found - truth)) < 5e-3 * np.max(np.abs(truth))
 
 
 @pytest.mark.parametrize("Q", [0.6, 2.0, 8.0, 170.0, 5e4, 1e7])

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from sysid.report.text import clean, measured
+from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
     from sysid.fit import FittedLog
@@ -33,9 +33,10 @@ STYLE: dict[str, Any] = {
     "axes.grid": True,
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.5,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 2.5,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.0,
 }
+DOTS: dict[str, Any] = {"ls": "", "marker": "o", "alpha": 0.35, "mew": 0}
 Numbered = tuple[int, "FittedLog"]
 
 
@@ -73,35 +74,41 @@ def _is_sweep(fitted: "FittedLog") -> bool:
 def _panels(logs: Sequence[Numbered]) -> Figure:
     columns = min(3, len(logs))
     rows = ceil(len(logs) / columns)
-    figure = _figure(10, 0.4 + 1.75 * rows)
-    for place, (number, fitted) in enumerate(logs, 1):
-        axes = figure.add_subplot(rows, columns, place)
-        _over_inputs(axes, fitted)
-        axes.set_title(_name(number, fitted), loc="left", pad=3)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="upper right", ncols=4, frameon=False, borderaxespad=0.1)
-    figure.subplots_adjust(0.06, 0.42 / figure.get_figheight(), 0.995, 1 - 0.4 / figure.get_figheight(), 0.17, 0.55)
+    figure = _figure(10, 0.75 + 1.55 * rows)
+    for place, (number, fitted) in enumerate(logs):
+        axes = figure.add_subplot(rows, columns, place + 1)
+        label = _over_inputs(axes, fitted)
+        axes.locator_params(nbins=5)
+        axes.text(0, 1.03, _name(number, fitted), transform=axes.transAxes)
+        axes.set_xlabel(clean(label) if place + columns >= len(logs) or not label.startswith("time") else "", labelpad=1)
+        axes.set_ylabel(clean(fitted.log.response_unit) if place % columns == 0 else "")
+    handles = {label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(handles.values(), handles.keys(), loc="upper right", ncols=6, frameon=False, borderaxespad=0.1)
+    high = figure.get_figheight()
+    figure.subplots_adjust(0.06, 0.42 / high, 0.995, 1 - 0.42 / high, 0.13, 0.38)
     return figure
 
 
-def _over_inputs(axes: Axes, fitted: "FittedLog") -> None:
-    """One log against time, or settled points against what changes from one to the next."""
+def _over_inputs(axes: Axes, fitted: "FittedLog") -> str:
+    """One log against time, or settled points against what changes from one to the next; returns the label of that axis."""
     log, keep = fitted.log, _thin(len(fitted.log))
     if fitted.kind == "transient" and log.time is not None:
-        x, label = _milliseconds(log.time - log.time[0])
+        x, label = _seconds(log.time - log.time[0])
     elif log.drive is not None and np.ptp(log.drive) > 0:
         x, label = log.drive, f"drive ({log.drive_unit})"
     else:
         x, label = np.arange(len(log)), "row"
     line = "-" if fitted.kind == "transient" else "x"
     for part, colour, name in _parts(fitted):
-        axes.plot(x[keep], part(log.response)[keep], ".", color=colour, alpha=0.35, mew=0, label=f"{name} recorded")
+        axes.plot(x[keep], part(log.response)[keep], color=colour, label=f"{name} recorded", **DOTS)
         axes.plot(x[keep], part(fitted.response)[keep], line, color=colour, label=f"{name} fitted")
-    axes.set_xlabel(clean(label), labelpad=1)
-    axes.set_ylabel(clean(log.response_unit), labelpad=1)
+    return label
 
 
-def _milliseconds(time: np.ndarray) -> tuple[np.ndarray, str]:
-    return (time, "time (s)") if time[-1] >= 2 else (1e3 * time, "time (ms)") if time[-1] >= 2e-3 else (1e6 * time, "time (us)")
+def _seconds(time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Time in a unit that gives short numbers, and the label of its axis."""
+    unit, factor = next((p for p in PREFIXES if time[-1] * p[1] >= 2), PREFIXES[-1])
+    return factor * time, f"time ({unit})"
 
 
 def _parts(fitted: "FittedLog") -> list[tuple[Callable[[np.ndarray], np.ndarray], str, str]]:
@@ -117,7 +124,9 @@ def _sweeps(logs: Sequence[Numbered]) -> Figure:
     middle = float(np.round(np.median(frequencies)))
     shift = middle if np.ptp(frequencies) < 0.2 * middle else 0.0
     kinds = [name for name in ("Wd", "Wq", "W") if any(part[2] == name for _, f in logs for part in _parts(f))]
-    stack = {name: figure.add_subplot(len(kinds), 2, 2 * k + 1) for k, name in enumerate(kinds)}
+    stack: dict[str, Axes] = {}
+    for k, name in enumerate(kinds):
+        stack[name] = figure.add_subplot(len(kinds), 2, 2 * k + 1, sharex=stack.get(kinds[0]))
     unit = clean(logs[0][1].log.response_unit)
     circle = figure.add_subplot(1, 2, 2)
     colours = matplotlib.colormaps["tab10"].colors  # type: ignore[attr-defined]
@@ -126,6 +135,7 @@ def _sweeps(logs: Sequence[Numbered]) -> Figure:
     for name, axes in stack.items():
         axes.set_ylabel(f"{name} ({unit})")
         axes.tick_params(labelbottom=name == kinds[-1])
+        axes.locator_params(nbins=6)
     stack[kinds[-1]].set_xlabel(f"frequency - {shift:.0f} Hz (Hz)" if shift else "frequency (Hz)")
     circle.set(aspect="equal", xlabel=f"Wd ({unit})", ylabel=f"Wq ({unit})", adjustable="datalim")
     circle.legend(*_handles(stack, 12), loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
@@ -139,10 +149,10 @@ def _one_sweep(stack: Mapping[str, Axes], circle: Axes, fitted: "FittedLog", shi
     order = np.argsort(log.frequency, kind="stable")[_thin(len(log))]
     x, recorded, model = log.frequency[order] - shift, log.response[order], fitted.response[order]
     for part, _, which in _parts(fitted):
-        stack[which].plot(x, part(recorded), ".", color=colour, alpha=0.4, mew=0)
+        stack[which].plot(x, part(recorded), color=colour, **DOTS)
         stack[which].plot(x, part(model), color=colour, lw=1.0, label=name)
     if not log.amplitude_only:
-        circle.plot(recorded.real, recorded.imag, ".", color=colour, alpha=0.4, mew=0)
+        circle.plot(recorded.real, recorded.imag, color=colour, **DOTS)
         circle.plot(model.real, model.imag, color=colour, lw=1.0)
 
 
@@ -184,7 +194,7 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]])
             axes = figure.add_subplot(count, count, count * i + j + 1)
             axes.grid(visible=False)
             if i == j:
-                axes.hist(flat[i], 40, color=BLUE, alpha=0.7)
+                axes.stairs(*np.histogram(flat[i], 30), fill=True, color=BLUE, alpha=0.7)
                 axes.spines["left"].set_visible(False)
             else:
                 keep = _thin(len(flat[i]))
@@ -196,7 +206,6 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]])
                 _mark(axes, "y", names[i], flat[i], parameters[names[i]]["unit"], j == 0)
     high = figure.get_figheight()
     figure.subplots_adjust(1.1 / figure.get_figwidth(), 0.75 / high, 0.985, 1 - 0.08 / high, 0.1, 0.1)
-    figure.align_labels()
     return figure
 
 
@@ -211,8 +220,9 @@ def _mark(axes: Axes, which: str, name: str, draws: np.ndarray, unit: str, label
         axis.set_ticks(ticks, labels=[])
         return
     texts, shown = measured(mean, std, ticks, unit)
-    axis.set_ticks(ticks, texts[2:], rotation=30, ha="right" if which == "x" else None)
+    axis.set_ticks(ticks, texts[2:], rotation=30, **({"ha": "right"} if which == "x" else {}))
     axis.set_label_text(clean(f"{name} ({shown})"))
+    axis.set_label_coords(*((0.5, -0.42) if which == "x" else (-0.47, 0.5)))
 
 
 def _name(number: int, fitted: "FittedLog") -> str:
