@@ -22,6 +22,7 @@ from sysid.start import Search, joint, local
 NAMES = ("G", "tau", "f0", "k_T")
 SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
+STARTS = 4
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
 
 
@@ -81,7 +82,7 @@ def _levenberg_marquardt(theta, directions, layouts, groups):
     def rows(x, _):
         return stacked_rows(theta + directions @ x, layouts, groups)
 
-    solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
+    solver = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
     x0 = jnp.zeros(directions.shape[1])
     x = optx.least_squares(rows, solver, x0, max_steps=128, throw=False).value
     return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
@@ -278,17 +279,25 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
     if start is None:
         best, cost = local(search, np.random.default_rng(0))
         warming = np.array([0.0 if t.log.temperature is None else t.log.temperature.mean() - reference[1] for t in trials])
-        points = joint(search, best, cost, warming, "k_T" in free)
+        points, score = joint(search, best, cost, warming, "k_T" in free)
     else:
         f0 = 0.0 if start.f0 is None else start.f0 - reference[0]
         k_T = start.k_T or 0.0
         points = np.array([[np.log(start.tau), f0 + k_T * (reference[1] - start.reference_temperature), k_T]])
-        cost = search.sums(points)[0]
+        cost, score = search.sums(points)[0], np.zeros(1)
     level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
     trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
-    points = np.array(_distinct(points))
+    points, score = _distinct(points, score)
     starts = np.column_stack([_log_gains(search, points), points])
-    found = sorted((_refine(trials, theta, reference, free, rounds=1) for theta in starts), key=lambda s: s.cost)
+    found = [_refine(trials, starts[0], reference, free, rounds=1)]
+    reached = search.score(found[0].theta[None, 1:], cost)[0]
+    # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
+    found += [
+        _refine(trials, theta, reference, free, rounds=1)
+        for theta, short in zip(starts[1:], score[1:], strict=True)
+        if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
+    ]
+    found.sort(key=lambda s: s.cost)
     states: list[State] = []
     for first in found:
         if first.cost > found[0].cost + 10 * MODES + 0.05 * search.freedom.sum():
@@ -302,19 +311,17 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
     return trials, [s for s in states if s.cost <= states[0].cost + MODES]
 
 
-def _distinct(points: np.ndarray) -> list[np.ndarray]:
-    """The points in order, without those within half a bandwidth and a factor of two in tau of an earlier one."""
-    kept: list[np.ndarray] = []
-    for p in points:
-        near = [
-            abs(p[0] - k[0]) < 0.7 and abs(p[1] - k[1]) * 2 * np.pi * np.exp(k[0]) < 0.5 and abs(p[2] - k[2]) * 60 * np.exp(k[0]) < 1
-            for k in kept
-        ]
-        if not any(near):
-            kept.append(p)
-        if len(kept) == 4:
+def _distinct(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
+    kept: list[int] = []
+    for i, p in enumerate(points):
+        half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
+        scale = np.array([0.7, 0.5 * half_bandwidth, 0.1 * half_bandwidth])
+        if all(np.any(np.abs(p - points[k]) > scale) for k in kept):
+            kept.append(i)
+        if len(kept) == STARTS:
             break
-    return kept
+    return points[kept], score[kept]
 
 
 def _log_gains(search: Search, points: np.ndarray) -> list[float]:

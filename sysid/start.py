@@ -11,6 +11,8 @@ from sysid.guess import candidates
 from sysid.likelihood import details
 from sysid.precision import compiled
 
+NEARBY = 9  # random points about each log's best, twice
+PAIRS = 40  # pairs of logs at different temperatures, furthest apart first
 BATCH = 64  # candidates per call: one compiled program for any number of them
 
 
@@ -49,17 +51,23 @@ class Search:
         return self(points)[0]
 
 
+    def score(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
+        """(n,) log-likelihood by which each point falls short of every log's own `best` residual sum."""
+        least = np.maximum(best, 1e-300)
+        return np.sum(0.5 * self.freedom * np.log(np.maximum(self.sums(points), least) / least), axis=1)
+
+
 def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Best (log tau, local resonance - reference) of each log by itself, (logs, 3) with k_T = 0, and its residual sum."""
     pool = [candidates(t) for t in search.trials]
     points = np.concatenate([p for p in pool if len(p)]) if any(len(p) for p in pool) else np.array([[1e-3, np.nan]])
     points[:, 1] = np.nan_to_num(points[:, 1] - search.reference[0])
     points = np.column_stack([np.log(points[:, 0]), points[:, 1], np.zeros(len(points))])
-    points = np.unique(np.round(points, 6), axis=0)
+    points = _thinned(points)
     found = search.sums(points)
     best, cost = points[np.argmin(found, axis=0)], found.min(axis=0)
-    for size in (1.0, 0.3, 0.1):
-        nearby = np.repeat(best, 12, axis=0)
+    for size in (0.7, 0.15):
+        nearby = np.repeat(best, NEARBY, axis=0)
         nearby[:, 0] += size * 0.7 * rng.standard_normal(len(nearby))
         nearby[:, 1] += size * rng.standard_normal(len(nearby)) / (2 * np.pi * np.exp(nearby[:, 0]))
         found = search.sums(nearby)
@@ -69,25 +77,29 @@ def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
     return best, cost
 
 
-def joint(search: Search, best: np.ndarray, cost: np.ndarray, warming: np.ndarray, drifts: bool) -> np.ndarray:
-    """Points (n, 3) for all logs together, best first: each log's own, and lines through pairs of temperatures."""
+def _thinned(points: np.ndarray) -> np.ndarray:
+    """One point of each cell a sixth wide in log tau and in bandwidths."""
+    cells = np.column_stack([points[:, 0] * 6, points[:, 1] * 6 * 2 * np.pi * np.exp(np.round(points[:, 0] * 6) / 6)])
+    return points[np.sort(np.unique(np.round(cells), axis=0, return_index=True)[1])]
+
+
+def joint(search: Search, best: np.ndarray, cost: np.ndarray, warming: np.ndarray, drifts: bool):
+    """Points (n, 3) for all logs together and their scores, best first: each log's own, and lines through pairs of temperatures."""
     points = [best]
     if drifts:
         first, second = np.triu_indices(len(best), 1)
         apart = np.abs(warming[first] - warming[second]) > 0.05
         first, second = first[apart], second[apart]
-        if len(first) > 200:
-            keep = np.argsort(-np.abs(warming[first] - warming[second]))[:200]
-            first, second = first[keep], second[keep]
+        keep = np.argsort(-np.abs(warming[first] - warming[second]), kind="stable")[:PAIRS]
+        first, second = first[keep], second[keep]
         slope = (best[second, 1] - best[first, 1]) / (warming[second] - warming[first])
         level = best[first, 1] - slope * warming[first]
-        for tau in (first, second):
-            points.append(np.column_stack([best[tau, 0], level, slope]))
+        points.append(np.column_stack([(best[first, 0] + best[second, 0]) / 2, level, slope]))
         median = np.array([np.median(best[:, 0]), np.median(best[:, 1]), 0.0])
         slopes = np.concatenate([-np.geomspace(0.03, 10, 6), np.geomspace(0.03, 10, 6)])
         slopes = slopes / (2 * np.pi * np.exp(median[0])) / max(np.ptp(warming), 0.05)
         points.append(np.column_stack([np.tile(median[:2], (len(slopes), 1)), slopes]))
     points = np.concatenate(points)
-    level = np.maximum(cost, 1e-300)
-    score = np.sum(0.5 * search.freedom * np.log(np.maximum(search.sums(points), level) / level), axis=1)
-    return points[np.argsort(score, kind="stable")]
+    score = search.score(points, cost)
+    order = np.argsort(score, kind="stable")
+    return points[order], score[order]

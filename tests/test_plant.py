@@ -81,8 +81,8 @@ def test_without_the_ripple_the_error_is_a_quarter_of_one_over_q(Q):
 
 def test_a_resonance_that_moves_keeps_the_slow_mode_continuous():
     inputs = random_inputs(PLATE, np.random.default_rng(7), warms=True)
-    found, truth = PLATE.transient(*inputs, both_modes=True), exact(PLATE, *inputs)
-    moves = 2 * np.pi * PLATE.k_T * np.ptp(inputs[3]) / (2 * np.pi * PLATE.f0)
+    found, truth = np.asarray(PLATE.transient(*inputs, both_modes=True)), exact(PLATE, *inputs)
+    moves = PLATE.k_T * np.ptp(inputs[3]) / PLATE.f0
     # w and w' are continuous: a jump of the resonance passes d w0/(2 w0) of one mode to the other, six times at most
     assert np.max(np.abs(found - truth)) < 3 * abs(moves) * np.max(np.abs(truth))
     assert np.max(np.abs(found - truth)) < 5e-3 * np.max(np.abs(truth))
@@ -116,7 +116,7 @@ def test_signs_are_the_paper_s():
     assert at == pytest.approx(2.0, abs=1e-12)  # G V along d
     assert below.real > 0 and above.real > 0
     np.testing.assert_allclose([below / 2, above / 2], [0.785 + 0.412j, 0.785 - 0.411j], atol=2e-3)  # a carrier integration
-    warmer = PLATE.steady(100.0, PLATE.f0, 28.0)
+    warmer = np.asarray(PLATE.steady(100.0, PLATE.f0, 28.0))
     assert warmer.imag < 0  # k_T < 0: the resonance falls below the drive
     np.testing.assert_allclose(abs(warmer) / 2, 0.920, atol=1e-3)  # 8 % in 4 degC
 
@@ -134,7 +134,7 @@ def test_without_a_frequency_it_is_the_first_order_model():
     time = np.linspace(0, 8e-3, ROWS)
     np.testing.assert_allclose(plant.transient(time, 100.0), 2 * -np.expm1(-time / 2e-3), atol=1e-14)
     np.testing.assert_allclose(plant.transient(time, 100.0, np.full(ROWS, 32e3)), 2 * -np.expm1(-time / 2e-3), atol=1e-14)
-    assert plant.steady(100.0) == pytest.approx(2.0)
+    assert np.asarray(plant.steady(100.0)) == pytest.approx(2.0)
     assert plant.Q is None
 
 
@@ -156,8 +156,8 @@ def test_an_interval_without_length_changes_nothing():
     time = np.array([0.0, 1e-3, 1e-3, 1e-3, 2e-3])
     drive = np.array([1.0, 7.0, -3.0, 1.0, 1.0])
     plain = PLATE.transient(time[[0, 1, 4]], 1.0, PLATE.f0 - 20)
-    found = PLATE.transient(time, drive, PLATE.f0 - 20)
-    np.testing.assert_allclose(found[[0, 1, 4]], plain, rtol=1e-13, atol=1e-17 + 1.1 / (4 * PLATE.Q) * PLATE.G * 0)
+    found = np.asarray(PLATE.transient(time, drive, PLATE.f0 - 20))
+    np.testing.assert_allclose(found[[0, 1, 4]], plain, rtol=1e-13)  # a handful of roundings
 
 
 def test_settled_rows_belong_to_their_own_inputs():
@@ -230,7 +230,7 @@ def test_gradients_go_through_the_plant_itself():
         slope = jax.grad(lambda plant: jnp.abs(plant.steady(100.0, 32250.0, 26.0)))(PLATE)
         assert isinstance(slope, Plant)
         found = np.array([slope.G, slope.tau, slope.f0, slope.k_T])
-        assert slope.G == pytest.approx(abs(PLATE.steady(100.0, 32250.0, 26.0)) / PLATE.G)  # linear in G
+        assert slope.G == pytest.approx(abs(np.asarray(PLATE.steady(100.0, 32250.0, 26.0))) / PLATE.G)  # linear in G
         assert slope.k_T == pytest.approx(2 * slope.f0)  # 2 degC above the reference
         assert np.all(np.isfinite(found)) and np.all(found != 0)
 
@@ -246,7 +246,7 @@ def test_many_plants_at_once():
 
 def test_double_precision_without_touching_the_flag():
     before = jax.config.jax_enable_x64
-    value = PLATE.steady(100.0, PLATE.f0 + 1e-6)
+    value = np.asarray(PLATE.steady(100.0, PLATE.f0 + 1e-6))
     assert value.dtype == np.complex128
     assert jax.config.jax_enable_x64 == before
     # a micro-hertz in 32.3 kHz: 1e-8 of a half bandwidth, which float32 loses

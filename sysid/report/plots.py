@@ -220,7 +220,7 @@ def _mark(axes: Axes, which: str, name: str, draws: np.ndarray, unit: str, label
         axis.set_ticks(ticks, labels=[])
         return
     texts, shown = measured(mean, std, ticks, unit)
-    axis.set_ticks(ticks, texts[2:], rotation=30, **({"ha": "right"} if which == "x" else {}))
+    axis.set_ticks(ticks, texts[2:], rotation=30, ha="right")
     axis.set_label_text(clean(f"{name} ({shown})"))
     axis.set_label_coords(*((0.5, -0.42) if which == "x" else (-0.47, 0.5)))
 
