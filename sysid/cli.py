@@ -88,7 +88,7 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> Any:
     with stages("load", "starting"):
-        _cache_compilations()
+        _keep_programs()
         from sysid.fit import fit
         from sysid.posterior import sample
     with stages("fit", "fitting the plant"):
@@ -97,22 +97,15 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> 
         return sample(fitted, seed=arguments.seed)
 
 
-def _cache_compilations() -> None:
+def _keep_programs() -> None:
     """Keep compiled programs between runs: the first run's compilation costs more than all of its arithmetic."""
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    import jax
-    from platformdirs import user_cache_dir
+    from platformdirs import user_cache_path
 
-    folder = Path(user_cache_dir("sysid")) / "xla"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return
-    if os.access(folder, os.W_OK):
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    from sysid.precision import keep_programs
+
+    keep_programs(user_cache_path("sysid"))
 
 
 def _design(posterior: Any) -> tuple[Any, list[str]]:

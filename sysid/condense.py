@@ -5,6 +5,7 @@ the mean and the variance of its times, so that the model of its mean response i
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def _mean(values: np.ndarray, edges: np.ndarray, count: np.ndarray) -> np.ndarra
 
 def _means(log: Log, edges: np.ndarray) -> Log:
     count = np.diff(np.append(edges, len(log))).astype(float)
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name in ("response", "time", "drive", "frequency", "temperature", "force"):
         values = getattr(log, name)
         constant = name in ("drive",) or (name == "frequency" and log.kind != "steady")
@@ -78,4 +79,5 @@ def _means(log: Log, edges: np.ndarray) -> Log:
 
 def _taken(log: Log, rows: np.ndarray) -> Log:
     names = ("response", "time", "drive", "frequency", "temperature", "force")
-    return replace(log, **{k: None if getattr(log, k) is None else getattr(log, k)[rows] for k in names})
+    taken: dict[str, Any] = {k: None if getattr(log, k) is None else getattr(log, k)[rows] for k in names}
+    return replace(log, **taken)

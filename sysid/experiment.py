@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -192,7 +193,7 @@ def _thin(trial: Trial, hold: Hold) -> np.ndarray:
     if len(edges) - 1 > SEARCH_ROWS // 8:
         return np.unique(np.linspace(0, n - 1, SEARCH_ROWS).astype(int))
     share = np.linspace(0, 1, SEARCH_ROWS // (len(edges) - 1)) ** (1 if trial.steady else 2)
-    rows = np.concatenate([a + share * (b - 1 - a) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    rows = np.concatenate([a + share * (b - 1 - a) for a, b in pairwise(edges)])
     return np.unique(np.rint(rows).astype(int))
 
 
@@ -249,7 +250,8 @@ def _experiment(
 def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, steady: bool) -> Hold:
     held = keep if steady else slice(None)
     return Hold(
-        *(_pad(v[held], rows) for v in (hold.duration, hold.drive)),
+        duration=_pad(hold.duration[held], rows),
+        drive=_pad(hold.drive[held], rows),
         omega=_pad(hold.omega[held], rows, np.nan),
         offset=_pad(np.nan_to_num(hold.offset[held]), rows),
         warming=_pad(hold.warming[held], rows),

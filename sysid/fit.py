@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -82,7 +83,7 @@ def _levenberg_marquardt(theta, directions, layouts, groups):
     def rows(x, _):
         return stacked_rows(theta + directions @ x, layouts, groups)
 
-    solver = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
     x0 = jnp.zeros(directions.shape[1])
     x = optx.least_squares(rows, solver, x0, max_steps=128, throw=False).value
     return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
@@ -141,7 +142,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     carry[2, 3] = at - reference[1] if drifts else 0.0
     covariance = (carry @ best.covariance @ carry.T)[np.ix_(index, index)]
     values = {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3], "k_T": best.theta[3]}
-    plant = Plant(*(float(values[n]) if n in free else None for n in NAMES), reference_temperature=at or reference_temperature)
+    known = {n: float(values[n]) if n in free else None for n in NAMES}
+    plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     described, logs = _described(best)
     warnings = warnings + described
@@ -219,9 +221,19 @@ def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
         if said:
             misfits.append(f"{trial.log.name}: {said}")
         centred = trial.log.response - np.mean(trial.log.response)
-        nrmse = 100 * float(np.linalg.norm(left) / max(np.linalg.norm(centred), 1e-300))
+        nrmse = 100 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(centred)), 1e-300)
         fitted.append(
-            FittedLog(trial.log, trial.kind, int(trial.count.sum()), model, left, nrmse, trial.noise_std, trial.noise_time, identify.describe(trial))
+            FittedLog(
+                log=trial.log,
+                kind=trial.kind,
+                rows=int(trial.count.sum()),
+                response=model,
+                residual=left,
+                nrmse_percent=nrmse,
+                noise_std=trial.noise_std,
+                noise_time=trial.noise_time,
+                description=identify.describe(trial),
+            )
         )
     return misfits, tuple(fitted)
 
@@ -363,8 +375,8 @@ def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
         if left <= NEAR:
             theta = theta - directions @ (inverse @ gradient)
     covariance = directions @ inverse @ directions.T
-    models = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
-    models = tuple(models[i][: len(t.log)] for i, t in enumerate(trials))
+    by_trial = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
+    models = tuple(by_trial[i][: len(t.log)] for i, t in enumerate(trials))
     return State(theta, covariance, tuple(trials), models, float(cost), converged)
 
 

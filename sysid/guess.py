@@ -100,7 +100,7 @@ def _transient(trial: Trial) -> list[tuple[float, float]]:
         inputs = np.concatenate([inputs[:, 1:], inputs[:, -1:]], axis=1)
     edges = np.flatnonzero(np.append(True, np.any(inputs[:, 1:] != inputs[:, :-1], axis=0)))
     ends = np.append(edges[1:], len(log) - 1)
-    stretches = sorted(zip(edges, ends, strict=True), key=lambda s: _liveliness(log, *s), reverse=True)
+    stretches = sorted(zip(edges, ends, strict=True), key=lambda s: _liveliness(log, int(s[0]), int(s[1])), reverse=True)
     found = []
     for begin, end in stretches[:3]:
         drive_frequency = np.nan if log.frequency is None else log.frequency[begin]
@@ -156,9 +156,8 @@ def _matrix_pencil(y: np.ndarray, dt: float, order: int, signed: bool) -> list[c
         shift = np.linalg.lstsq(v[:-1], v[1:], rcond=None)[0]
         z = np.linalg.eigvals(shift)
         poles = np.log(np.where(z == 0, 1e-12, z)) / dt
-        poles = [p for p in poles if p.real < 0]
         span = dt * len(y)
-        for p in poles:
+        for p in poles[poles.real < 0]:
             if abs(p) * span < 0.05 or -p.real * dt > 8:
                 continue
             if signed:

@@ -22,7 +22,7 @@ import jax.export
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Hold, respond
+from sysid.plant import Hold, Leaf, respond
 
 
 class Layout(NamedTuple):
@@ -38,25 +38,25 @@ class Experiment(NamedTuple):
     """One log as arrays, padded to its layout; in a group each has a leading axis of logs.
 
     `hold`: inputs, with room for an interval per row. `response` (N,) complex d/q or real amplitude;
-    `weight` (N,) of a row's noise, 0 for padding; `columns` (K, N), largest magnitude 1; `memory` (N,) correlation of the noise with
-    the row before; `sigma` its standard deviation per channel; `looseness` standard deviation of the nuisances' prior;
+    `weight` (N,) of a row's noise, 0 for padding; `columns` (K, N), largest magnitude 1; `memory` (N,) correlation of the
+    noise with the row before; `sigma` its standard deviation per channel; `looseness` standard deviation of the nuisances' prior;
     `freedom` degrees of freedom of the residual; `rotated` 1 when the demodulator's phase is unknown; `start` and `floor` the
     amplitude log's nu_1 (complex) and nu_2, `start_free` and `floor_free` 1 when they are to be found.
     """
 
     hold: Hold
-    response: Array
-    weight: Array
-    columns: Array
-    memory: Array
-    sigma: Array
-    looseness: Array
-    freedom: Array
-    rotated: Array
-    start: Array
-    floor: Array
-    start_free: Array
-    floor_free: Array
+    response: Leaf
+    weight: Leaf
+    columns: Leaf
+    memory: Leaf
+    sigma: Leaf
+    looseness: Leaf
+    freedom: Leaf
+    rotated: Leaf
+    start: Leaf
+    floor: Leaf
+    start_free: Leaf
+    floor_free: Leaf
 
 
 class Residual(NamedTuple):

@@ -20,7 +20,7 @@ Everything here is a pure function of JAX arrays: differentiable, any time grid,
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,8 @@ import numpy as np
 from jax import Array
 
 from sysid.precision import float64
+
+Leaf = Any  # an array of numpy outside a compiled program, of JAX inside
 
 
 class Poles(NamedTuple):
@@ -38,7 +40,7 @@ class Poles(NamedTuple):
     gain: Array  # b/G, 1/s
 
 
-def poles(tau: Array, detuning: Array, omega: Array) -> Poles:
+def poles(tau: Leaf, detuning: Leaf, omega: Leaf) -> Poles:
     """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s."""
     known = jnp.isfinite(omega)
     omega = jnp.where(known, omega, 1.0)
@@ -52,7 +54,7 @@ def poles(tau: Array, detuning: Array, omega: Array) -> Poles:
     return Poles(slow, fast, jnp.where(known, omega0 / damped, 1.0) / tau)
 
 
-def steady(tau: Array, detuning: Array, omega: Array) -> Array:
+def steady(tau: Leaf, detuning: Leaf, omega: Leaf) -> Array:
     """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega (rad/s)."""
     known = jnp.isfinite(omega)
     omega = jnp.where(known, omega, 1.0)
@@ -70,18 +72,18 @@ class Hold(NamedTuple):
     after its inputs have held for ever.
     """
 
-    duration: Array
-    drive: Array
-    omega: Array
-    offset: Array
-    warming: Array
-    interval: Array
-    elapsed: Array
-    spread: Array
-    settled: Array
+    duration: Leaf
+    drive: Leaf
+    omega: Leaf
+    offset: Leaf
+    warming: Leaf
+    interval: Leaf
+    elapsed: Leaf
+    spread: Leaf
+    settled: Leaf
 
 
-def respond(tau: Array, detuning: Array, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
+def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
     """Response of each row to the drive from rest, per unit G, and the free decay of a unit start: two (N,) arrays.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s.

@@ -68,7 +68,8 @@ class compiled:
     """
 
     def __init__(self, function: Callable[..., Any]):
-        self.function, self.programs = function, {}
+        self.function = function
+        self.programs: dict[tuple, Callable[..., Any]] = {}
 
     def __call__(self, *args: Any) -> Any:
         *arrays, layouts, groups = args
@@ -83,14 +84,14 @@ class compiled:
         def program(*args):
             return self.function(*args[:-1], layouts, args[-1])
 
-        traced = jax.jit(program)
+        traced: Any = jax.jit(program)
         if _traced:
             key = f"{_version()} {layouts} {shapes}"
             traced = _kept(_traced[0] / f"{self.function.__name__}-{sha256(key.encode()).hexdigest()}", traced, shapes)
         return jax.jit(traced, compiler_options=_options())
 
 
-def _kept(path: Path, program: Callable[..., Any], shapes: tuple) -> Callable[..., Any]:
+def _kept(path: Path, program: Any, shapes: tuple) -> Callable[..., Any]:
     """The trace in `path`, or a new one that is put there."""
     try:
         return jax.export.deserialize(bytearray(path.read_bytes())).call

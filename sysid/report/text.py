@@ -54,6 +54,11 @@ def derived(draws: Mapping[str, np.ndarray], parameters: Mapping[str, Mapping[st
     return found
 
 
+def taken_for(log: Mapping[str, Any]) -> str:
+    """The description of a log without its kind, which stands beside it."""
+    return log["description"].removeprefix("transient").removeprefix("settled points").removeprefix(", ")
+
+
 def grouped(logs: Iterable[Mapping[str, Any]]) -> list[str]:
     """The logs' notes, each once, with the logs that it is about."""
     names: dict[str, list[str]] = {}
