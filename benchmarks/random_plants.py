@@ -20,7 +20,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sysid import Log, Plant
-from sysid.fit import Fit, fit
+from sysid.fitting import Fit, fit
 
 HERE = Path(__file__).parent
 make = SimpleNamespace(**runpy.run_path(str(HERE.parent / "data" / "synthetic" / "make.py")))

@@ -6,15 +6,15 @@
 from importlib import import_module
 
 _HOME = {
-    "Fit": "sysid.fit",
-    "FittedLog": "sysid.fit",
+    "Fit": "sysid.fitting",
+    "FittedLog": "sysid.fitting",
     "Log": "sysid.log",
     "LogError": "sysid.log",
     "Parameter": "sysid.result",
     "Plant": "sysid.plant",
     "Posterior": "sysid.posterior",
     "Result": "sysid.result",
-    "fit": "sysid.fit",
+    "fit": "sysid.fitting",
     "read_logs": "sysid.log",
     "sample": "sysid.posterior",
     "write_log": "sysid.log",

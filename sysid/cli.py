@@ -89,7 +89,7 @@ def _identify(arguments: argparse.Namespace) -> int:
 def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> Any:
     with stages("load", "starting"):
         _keep_programs()
-        from sysid.fit import fit
+        from sysid.fitting import fit
         from sysid.posterior import sample
     with stages("fit", "fitting the plant"):
         fitted = fit(logs, reference_temperature=arguments.reference_temperature)

@@ -291,7 +291,7 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
             f"{head.path}, line {line + index}: found a carriage return within, expected it at line ends alone"
         )
     spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
-    for index in np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare):
+    for index in map(int, np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare)):
         row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")
         cells = split_line(row, str(head.dialect.delimiter))
         if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):

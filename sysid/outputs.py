@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sysid.fit import FittedLog
+    from sysid.fitting import FittedLog
     from sysid.posterior import Posterior
     from sysid.result import Parameter
 

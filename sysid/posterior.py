@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.diagnostics import ess, rhat
 from sysid.experiment import group
-from sysid.fit import NAMES, Fit, parameter, usable
+from sysid.fitting import NAMES, Fit, parameter, usable
 from sysid.identify import limits
 from sysid.likelihood import log_density
 from sysid.precision import compiled, float64

@@ -4,6 +4,7 @@ Wd is blue and Wq is orange throughout; what was recorded is dots, the fit is li
 """
 
 import io
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from math import ceil
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
-    from sysid.fit import FittedLog
+    from sysid.fitting import FittedLog
     from sysid.posterior import Posterior
 
 POINTS = 2000  # of one log in one figure
@@ -51,7 +52,8 @@ def figures(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]])
         ("Residuals, in units of the noise", lambda: _residuals(logs), True),
         ("Posterior", lambda: _corner(posterior, parameters), True),
     ]
-    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+    with warnings.catch_warnings(), matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks is shown as boxes
         return {title: _png(draw()) for title, draw, needed in wanted if needed}
 
 

@@ -33,7 +33,8 @@ def measured(value: float, std: float, others: Iterable[float] = (), unit: str =
         value, std, others = value * factor, std * factor, [x * factor for x in others]
     size = max(abs(value), std)
     exponent = 3 * math.floor(math.log10(size) / 3) if size > 0 and (size < 1e-3 or std >= 1e6) else 0
-    digits = 6 if std <= 0 else min(max(1 - math.floor(math.log10(std) - exponent), 0), 15)
+    place = int(f"{std:.1e}".partition("e")[2])  # of the error's first digit, once rounded: 0.0996 is 0.10
+    digits = min(max(1 - place + exponent, 0), 15) if std > 0 else 6
     tail = f"e{exponent}" if exponent else ""
     return [f"{x / 10**exponent:.{digits}f}{tail}" for x in (value, std, *others)], unit
 

@@ -1,0 +1,169 @@
+"""The files of a run: fit.json as promised, draws that xarray opens, and one set in the place of another."""
+
+import hashlib
+import json
+import os
+import signal
+
+import h5netcdf
+import numpy as np
+import pytest
+import standin
+import xarray
+
+from sysid import outputs
+from sysid.result import Result
+
+# The contract's example of fit.json, in its order.
+KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "controller"]
+KEYS += ["files", "seed", "versions", "cost"]
+
+
+def strict(text):
+    """JSON as strict readers take it: NaN and Infinity are refused."""
+    return json.loads(text, parse_constant=pytest.fail)
+
+
+def test_fit_json_has_the_promised_keys_in_order():
+    content = strict(outputs.to_json(outputs.document(standin.posterior(), {"gains": 1}, ["careful"])))
+    assert list(content) == KEYS
+    assert content["result"] == "successful" and content["warnings"] == ["careful"] and content["seed"] == 3
+    assert list(content["parameters"]) == ["G", "tau", "f0", "k_T"]
+    assert list(content["parameters"]["tau"]) == ["value", "std", "ci95", "unit", "determined", "why"]
+    assert list(content["logs"][0])[:5] == ["path", "sha256", "kind", "rows", "nrmse_percent"]
+    assert set(content["versions"]) == {"python", "sysid", "jax", "optimistix", "emcee", "numpy", "pandas"}
+
+
+def test_a_parameter_that_is_not_determined_is_null_with_a_reason():
+    modes = ({"value": 1.0, "std": np.float64(0.1), "weight": 0.5},) * 2
+    content = outputs.document(standin.posterior(modes=modes), None, [])
+    k_T = content["parameters"]["k_T"]
+    assert (k_T["value"], k_T["std"], k_T["ci95"], k_T["determined"]) == (None, None, None, False)
+    assert k_T["why"].startswith("cannot tell") and len(k_T["modes"]) == 2
+    assert "modes" not in content["parameters"]["tau"]
+
+
+def test_what_is_not_finite_is_null():
+    content = outputs.document(standin.posterior(ess=float("nan")), None, [])
+    assert content["uncertainty"]["ess"] is None
+    text = outputs.to_json({"a": np.float64("inf"), "b": [np.int64(3), True], "c": {"d": -np.inf}})
+    assert strict(text) == {"a": None, "b": [3, True], "c": {"d": None}}
+
+
+def test_correlation_in_rows_is_not_called_seconds():
+    sweep = standin.fitted("sweep.csv", "steady", noise_time=2.5)  # no time: 2.5 rows
+    step = standin.fitted(noise_time=3e-4)
+    logs = outputs.document(standin.posterior([sweep, step]), None, [])["logs"]
+    assert [log["noise_time_s"] for log in logs] == [None, 3e-4]
+
+
+def test_draws_open_in_xarray_and_h5netcdf(tmp_path):
+    posterior, path = standin.posterior(), tmp_path / "posterior.nc"
+    outputs.write_draws(posterior, path)
+    with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as found:
+        assert dict(found.sizes) == {"chain": 4, "draw": 100} and set(found.data_vars) == {"G", "tau", "f0"}
+        for name, draws in posterior.draws.items():
+            assert found[name].dims == ("chain", "draw") and found[name].attrs["units"] == standin.UNITS[name]
+            np.testing.assert_array_equal(found[name].values, draws)  # float64 in, float64 out
+        assert found["chain"].values.tolist() == [0, 1, 2, 3]
+    with h5netcdf.File(path) as file:
+        assert list(file.groups) == ["posterior"]
+
+
+def test_the_same_draws_give_the_same_bytes(tmp_path):
+    for name in ("a.nc", "b.nc"):
+        outputs.write_draws(standin.posterior(), tmp_path / name)
+    assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
+
+
+@pytest.fixture
+def older(tmp_path):
+    """A folder with an older set and a file of the user's own."""
+    folder = tmp_path / "identified"
+    folder.mkdir()
+    for name in (outputs.FIT, outputs.DRAWS, outputs.REPORT, outputs.CONTROLLER, outputs.HEADER, "notes.txt"):
+        (folder / name).write_text(f"older {name}")
+    return folder
+
+
+def stage(folder, *names):
+    with outputs.staging(folder) as fresh:
+        for name in names:
+            (fresh / name).write_text(f"newer {name}")
+        outputs.place(fresh, folder)
+
+
+def read(folder):
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
+def test_a_set_replaces_the_older_one_and_stale_controllers_go(older):
+    stage(older, outputs.FIT, outputs.DRAWS, outputs.REPORT)
+    names = (outputs.FIT, outputs.DRAWS, outputs.REPORT)
+    assert read(older) == {name: f"newer {name}" for name in names} | {"notes.txt": "older notes.txt"}
+    assert [path.name for path in older.parent.iterdir()] == ["identified"]
+
+
+def test_controllers_go_first_and_fit_json_comes_last(older, monkeypatch):
+    moved = []
+
+    def replace(source, target):
+        assert not (older / outputs.CONTROLLER).exists() and not (older / outputs.HEADER).exists()
+        moved.append(target.name)
+        rename(source, target)
+
+    rename = os.replace
+    monkeypatch.setattr(os, "replace", replace)
+    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS)
+    assert len(moved) == 3 and moved[-1] == outputs.FIT
+
+
+def test_an_interrupt_while_files_move_does_not_leave_a_mixture(older, monkeypatch):
+    def replace(source, target):
+        rename(source, target)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    rename = os.replace
+    monkeypatch.setattr(os, "replace", replace)
+    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER)
+    assert all(text.startswith("newer") for name, text in read(older).items() if name != "notes.txt")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_the_fresh_folder_is_removed_when_writing_fails(older):
+    before = read(older)
+    with pytest.raises(RuntimeError), outputs.staging(older) as fresh:
+        (fresh / outputs.FIT).write_text("half")
+        raise RuntimeError
+    assert read(older) == before
+
+
+def test_a_new_folder_is_made_only_when_files_move_in(tmp_path):
+    folder = tmp_path / "a" / "b"
+    outputs.check_writable(folder)
+    assert not list(tmp_path.iterdir())
+    stage(folder, outputs.FIT)
+    assert read(folder) == {outputs.FIT: f"newer {outputs.FIT}"}
+
+
+def test_folders_that_cannot_be_written_are_found_early(tmp_path, older):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError):
+        outputs.check_writable(tmp_path / "file")
+    with pytest.raises(OSError):
+        outputs.check_writable(tmp_path / "file" / "below")
+    (older / outputs.CONTROLLER).unlink()
+    (older / outputs.CONTROLLER).mkdir()
+    with pytest.raises(OSError, match="directory"):
+        outputs.check_writable(older)
+
+
+def test_digests_are_those_of_the_files(tmp_path):
+    contents = {"a": b"one", "b": b"two"}
+    for name, content in reversed(contents.items()):
+        (tmp_path / name).write_bytes(content)
+    assert list(outputs.digests(tmp_path).items()) == [(n, hashlib.sha256(c).hexdigest()) for n, c in contents.items()]
+
+
+def test_an_unsuccessful_result_is_its_sentence():
+    assert outputs.document(standin.posterior(result=Result.misfit), None, [])["result"] == Result.misfit.value
