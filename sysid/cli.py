@@ -1,6 +1,7 @@
 """The command `identify`: reads logs, fits, samples, designs the controller, writes the files, prints one screen.
 
-Exit codes: 0 identified; 1 not converged, not described or not determined; 2 bad usage or unreadable input; 130 interrupted.
+Exit codes: 0 identified; 1 not converged, not described or not determined; 2 bad usage or unreadable input; 130 interrupted;
+70 a defect of the program itself.
 """
 
 import argparse
@@ -9,6 +10,7 @@ import math
 import os
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -25,6 +27,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("identify: interrupted", file=sys.stderr)
         return 130
+    except Exception:  # a defect of the program is none of the results that exit 1 stands for
+        traceback.print_exc()
+        return 70
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -12,14 +12,15 @@ import numpy as np
 from sysid.log import Log
 from sysid.plant import Hold, hold_inputs, settled_points
 
-MOST = 4096  # rows of a log that the fit looks at one by one
+LONG = 16384  # rows of a log that the fit looks at one by one
+MOST = 4096  # rows of a longer one when it is condensed
 
 
 def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
     """The log, condensed where it is long; its inputs; and how many rows each of its rows is the mean of."""
     hold = _inputs(log, kind)
     n = len(log)
-    if n <= MOST or log.kind is None:  # its kind may still change
+    if n <= LONG or log.kind is None:  # its kind may still change
         return log, hold, np.ones(n)
     if kind == "steady":
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:

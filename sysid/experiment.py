@@ -110,6 +110,10 @@ class Trial:
     def weight(self) -> np.ndarray:
         """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise is a fraction."""
         weight = np.sqrt(self.count)
+        if self.noise_time > 0 and np.any(self.count > 1):
+            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
+            x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
+            weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         if not self.log.relative_noise:
             return weight
         level = np.abs(self.log.response) if self.level is None else self.level

@@ -36,7 +36,7 @@ def _sweep(trial: Trial) -> list[tuple[float, float]]:
     found = []
     for half in (1.0, 0.5, 0.25, 0.12):  # the whole sweep, then windows about its liveliest place
         window = _about_peak(f, y, half)
-        if window.sum() >= 6:
+        if window.sum() >= 6 and len(np.unique(f[window])) >= 4:
             found += _lorentzian(f[window], y[window]) if log.amplitude_only else _pole(f[window], y[window])
     peak, span = f[np.argmax(np.abs(y - np.median(y)))], np.ptp(f)
     step = np.median(np.diff(np.unique(f)))

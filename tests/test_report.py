@@ -84,8 +84,23 @@ def test_fourteen_logs_fit_on_one_screen():
 
 def test_a_failure_names_itself_and_what_to_record():
     posterior = standin.posterior(result=Result.undetermined, missing=("G", "f0"))
-    for words in (Result.undetermined.value, "no controller", "cannot tell G; record more"):
-        assert words in shown(posterior) and words in rendered(posterior), words
+    said, page = shown(posterior), rendered(posterior)
+    for words in (Result.undetermined.value, "cannot tell G; record more"):
+        assert words in said and words in page, words
+    assert "no controller" in said and "None was designed" in page
+
+
+def test_draws_without_bounds_are_not_drawn_and_unknown_numbers_say_so():
+    modes = ({"value": 1.0, "std": float("inf"), "weight": 0.5}, {"value": 2.0, "std": 0.1, "weight": 0.5})
+    step = standin.fitted()
+    step.nrmse_percent = step.noise_std = float("nan")
+    posterior = standin.posterior([step], result=Result.undetermined, missing=("G", "tau", "f0"), modes=modes)
+    posterior.draws["tau"] = np.full((4, 100), np.inf)
+    posterior.draws["G"] = np.ones((4, 100))
+    posterior.fit.parameters["tau"] = posterior.fit.parameters["f0"].__class__(None, None, None, "s", False, "too short")
+    said, page = shown(posterior), rendered(posterior)
+    for words in ("1 ± unknown (weight 0.5)", "2 ± 0.1 (weight 0.5)", "too short", "unknown"):
+        assert words in said and words in page, words
 
 
 def test_every_result_has_advice():

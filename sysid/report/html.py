@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import ADVICE, clean, derived, gains, grouped, row, seconds, taken_for
+from sysid.report.text import ADVICE, clean, derived, gains, grouped, mode, number, row, seconds, taken_for
 
 if TYPE_CHECKING:
     from sysid.posterior import Posterior
@@ -21,7 +21,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior") -> str:
     environment = jinja2.Environment(
         loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"row": row, "seconds": seconds, "taken_for": taken_for}
+    environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
     images = {title: b64encode(png).decode() for title, png in figures(posterior, document["parameters"]).items()}
     return environment.get_template("template.html.j2").render(
         document,

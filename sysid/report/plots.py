@@ -46,11 +46,13 @@ def figures(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]])
     logs = list(enumerate(posterior.fit.logs, 1))
     sweeps = [(i, f) for i, f in logs if _is_sweep(f)]
     others = [(i, f) for i, f in logs if not _is_sweep(f)]
+    # Draws of what the logs do not bound may reach to infinity.
+    names = [name for name, p in parameters.items() if name in posterior.draws and (p["determined"] or "modes" in p)]
     wanted: list[tuple[str, Callable[[], Figure], Any]] = [
         ("Over time", lambda: _panels(others[:PANELS]), others),
         ("Sweeps", lambda: _sweeps(sweeps), sweeps),
         ("Residuals, in units of the noise", lambda: _residuals(logs), True),
-        ("Posterior", lambda: _corner(posterior, parameters), True),
+        ("Posterior", lambda: _corner(posterior, parameters, names), names),
     ]
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks is shown as boxes
@@ -185,9 +187,8 @@ def _residuals(logs: Sequence[Numbered]) -> Figure:
     return figure
 
 
-def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> Figure:
+def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]], names: Sequence[str]) -> Figure:
     """Marginals on the diagonal, pairs below it."""
-    names = [name for name in parameters if name in posterior.draws]
     flat = [posterior.draws[name].ravel() for name in names]
     count = len(names)
     figure = _figure(2 + 1.7 * count, 0.8 + 1.5 * count)

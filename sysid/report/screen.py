@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, row, seconds, taken_for
+from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
@@ -28,8 +28,8 @@ def _logs(logs: list[Mapping[str, Any]]) -> Table:
     table = _table("log", "kind", "rows", "taken for", "NRMSE", f"noise {unit}", right=("rows", "NRMSE"))
     table.columns[0].max_width = 30
     for log in logs:
-        noise = f"{log['noise_std']:.2g}" + (f", {seconds(log['noise_time_s'])}" if log["noise_time_s"] else "")
-        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), f"{log['nrmse_percent']:.2f}%", noise)
+        noise = number(log["noise_std"]) + (f", {seconds(log['noise_time_s'])}" if log["noise_time_s"] else "")
+        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), f"{number(log['nrmse_percent'], '.2f')}%", noise)
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table
 
@@ -71,8 +71,8 @@ def _reasons(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     lines = []
     for name, parameter in document["parameters"].items():
         if not parameter["determined"]:
-            modes = [f"{m['value']:.8g} ± {m['std']:.2g} (weight {m['weight']:.2g})" for m in parameter.get("modes", ())]
-            lines.append((name, "\n".join([parameter["why"], *([f"{' or '.join(modes)} {parameter['unit']}"] if modes else [])])))
+            modes = [f"{mode(m)} {parameter['unit']}" for m in parameter.get("modes", ())]
+            lines.append((name, "\n".join([parameter["why"], *modes])))
     return lines
 
 

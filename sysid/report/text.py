@@ -20,6 +20,11 @@ def clean(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in text)
 
 
+def number(value: float | None, form: str = ".2g") -> str:
+    """A number of fit.json, which is null where it was not finite."""
+    return "unknown" if value is None else format(value, form)
+
+
 def seconds(value: float) -> str:
     """A time to three digits."""
     unit, factor = _prefix(value)
@@ -43,6 +48,11 @@ def row(parameter: Mapping[str, Any]) -> tuple[str, str, str]:
     """Value and error, 95 % interval, unit of a determined parameter in the form of fit.json."""
     (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
     return f"{value} ± {std}", f"{low} to {high}", unit
+
+
+def mode(found: Mapping[str, float | None]) -> str:
+    """One of the separate values of a parameter that has several."""
+    return f"{number(found['value'], '.8g')} ± {number(found['std'])} (weight {number(found['weight'])})"
 
 
 def derived(draws: Mapping[str, np.ndarray], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
