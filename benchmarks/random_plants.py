@@ -19,7 +19,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sysid import Log, Plant
+from sysid import Fit, Log, Plant, fit
 from sysid.fitting import Fit, fit
 
 HERE = Path(__file__).parent

@@ -119,6 +119,7 @@ def fit(
         raise ValueError("no logs to fit")
     if unknown := set(nuisances) - set(NUISANCES):
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(NUISANCES)}")
+    _check_units(logs)
     trials, warnings = _trials(logs, tuple(nuisances))
     reference = _reference(trials)
     free = _free(trials)
@@ -127,6 +128,16 @@ def fit(
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         trials, states = _minima(flipped, reference, free, start)
     return _conclude(states, reference, free, warnings, reference_temperature)
+
+
+def _check_units(logs: Sequence[Log]) -> None:
+    for log in logs:
+        drive = log.drive_unit if log.drive is not None and logs[0].drive is not None else logs[0].drive_unit
+        if (log.response_unit, drive) != (logs[0].response_unit, logs[0].drive_unit):
+            raise ValueError(
+                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected {logs[0].response_unit} and"
+                f" {logs[0].drive_unit} as in {logs[0].name}; logs that are read together by read_logs agree"
+            )
 
 
 def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float) -> Fit:
@@ -214,10 +225,11 @@ def _units(log: Log) -> dict[str, str]:
 def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
     """Each log beside its model; and, for every log that the model does not describe, a sentence."""
     misfits, fitted = [], []
+    tau, std = float(np.exp(state.theta[1])), float(np.exp(state.theta[1]) * np.sqrt(state.covariance[1, 1]))
     for trial, model in zip(state.trials, state.models, strict=True):
         model = model.real if trial.log.amplitude_only else model
         left = trial.log.response - model
-        said = identify.misfit(trial, model, left, float(np.exp(state.theta[1])))
+        said = identify.misfit(trial, model, left, tau) or identify.filtered(trial, tau, std)
         if said:
             misfits.append(f"{trial.log.name}: {said}")
         centred = trial.log.response - np.mean(trial.log.response)
@@ -309,6 +321,7 @@ def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[Sta
         for theta, short in zip(starts[1:], score[1:], strict=True)
         if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
     ]
+    found += [_refine(trials, theta, reference, free, rounds=1) for theta in _mirrored(found[0], reference)]
     found.sort(key=lambda s: s.cost)
     states: list[State] = []
     for first in found:
@@ -336,6 +349,18 @@ def _distinct(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.nda
     return points[kept], score[kept]
 
 
+def _mirrored(state: State, reference) -> list[np.ndarray]:
+    """Where amplitudes are all there is: the resonance as far on the other side of each constant drive frequency."""
+    resonant = [t for t in state.trials if t.resonant]
+    if any(not t.log.amplitude_only for t in resonant):
+        return []
+    drives = {float(t.log.frequency[0]) for t in resonant if np.ptp(t.log.frequency) == 0}
+    mirrored = [state.theta.copy() for _ in drives]
+    for theta, drive in zip(mirrored, sorted(drives), strict=True):
+        theta[2] = 2 * (drive - reference[0]) - theta[2]
+    return mirrored
+
+
 def _log_gains(search: Search, points: np.ndarray) -> list[float]:
     """Log of the median gain of the driven logs at each point."""
     driven = np.array([t.driven for t in search.trials])
@@ -347,7 +372,7 @@ def _apart(state: State, other: State, free) -> bool:
     index = [NAMES.index(n) for n in free]
     step = (state.theta - other.theta)[index]
     spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
-    return bool(np.any(np.abs(step) > 5 * spread + 1e-9))
+    return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
 
 def _refine(trials, theta, reference, free, rounds: int = 30) -> State:

@@ -165,7 +165,24 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     said = f"the residual holds {100 * part / size:.1f} % of the response that is not noise"
     if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
         return f"{said}: the phase rises through the resonance; if the demodulator's sign is the other one, say phase_sign = -1"
-    return f"{said}: saturated, a second resonance, an interfering line, or a background that is not a slope"
+    moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
+    return f"{said}: saturated, a second resonance, an interfering line, a background that is not a slope{moved}"
+
+
+def _warm(trial: Trial) -> bool:
+    """Whether the log records its temperature."""
+    return trial.log.temperature is not None
+
+
+def filtered(trial: Trial, tau: float, std: float) -> str | None:
+    """A sentence when a lock-in's filter, which is not modelled, lengthens tau by more than its error; else None."""
+    delay = trial.log.bench.get("lockin_tau_s", 0.0) * trial.log.bench.get("lockin_order", 1.0)
+    if trial.steady or delay <= std:
+        return None
+    return (
+        f"its lock-in's filter ({_seconds(delay)} of delay) is not modelled and makes tau too long by about as much;"
+        f" record with a filter faster than {_seconds(std)}, or fit sweeps alone"
+    )
 
 
 def _structure(residual: np.ndarray) -> tuple[float, float]:

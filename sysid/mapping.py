@@ -162,7 +162,8 @@ class MappingFile:
         index = self._position(key, entry["column"], head)
         label = head.names[index] or f"column {index}"
         unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
-        amplitude = entry.get("amplitude") or amplitude or self.options.get("amplitude", "peak")
+        stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
+        amplitude = entry.get("amplitude") or amplitude or stated
         self._check_unit(key, name, unit)
         return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)))
 

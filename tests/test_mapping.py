@@ -380,3 +380,10 @@ def phase_falls(log, low, high):
     signal = log.response - (1 - ends) * log.response[0] - ends * log.response[-1]
     near = (log.frequency >= low) & (log.frequency <= high)
     return np.polyfit(log.frequency[near], np.unwrap(np.angle(signal[near])), 1)[0] < 0
+
+
+def test_rms_is_of_drive_and_response_alone(read):
+    log = read('amplitude = "rms"\n[columns]\nfrequency = "f_Hz"\ntemperature = {column = "T_C", unit = "degC"}\nw = "X_V"\n')[0]
+    np.testing.assert_array_equal(log.frequency, [100, 200, 400])
+    np.testing.assert_array_equal(log.temperature, [20, 21, 22])
+    np.testing.assert_allclose(log.response, np.sqrt(2) * np.array([1, 3, 5]), rtol=1e-15)  # one rounding
