@@ -20,7 +20,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from sysid import Fit, Log, Plant, fit
-from sysid.fitting import Fit, fit
 
 HERE = Path(__file__).parent
 make = SimpleNamespace(**runpy.run_path(str(HERE.parent / "data" / "synthetic" / "make.py")))

@@ -82,7 +82,10 @@ def grouped(logs: Iterable[Mapping[str, Any]]) -> list[str]:
 def gains(controller: Mapping[str, Any]) -> list[str]:
     """The controller in a few lines."""
     unit = " ({drive} per {response})".format(**controller["units"])
-    d, bound = controller["gains"]["d"], {"stated": "as stated", "plant": "0.3 tau", "delay": "limited by one sample of delay"}
+    d, bound = (
+        controller["gains"]["d"],
+        {"stated": "as stated", "plant": "tau_cl = 0.3 tau", "delay": "limited by one sample of delay"},
+    )
     lines = [
         f"Kp {d['Kp']:.6g}, Ki Ts {d['Ki_Ts']:.6g}{unit} at a sample time of {seconds(controller['sample_time_s'])};"
         f" closed loop {controller['bandwidth_Hz']:.4g} Hz ({bound[controller['bandwidth_bound']]})"

@@ -1,0 +1,220 @@
+"""The command as its users run it: exit codes, what is printed where, and what becomes of files that are already there."""
+
+import json
+import os
+import subprocess
+import sys
+from hashlib import sha256
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from sysid import __version__, cli
+
+SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
+LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
+ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"}
+CONTROLLER = {"controller.json", "dq_pi.h"}
+
+
+def identify(*arguments, cwd):
+    """Run the command; its exit code, its two outputs, and the bytes of `identified` afterwards."""
+    command = [sys.executable, "-m", "sysid", *map(str, arguments)]
+    # A report must not depend on where it is read; the width of this terminal is not the reader's.
+    environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "FORCE_COLOR")}
+    done = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, encoding="utf-8", timeout=600)
+    return SimpleNamespace(code=done.returncode, out=done.stdout, err=done.stderr, files=files(Path(cwd) / "identified"))
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()} if folder.exists() else {}
+
+
+def without_cost(content):
+    return {key: value for key, value in json.loads(content).items() if key != "cost"}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A folder with a result of the user's own making beside the files of the command."""
+    folder = tmp_path_factory.mktemp("bench")
+    (folder / "identified").mkdir()
+    (folder / "identified" / "notes.txt").write_text("mine")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def first(bench):
+    return identify(*LOGS, cwd=bench)
+
+
+@pytest.fixture(scope="module")
+def second(bench, first):
+    """The same once more, as a script asks for it, over the files of the first."""
+    return identify("--json", *LOGS, cwd=bench)
+
+
+@pytest.fixture(scope="module")
+def refused(bench, second):
+    """Answers of the command to unusable input, over the files of the second run."""
+    texts = {"misspelt": "time_s,volage_V,wd_um,wq_um\n0,1,0,0\n1,1,1,0\n", "strange": "a,b\n1,2\n3,4\n"}
+    for name, text in texts.items():
+        (bench / f"{name}.csv").write_text(text)
+    (bench / "file").write_text("in the way")
+    cases = {
+        "misspelt": ("misspelt.csv",),
+        "strange": ("strange.csv",),
+        "absent": ("absent.csv",),
+        "pattern": ("absent*.csv",),
+        "option": ("--effects", "drift", *LOGS),
+        "no logs": (),
+        "seed": ("--seed", "-1", *LOGS),
+        "temperature": ("--reference-temperature", "nan", *LOGS),
+        "mapping": ("--columns", "absent.toml", *LOGS),
+        "unwritable": ("-o", "file", *LOGS),
+        "below a file": ("-o", "file/below", *LOGS),
+    }
+    return {name: identify(*arguments, cwd=bench) for name, arguments in cases.items()}
+
+
+@pytest.fixture(scope="module")
+def failed(bench, refused):
+    """A sweep and a step that no one plate explains, over the files of the second run: the step's clock runs at half speed."""
+    head, *rows = (line for line in LOGS[1].read_text().splitlines() if not line.startswith("#"))
+    slow = [f"{2 * float(time)!r},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
+    notes = "# temperature_degC: 24\n# frequency_Hz: 32290\n# sampling: instant\n"
+    (bench / "slow.csv").write_text(notes + "\n".join([head, *slow]))
+    return identify(LOGS[0], "slow.csv", cwd=bench)
+
+
+@pytest.fixture(scope="module")
+def undriven(bench, failed):
+    """A sweep without its drive."""
+    lines = [line.split(",") for line in LOGS[0].read_text().splitlines() if not line.startswith("#")]
+    (bench / "undriven.csv").write_text("\n".join(f"{f},{wd},{wq}" for f, _, wd, wq in lines))
+    (bench / "identified" / "dq_pi.h").write_text("stale")
+    return identify("undriven.csv", cwd=bench)
+
+
+def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):
+    assert first.code == 0, first.err
+    assert set(first.files) == ALL | {"notes.txt"} and first.files["notes.txt"] == b"mine"
+    content = json.loads(first.files["fit.json"])
+    assert content["result"] == "successful" and content["reference_temperature_degC"] == 24.0
+    assert content["files"] == {name: sha256(first.files[name]).hexdigest() for name in sorted(ALL - {"fit.json"})}
+    assert json.loads(first.files["controller.json"]) == content["controller"]
+    assert set(content["cost"]) == {"read_s", "load_s", "fit_s", "sample_s", "report_s"}
+
+
+def test_parameters_are_those_that_the_logs_were_made_from(first):
+    parameters = json.loads(first.files["fit.json"])["parameters"]
+    # data/synthetic/truth.toml; four standard deviations, one chance in ten thousand
+    for name, truth in {"G": 0.02, "tau": 5e-3 / 2.995732273553991, "f0": 32300.0}.items():
+        assert abs(parameters[name]["value"] - truth) < 4 * parameters[name]["std"], name
+    assert parameters["k_T"]["value"] is None and "one temperature" in parameters["k_T"]["why"]
+
+
+def test_the_screen_shows_logs_parameters_gains_and_files(first):
+    for words in (
+        "sweep_24C.csv",
+        "steady",
+        "transient",
+        "tau",
+        "±",
+        "not determined",
+        "record a sweep",
+        "Kp",
+        "successful",
+        "fit.json",
+    ):
+        assert words in first.out, words
+    assert "\x1b" not in first.out and len(first.out.splitlines()) <= 45
+
+
+def test_json_prints_fit_json_and_nothing_else(second):
+    assert second.code == 0, second.err
+    assert second.out.encode() == second.files["fit.json"]
+
+
+def test_the_same_logs_give_the_same_bytes(first, second):
+    assert set(first.files) == set(second.files)
+    for name in set(first.files) - {"fit.json"}:
+        assert first.files[name] == second.files[name], name
+    assert without_cost(first.files["fit.json"]) == without_cost(second.files["fit.json"])
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [
+        ("misspelt", ("misspelt.csv", "volage_V", "voltage_V")),
+        ("strange", ("strange.csv", "expected", "identify --columns map.toml LOGS", "[columns]")),
+        ("absent", ("absent.csv", "no such file")),
+        ("pattern", ("absent*.csv", "pattern")),
+        ("option", ("usage:", "--effects")),
+        ("no logs", ("usage:", "LOGS")),
+        ("seed", ("--seed", "expected 0 to")),
+        ("temperature", ("--reference-temperature", "nan")),
+        ("mapping", ("absent.toml",)),
+        ("unwritable", ("file", "cannot be written")),
+        ("below a file", ("below", "cannot be written")),
+    ],
+)
+def test_unusable_input_is_named_and_changes_nothing(refused, second, case, words):
+    answer = refused[case]
+    assert answer.code == 2 and answer.out == ""
+    assert "Traceback" not in answer.err
+    for word in words:
+        assert word in answer.err, answer.err
+    assert answer.files == second.files
+
+
+def test_failure_says_why_and_removes_the_stale_controller(failed):
+    assert failed.code == 1, failed.err
+    assert set(failed.files) == ALL - CONTROLLER | {"notes.txt"}
+    content = json.loads(failed.files["fit.json"])
+    assert content["result"] == "the model does not describe the logs" and content["controller"] is None
+    assert set(content["files"]) == {"posterior.nc", "report.html"}
+    assert content["result"] in failed.out and "no controller" in failed.out
+    assert "warning: " in failed.err and ".csv" in failed.err and content["warnings"]
+
+
+def test_without_a_drive_there_is_no_gain_and_no_controller(undriven):
+    assert undriven.code == 0, undriven.err
+    assert set(undriven.files) == ALL - CONTROLLER | {"notes.txt"}
+    parameters = json.loads(undriven.files["fit.json"])["parameters"]
+    assert parameters["tau"]["determined"] and parameters["G"]["value"] is None and "drive" in parameters["G"]["why"]
+    assert "no controller: G is not determined" in undriven.err
+
+
+def test_nothing_temporary_is_left(bench, undriven):
+    assert not [path for path in bench.rglob("*") if path.name.startswith(".")]
+
+
+def test_help_and_version_wait_for_no_library():
+    """Importing numpy alone takes a third of the 0.3 s that help may take; the compiler takes seconds."""
+    program = "import sys; from sysid.cli import main\ntry: main(sys.argv[1:])\nexcept SystemExit: print(sorted(sys.modules))"
+    for option, words in (("--help", "--reference-temperature"), ("--version", __version__)):
+        out = subprocess.run([sys.executable, "-c", program, option], capture_output=True, text=True, check=True).stdout
+        assert words in out
+        assert not {"'numpy'", "'jax'", "'pandas'", "'matplotlib'", "'emcee'", "'rich'"} & set(out.strip("[]\n").split(", "))
+
+
+def test_an_interrupt_exits_130_and_leaves_files_alone(monkeypatch, tmp_path, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sysid.log.read_logs", interrupted)
+    assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) == 130
+    assert not list(tmp_path.iterdir()) and "interrupted" in capsys.readouterr().err
+
+
+def test_a_defect_is_no_result(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr("sysid.log.read_logs", lambda *_: 1 / 0)
+    assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) not in (0, 1, 2)
+    assert "ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_names_cannot_steer_the_terminal(tmp_path):
+    answer = identify("a\x1b[2J.csv", cwd=tmp_path)
+    assert answer.code == 2 and "\x1b" not in answer.err and "a\\u001b[2J.csv" in answer.err
