@@ -18,7 +18,8 @@ FOLDERS = ("plate", "quartz", "low_q")
 def compilation_cache(tmp_path_factory):
     """Subprocesses of the tests find what this process compiled; an outer cache, if one is set, is kept."""
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        folder = str(tmp_path_factory.mktemp("compiled"))
+        base = tmp_path_factory.getbasetemp()  # workers that share the tests share what they compile
+        folder = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled")
         os.environ |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5"}
         import jax
 
