@@ -12,6 +12,7 @@ from sysid.log import Log
 from sysid.plant import LOW_Q, Hold
 
 NUISANCES = ("rotation", "background", "offset", "start")
+FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
 
@@ -47,6 +48,11 @@ class Trial:
     def scale(self) -> float:
         """Largest magnitude of the response."""
         return float(np.max(np.abs(self.log.response))) or 1.0
+
+    @property
+    def at_floor(self) -> bool:
+        """The residual is rounding, not noise."""
+        return self.noise_std <= FLOOR * self.scale
 
     @property
     def driven(self) -> bool:
@@ -278,4 +284,5 @@ def freedom(trial: Trial, columns: int | None = None) -> float:
 
 def with_noise(trial: Trial, std: float, time: float) -> Trial:
     """The trial with a noise level (never below what float64 resolves) and correlation time."""
-    return replace(trial, noise_std=max(std, 1e-10 * trial.scale), noise_time=time)
+    least = FLOOR * trial.scale
+    return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0)

@@ -24,6 +24,7 @@ NAMES = ("G", "tau", "f0", "k_T")
 SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 STARTS = 4
+RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
 
 
@@ -163,10 +164,10 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
         plant, {}, free, covariance, result, at, logs, tuple(warnings), units, tuple(states), reference
     )  # fmt: skip
     parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in NAMES}
-    if result is Result.successful and described:
-        result = Result.misfit
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
+    if result is Result.successful and described:
+        result = Result.misfit
     return replace(fitted, parameters=parameters, result=result)
 
 
@@ -178,6 +179,8 @@ def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
 def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
     """The estimate of one parameter, or why there is none."""
     state = fit.modes[0]
+    if not state.converged:
+        return Parameter(None, None, None, fit.units[name], False, "cannot tell, because the fit did not converge")
     G, tau = np.exp(state.theta[:2])
     known = name in fit.names and np.isfinite(value) and std <= identify.limits(G, tau)[name]
     if known and len(fit.modes) == 1:
@@ -380,15 +383,17 @@ def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
 
     Once a Gauss-Newton step would change the sum of squares by less than NEAR, that step replaces the search.
     """
-    index = [NAMES.index(n) for n in free]
-    last, left, converged = np.inf, np.inf, False
+    last, left, converged, begin = np.inf, np.inf, False, theta
+    if all(np.all(t.log.response == t.log.response[0]) for t in trials):
+        return _unbounded(trials, begin, reference, free)
     for k in range(rounds):
-        half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
-        directions = np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, index]
         groups, members = group(trials, reference, np.exp(theta[1]))
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        directions = _directions(theta, free)
         if left > NEAR:
             theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
+            if _ran_away(theta, begin):
+                return _unbounded(trials, begin, reference, free)
         gram, gradient, found = jax.device_get(_linearise(theta, directions, layouts, arrays))
         inverse = _invert(gram)
         left = float(gradient @ inverse @ gradient)
@@ -399,10 +404,37 @@ def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
             break
         if left <= NEAR:
             theta = theta - directions @ (inverse @ gradient)
+            if _ran_away(theta, begin):
+                return _unbounded(trials, begin, reference, free)
     covariance = directions @ inverse @ directions.T
+    return State(theta, covariance, tuple(trials), _models(trials, members, found), float(cost), converged)
+
+
+def _directions(theta: np.ndarray, free) -> np.ndarray:
+    """(4, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC."""
+    half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
+    return np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, [NAMES.index(n) for n in free]]
+
+
+def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
+    return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
+
+
+def _unbounded(trials, theta, reference, free) -> State:
+    """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
+    groups, members = group(trials, reference, np.exp(theta[1]))
+    directions = _directions(theta, free)
+    arrays = (tuple(g[0] for g in groups), tuple(g[1] for g in groups))
+    found = jax.device_get(_linearise(theta, directions, *arrays))[2]
+    trials, cost, _ = _update(trials, members, found, round_=0)
+    covariance = RUNAWAY**2 * directions @ directions.T
+    return State(theta, covariance, trials, _models(trials, members, found), cost if np.isfinite(cost) else 0.0, True)
+
+
+def _models(trials, members, found) -> tuple[np.ndarray, ...]:
+    """Modelled rows of each trial."""
     by_trial = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
-    models = tuple(by_trial[i][: len(t.log)] for i, t in enumerate(trials))
-    return State(theta, covariance, tuple(trials), models, float(cost), converged)
+    return tuple(by_trial[i][: len(t.log)] for i, t in enumerate(trials))
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:
@@ -430,7 +462,9 @@ def _cost(trial: Trial, total: float) -> float:
     """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
     channels = 1 if trial.log.amplitude_only else 2
     shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(trial.weight))
-    return float(0.5 * freedom(trial) * np.log(max(total, 1e-12) * trial.noise_std**2) + channels * shrink)
+    dof = freedom(trial)
+    shape = 0.5 * dof * np.log(total / dof) if total > dof or not trial.at_floor else 0.5 * (total - dof)
+    return float(shape + dof * np.log(trial.noise_std) + channels * shrink) if total > 0 else -np.inf
 
 
 def _renew(trial: Trial, detail, k: int, round_: int) -> Trial:

@@ -147,7 +147,8 @@ def describe(trial: Trial) -> str:
     if log.frequency is not None and np.ptp(log.frequency) > 0:
         shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
     elif not trial.steady:
-        changes = f", drive changes {trial.changes} times" if trial.changes else ", one level"
+        times = "once" if trial.changes == 1 else f"{trial.changes} times"
+        changes = f", drive changes {times}" if trial.changes else ", one level"
         shape += changes if trial.driven else ", undriven"
     shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
     return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"

@@ -192,6 +192,9 @@ def log_density(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experim
     """Log posterior density of theta up to a constant: flat in log G, log tau, f0 and k_T, noise levels integrated out."""
     total = jnp.zeros(())
     for s, x in zip(sums(theta, layouts, groups), groups, strict=True):
-        # A log of zero degrees of freedom is padding of its group.
-        total = total - 0.5 * jnp.sum(x.freedom * jnp.log(jnp.maximum(s, 1e-12) / jnp.maximum(x.freedom, 1.0)))
+        # Below its expectation S counts as with a known noise: noise-free logs have a level, that of rounding. A log without
+        # degrees of freedom is padding of its group.
+        f = jnp.maximum(x.freedom, 1e-300)
+        shape = jnp.where(s > f, f * jnp.log(jnp.maximum(s, f) / f), s - f)
+        total = total - 0.5 * jnp.sum(jnp.where(x.freedom > 0, shape, 0.0))
     return total

@@ -88,7 +88,10 @@ def sample(fit: Fit, seed: int = 0) -> Posterior:
     best = fit.modes[0]
     names = _sampled(fit)
     index = [NAMES.index(n) for n in names]
-    triangle = np.linalg.cholesky(best.covariance[np.ix_(index, index)])
+    covariance = best.covariance[np.ix_(index, index)]
+    if not fit.result.bounded:  # a broad look at what is left, not an interval
+        covariance = np.diag(np.minimum(np.diag(covariance), 1.0))
+    triangle = np.linalg.cholesky(covariance)
     groups, _ = group(best.trials, fit.reference, np.exp(best.theta[1]))
     layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
 
@@ -102,13 +105,13 @@ def sample(fit: Fit, seed: int = 0) -> Posterior:
         return np.where(np.isfinite(value), value, -np.inf)
 
     proposal = _proposal(fit, index, triangle)
-    sampler, worst, agreed = _run(density, proposal, len(index), seed)
+    sampler, worst, agreed = _run(density, proposal, len(index), seed, ROUNDS if fit.result.bounded else 1)
     chains = np.swapaxes(sampler.get_chain(discard=BURN), 0, 1)
     draws = _parameters(fit, names, theta(chains.reshape(-1, len(index))), chains.shape[:2])
     result = fit.result
     if result is Result.successful and (worst < ENOUGH or not agreed < AGREED):
         result = Result.sampler_stopped
-    method = f"emcee, {WALKERS} walkers, independence Metropolis from a Student-t mixture of {len(fit.modes)} mode(s)"
+    method = f"emcee, {WALKERS} walkers, independence Metropolis from a Student-t mixture about each minimum ({len(fit.modes)})"
     accepted = float(np.mean(sampler.acceptance_fraction))
     posterior = Posterior(fit, draws, worst, agreed, accepted, method, result, seed)
     if result is Result.successful and not usable(posterior.summary(), best.trials):
@@ -127,6 +130,8 @@ def _sampled(fit: Fit) -> tuple[str, ...]:
 
 def _proposal(fit: Fit, index: list[int], triangle: np.ndarray) -> _Mixture:
     centres, scales = [], []
+    if not fit.result.bounded:
+        return _Mixture(np.zeros((1, len(index))), np.eye(len(index))[None], np.ones(1))
     for state in fit.modes:
         centres.append(np.linalg.solve(triangle, (state.theta - fit.modes[0].theta)[index]))
         scales.append(np.linalg.solve(triangle, np.linalg.cholesky(state.covariance[np.ix_(index, index)])))
@@ -134,7 +139,7 @@ def _proposal(fit: Fit, index: list[int], triangle: np.ndarray) -> _Mixture:
     return _Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 
 
-def _run(density, proposal: _Mixture, dimension: int, seed: int):
+def _run(density, proposal: _Mixture, dimension: int, seed: int, rounds: int):
     """Run emcee in rounds until the criteria hold. Returns the sampler, the smallest ESS and the largest R-hat."""
     rng = np.random.default_rng(seed)
 
@@ -148,7 +153,7 @@ def _run(density, proposal: _Mixture, dimension: int, seed: int):
     # emcee accepts by the legacy generator and takes its state from numpy's global one unless told otherwise.
     state = emcee.State(proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state())
     worst, agreed = 0.0, np.inf
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         state = sampler.run_mcmc(state, ROUND, skip_initial_state_check=True)
         chains = np.swapaxes(sampler.get_chain(discard=BURN), 0, 1)
         worst = min(ess(chains[..., k]) for k in range(dimension))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 
 class Result(Enum):
@@ -12,6 +13,11 @@ class Result(Enum):
     misfit = "the model does not describe the logs"
     undetermined = "the logs do not determine tau or G"
     sampler_stopped = "the sampler stopped before it reached its criteria"
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the logs bound the parameters, so that there is a posterior to draw from."""
+        return self in (Result.successful, Result.misfit, Result.sampler_stopped)
 
 
 @dataclass(frozen=True)
@@ -25,3 +31,9 @@ class Parameter:
     determined: bool
     why: str | None = None
     modes: tuple[dict, ...] = ()
+
+    def __getitem__(self, name: str) -> Any:
+        """`parameter["ci95"]`: the fields by name, as they stand in fit.json."""
+        if name not in self.__dataclass_fields__:
+            raise KeyError(name)
+        return getattr(self, name)

@@ -4,10 +4,13 @@ A fit compiles for some ten seconds, so every fit that more than one test looks 
 """
 
 import os
+import runpy
 import tomllib
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
@@ -65,3 +68,62 @@ def joint_fits(bundled):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return {name: sysid.fit(list(logs.values())) for name, logs in bundled.items()}
+
+
+# --- simulated logs: physics and bench are those of data/synthetic/make.py, which shares no code with the package ---------
+
+PLATE = {"G": 0.02, "tau": 5e-3 / np.log(20), "f0": 32300.0, "k_T": -10.16}
+
+
+class Bench:
+    """Logs of one plate: 240 rows of a transient or 101 of a sweep, sizes for which the bundled logs compile programs too."""
+
+    def __init__(self, make):
+        self.make = make
+        self.plant = make.Plant("A7", ripple=False, **PLATE)
+
+    def transient(self, seed=0, **changes):
+        """A step by 10 Hz below resonance; what is given replaces it: volts, dt, frequency, amplitude, noise, noise_time."""
+        given = {"volts": np.repeat([0.0, 100.0], [20, 220]), "dt": 1e-4, "frequency": 32290.0, "amplitude": False, "noise": 0.01}
+        given |= {"noise_time": 0.0, "drive": True, "temperature": 24.0} | changes
+        rows = len(given["volts"])
+        time = given["dt"] * np.arange(rows)
+        frequency = np.broadcast_to(given["frequency"], rows).astype(float)
+        temperature = np.full(rows, given["temperature"])
+        clean = self.make.ringing(self.plant, time, given["volts"], frequency, temperature)
+        felt = np.append(0.0, given["volts"][:-1])
+        return self._log("step", seed, given, clean, felt, time=time, frequency=frequency, temperature=temperature, sampling="instant")
+
+    def sweep(self, seed=0, **changes):
+        """101 settled points over +-500 Hz."""
+        given = {"volts": 100.0, "frequency": np.linspace(31800, 32800, 101), "amplitude": False, "noise": 0.01, "noise_time": 0.0}
+        given |= {"drive": True, "temperature": 24.0, "time": None} | changes
+        rows = len(given["frequency"])
+        given["volts"] = np.full(rows, given["volts"])
+        temperature = np.full(rows, given["temperature"])
+        clean = self.make.steady(self.plant, given["volts"], given["frequency"], temperature)
+        clean = given["distort"](clean, given["frequency"]) if "distort" in given else clean
+        inputs = {"frequency": given["frequency"], "temperature": temperature, "time": given["time"]}
+        return self._log("sweep", seed, given, clean, given["volts"], **inputs)
+
+    def _log(self, name, seed, given, clean, felt, **inputs):
+        from sysid import Log
+
+        std = given["noise"] * 2.0
+        times = inputs["time"] if inputs["time"] is not None else np.zeros(len(felt))
+        fields = {"noise_time": given["noise_time"], "time": times, "voltage": felt}
+        noise = self.make.noise(SimpleNamespace(**fields), std, seed)
+        if given["amplitude"]:
+            response = np.abs(clean + noise)
+        else:
+            response = np.exp(0.3j) * clean + (1.6e-4 - 1.2e-4j) * felt + (0.004 - 0.003j) + noise
+        if "limit" in given:
+            low, high = -given["limit"], given["limit"]
+            response = np.clip(response.real, low, high) + 1j * np.clip(response.imag, low, high)
+        return Log(name, response, drive=given["volts"] if given["drive"] else None, **inputs)
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """Simulated logs of the plate."""
+    return Bench(SimpleNamespace(**runpy.run_path(str(SYNTHETIC / "make.py"))))

@@ -1,0 +1,86 @@
+"""The noise of a residual: level and correlation time of simulated Ornstein-Uhlenbeck noise, and when it is called white."""
+
+import numpy as np
+import pytest
+
+from sysid.noise import estimate, innovate
+
+ROWS = 400
+
+
+def ornstein_uhlenbeck(clock, std, time, rng, channels=2):
+    """Noise of `std` per channel with correlation exp(-|t|/time), by its exact recursion from the stationary start."""
+    white = rng.standard_normal((channels, len(clock)))
+    keep = np.exp(-np.diff(clock) / time)
+    for k in range(1, len(clock)):
+        white[:, k] = keep[k - 1] * white[:, k - 1] + np.sqrt(1 - keep[k - 1] ** 2) * white[:, k]
+    return std * (white[0] + 1j * white[1]) if channels == 2 else std * white[0]
+
+
+def irregular(rng):
+    return np.cumsum(rng.exponential(1.0, ROWS))
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_level_and_time_of_coloured_noise_on_irregular_grids(channels):
+    seeds = 80
+    found = []
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        clock = irregular(rng)
+        found.append(estimate(ornstein_uhlenbeck(clock, 0.3, 5.0, rng, channels), clock, channels * ROWS))
+    level, time = np.log(np.array(found) / [0.3, 5.0]).T
+    assert np.all(np.isfinite(time))  # never called white
+    for logs in (level, time):
+        # the maximum of a likelihood is biased by the order of its variance: 400 rows are 40 independent ones
+        bias = logs.var()
+        assert abs(logs.mean()) < 4 * logs.std() / np.sqrt(seeds) + bias
+    # 2 * 40 correlation times per channel: the level to 8 %, the time to twice that; a factor of two for irregular steps
+    assert level.std() < 0.2
+    assert time.std() < 0.4
+
+
+def test_white_noise_is_called_white():
+    called = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        clock = irregular(rng)
+        called.append(estimate(rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS), clock, 2 * ROWS))
+    level, time = np.array(called).T
+    # a gain of four in log-likelihood: chi-square of one parameter exceeds eight in 0.5 % of cases
+    assert np.mean(time == 0) >= 0.95
+    assert abs(level[time == 0].mean() - 1) < 4 / np.sqrt(2 * 2 * ROWS * 200)  # an exact mean of exact estimates
+
+
+def test_the_level_of_white_noise_counts_degrees_of_freedom():
+    residual = np.array([1.0, -1.0, 1.0, -1.0, 2.0, -2.0])
+    assert estimate(residual, np.arange(6.0), 4.0) == (np.sqrt(12 / 4), 0.0)
+
+
+def test_scaling_times_and_levels_scales_the_answer():
+    rng = np.random.default_rng(1)
+    clock = irregular(rng)
+    residual = ornstein_uhlenbeck(clock, 1.0, 5.0, rng)
+    level, time = estimate(residual, clock, 2 * ROWS)
+    scaled = estimate(1e-9 * residual, 1e6 * clock, 2 * ROWS)
+    assert scaled == pytest.approx((1e-9 * level, 1e6 * time), rel=1e-2)  # the search stops within 1e-3 of the logarithm
+
+
+def test_equal_time_stamps_and_tiny_inputs_stay_finite():
+    rng = np.random.default_rng(2)
+    for clock in (np.zeros(20), np.repeat(np.arange(10.0), 2), np.arange(20.0)):
+        level, time = estimate(rng.standard_normal(20), clock, 20.0)
+        assert np.isfinite(level) and level > 0 and np.isfinite(time) and time >= 0
+    for n in (1, 2, 3, 7):
+        level, time = estimate(np.ones(n), np.arange(float(n)), float(n))
+        assert (level, time) == (1.0, 0.0)
+    assert estimate(np.zeros(30), np.arange(30.0), 30.0) == (0.0, 0.0)
+
+
+def test_whitening_undoes_the_recursion():
+    rng = np.random.default_rng(3)
+    clock = irregular(rng)
+    total, shrink = innovate(ornstein_uhlenbeck(clock, 1.0, 3.0, rng), np.diff(clock), 3.0)
+    # a sum of 2 * 400 squares of unit normals: 800 +- 40
+    assert abs(total - 2 * ROWS) < 4 * np.sqrt(4 * ROWS)
+    np.testing.assert_allclose(shrink, 1 - np.exp(-2 * np.diff(clock) / 3.0), rtol=1e-9, atol=1e-15)
