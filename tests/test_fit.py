@@ -308,7 +308,8 @@ def test_settled_points_are_the_same_in_any_order(bench):
     plain = bench.sweep(noise_time=0.0)
     time = 0.05 * np.arange(101)  # 30 tau apart
     stamped = replace(plain, time=time, kind=None)
-    reversed_ = replace(stamped, **{name: getattr(stamped, name)[::-1] for name in ("response", "drive", "frequency", "temperature")})
+    columns = ("response", "drive", "frequency", "temperature")
+    reversed_ = replace(stamped, **{name: getattr(stamped, name)[::-1] for name in columns})
     fits = [sysid.fit([log]) for log in (plain, stamped, reversed_)]
     assert [fit.logs[0].kind for fit in fits] == ["steady"] * 3
     values = np.array([[fit.plant.G, fit.plant.tau, fit.plant.f0] for fit in fits])
