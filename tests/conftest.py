@@ -92,11 +92,19 @@ class Bench:
         temperature = np.full(rows, given["temperature"])
         clean = self.make.ringing(self.plant, time, given["volts"], frequency, temperature)
         felt = np.append(0.0, given["volts"][:-1])
-        return self._log("step", seed, given, clean, felt, time=time, frequency=frequency, temperature=temperature, sampling="instant")
+        return self._log(
+            "step", seed, given, clean, felt, time=time, frequency=frequency, temperature=temperature, sampling="instant"
+        )
 
     def sweep(self, seed=0, **changes):
         """101 settled points over +-500 Hz."""
-        given = {"volts": 100.0, "frequency": np.linspace(31800, 32800, 101), "amplitude": False, "noise": 0.01, "noise_time": 0.0}
+        given = {
+            "volts": 100.0,
+            "frequency": np.linspace(31800, 32800, 101),
+            "amplitude": False,
+            "noise": 0.01,
+            "noise_time": 0.0,
+        }
         given |= {"drive": True, "temperature": 24.0, "time": None} | changes
         rows = len(given["frequency"])
         given["volts"] = np.full(rows, given["volts"])

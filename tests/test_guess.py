@@ -9,7 +9,7 @@ from sysid.guess import candidates, phase_falls
 
 ROWS = 200
 PLANTS = 25
-NEAR_F = 0.25  # of the full bandwidth 1/(pi tau): half a half bandwidth
+NEAR_F = 0.5  # of the bandwidth 1/(pi tau)
 NEAR_TAU = {"amplitude step": 0.4, "amplitude ring-down": 0.4}  # squares of two poles that beat; all others:
 ELSE = 0.3  # of tau: from there Levenberg-Marquardt goes to the minimum
 
@@ -74,7 +74,7 @@ def test_a_candidate_is_near_the_truth(kind):
         tau, f0 = random_plant(rng)
         log = CASES[kind](rng, tau, f0)
         found = candidates(Trial.of(log, log.kind))
-        bandwidths = np.abs(found[:, 1] - f0) * np.pi * tau  # in units of the full bandwidth 1/(pi tau)
+        bandwidths = np.abs(found[:, 1] - f0) * np.pi * tau
         if "amplitude" in kind and "sweep" not in kind:  # either side of the drive fits alike
             mirror = 2 * log.frequency[0] - f0
             bandwidths = np.minimum(bandwidths, np.abs(found[:, 1] - mirror) * np.pi * tau)
