@@ -11,6 +11,8 @@ def split(chains: np.ndarray) -> np.ndarray:
 
 def rhat(chains: np.ndarray) -> float:
     """Split R-hat of (chain, draw); 1 when chains agree, NaN for constant draws."""
+    if np.ptp(chains) == 0:
+        return float("nan")
     halves = split(chains)
     n = halves.shape[1]
     within = halves.var(axis=1, ddof=1).mean()
@@ -20,6 +22,8 @@ def rhat(chains: np.ndarray) -> float:
 
 def ess(chains: np.ndarray) -> float:
     """Effective sample size of (chain, draw): Geyer's initial positive, monotone sequence over split chains."""
+    if np.ptp(chains) == 0:
+        return float("nan")
     halves = split(chains)
     m, n = halves.shape
     centred = halves - halves.mean(axis=1, keepdims=True)
@@ -27,8 +31,6 @@ def ess(chains: np.ndarray) -> float:
     covariance = np.fft.irfft(spectrum, axis=1)[:, :n].mean(axis=0) / n
     within = covariance[0] * n / (n - 1)
     total = within * (n - 1) / n + halves.mean(axis=1).var(ddof=1)
-    if not total > 0:
-        return float("nan")
     rho = 1 - (within - covariance) / total
     pairs = rho[0 : n - 1 : 2] + rho[1:n:2]
     positive = np.flatnonzero(pairs <= 0)
