@@ -182,15 +182,10 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if not state.converged:
         return Parameter(None, None, None, fit.units[name], False, "cannot tell, because the fit did not converge")
     G, tau = np.exp(state.theta[:2])
-    known = name in fit.names and np.isfinite(value) and std <= identify.limits(G, tau)[name]
-    if known and len(fit.modes) == 1:
+    modes = _modes(fit, name)
+    if name in fit.names and np.isfinite(value) and not modes and std <= identify.limits(G, tau)[name]:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
-    apart = known and _spread_of_modes(fit, name) > 2 * std
-    if known and not apart:
-        ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
-        return Parameter(value, std, ci95, fit.units[name], True)
-    modes = _modes(fit, name) if apart else ()
     said = identify.why(name, state.trials, tau, fit.names, len(modes))
     return Parameter(None, None, None, fit.units[name], False, said, modes)
 
@@ -208,15 +203,17 @@ def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
     return found
 
 
-def _spread_of_modes(fit: Fit, name: str) -> float:
-    return float(np.ptp([value for value, _ in _mode_values(fit, name)]))
-
-
 def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
+    """The values of separate minima and their weights; none where this parameter is the same in all of them."""
+    if name not in fit.names or len(fit.modes) == 1:
+        return ()
+    found = _mode_values(fit, name)
+    if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
+        return ()
     weight = np.exp(-np.array([s.cost for s in fit.modes]) + fit.modes[0].cost)
     return tuple(
         {"value": value, "std": std, "weight": float(w)}
-        for (value, std), w in zip(_mode_values(fit, name), weight / weight.sum(), strict=True)
+        for (value, std), w in zip(found, weight / weight.sum(), strict=True)
     )
 
 
