@@ -2,7 +2,7 @@
 
 A step of 20 ms at 10 kHz (200 rows) and a sweep of 101 points over +-500 Hz, noise of 1 % of the resonance amplitude in each of
 Wd and Wq. The bound is computed here, by finite differences of a model in plain numpy with exactly the nuisances that the
-fit has; the physics dossier's table (its section 4.4) stands beside it. Writes efficiency.md beside itself.
+fit has; a reference table stands beside it. Writes efficiency.md beside itself.
 """
 
 import argparse
@@ -63,11 +63,11 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: logs, nuisances, the dossier's bounds on G and tau (%) and f0 (Hz), and where it differs."""
+    """A row of the table: logs, nuisances, the reference bounds on G and tau (%) and f0 (Hz), and where it differs."""
 
     kinds: tuple[str, ...]
     nuisances: tuple[str, ...]
-    dossier: tuple[float | None, float | None, float | None]
+    reference: tuple[float | None, float | None, float | None]
     differs: str = ""
 
 
@@ -172,7 +172,7 @@ def lines_of(row: Row, draws: int) -> list[str]:
             continue
         std = values[:, i].std(ddof=1)
         bias = (values[:, i].mean() - TRUTH[i]) / (std / np.sqrt(draws))
-        table = "" if row.dossier[i] is None else f"{row.dossier[i]:.3g}"
+        table = "" if row.reference[i] is None else f"{row.reference[i]:.3g}"
         level = np.sqrt(np.mean(stated[:, i] ** 2))
         cells = [data, free, f"{name}, {unit}", table, f"{limit[i] * scale:.3g}", f"{std * scale:.3g}", f"{std / limit[i]:.3f}"]
         cells += [f"**{std / ideal[:, i].std(ddof=1):.3f}**", f"{level / limit[i]:.3f}", f"{bias:+.1f}", row.differs]
@@ -190,10 +190,10 @@ def main() -> None:
         f"# Spread against the Cramer-Rao bound\n\nMade by `python benchmarks/efficiency.py --draws {draws}`.\n\n"
         "A step of 20 ms at 10 kHz, driven at f0, and a sweep of 101 points over +-500 Hz; noise 1 % of the resonance amplitude per\n"
         f"channel. {draws} draws for each row, fitted from nothing: the spread of the estimates is known to {100 / np.sqrt(2 * draws):.1f} %.\n"
-        "`bound` is for exactly the nuisances that the fit has; `dossier` is the design's table. `stated` is the fit's own standard\n"
+        "`bound` is for exactly the nuisances that the fit has; `reference` is a table computed elsewhere. `stated` is the fit's own standard\n"
         "deviation (root mean square), `bias` the mean error in units of its own error. `spread/efficient` compares with an estimate\n"
         "that attains the bound, made from the same noise, so that the chance of the draws cancels: it is what to look at.\n\n"
-        "| data | nuisances | parameter | dossier | bound | spread | spread/bound | spread/efficient | stated/bound | bias | differs |\n"
+        "| data | nuisances | parameter | reference | bound | spread | spread/bound | spread/efficient | stated/bound | bias | differs |\n"
         "|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     lines = [line for row in ROWS for line in lines_of(row, draws)]
