@@ -76,7 +76,7 @@ PLATE = {"G": 0.02, "tau": 5e-3 / np.log(20), "f0": 32300.0, "k_T": -10.16}
 
 
 class Bench:
-    """Logs of one plate: 320 rows of a transient or 101 of a sweep, sizes for which the bundled logs compile programs too."""
+    """Logs of one plate: 240 rows of a transient or 101 of a sweep, sizes for which the bundled logs compile programs too."""
 
     def __init__(self, make):
         self.make = make
@@ -84,7 +84,7 @@ class Bench:
 
     def transient(self, seed=0, **changes):
         """A step by 10 Hz below resonance; what is given replaces it: volts, dt, frequency, amplitude, noise, noise_time."""
-        given = {"volts": np.repeat([0.0, 100.0], [20, 300]), "dt": 1e-4, "frequency": 32290.0, "amplitude": False, "noise": 0.01}
+        given = {"volts": np.repeat([0.0, 100.0], [20, 220]), "dt": 1e-4, "frequency": 32290.0, "amplitude": False, "noise": 0.01}
         given |= {"noise_time": 0.0, "drive": True, "temperature": 24.0} | changes
         rows = len(given["volts"])
         time = given["dt"] * np.arange(rows)

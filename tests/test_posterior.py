@@ -111,7 +111,7 @@ def test_a_sampler_that_misses_its_criteria_says_so(fit, monkeypatch):
 
 
 def test_what_the_fit_found_wanting_stays_wanting(bench):
-    fit = sysid.fit([bench.transient(dt=0.3 * bench.plant.tau / 300)])
+    fit = sysid.fit([bench.transient(dt=0.3 * bench.plant.tau / 220)])
     posterior = sysid.sample(fit)
     assert posterior.result is Result.undetermined
     assert not posterior.summary()["tau"].determined
