@@ -36,10 +36,24 @@ def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
     count = np.diff(np.append(edges, n)).astype(float)
     elapsed = _mean(hold.elapsed, edges, count)
     spread = np.maximum(_mean(hold.elapsed**2, edges, count) - elapsed**2, 0.0)
-    hold = hold._replace(
-        interval=hold.interval[edges], elapsed=elapsed, spread=np.where(count > 1, spread, 0.0), settled=hold.settled[edges]
-    )
+    hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=np.where(count > 1, spread, 0.0))
     return _means(log, edges), hold, count
+
+
+OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
+
+
+def one_level(log: Log) -> bool:
+    """A transient whose inputs never change: nothing in it tells an offset from a response."""
+    inputs = [c for c in (log.drive, log.frequency) if c is not None]
+    return log.drive is not None and bool(np.any(log.drive != 0)) and all(np.all(c == c[0]) for c in inputs)
+
+
+def from_rest(log: Log) -> bool:
+    """A transient of a single level that begins near zero: read as a step at the first row."""
+    if not one_level(log):
+        return False
+    return log.response_unit in OFFSET_UNITS or bool(abs(log.response[0]) < 0.1 * np.max(np.abs(log.response)))
 
 
 def _inputs(log: Log, kind: str) -> Hold:
@@ -47,12 +61,9 @@ def _inputs(log: Log, kind: str) -> Hold:
     if drive is None:  # unknown: settled points have a gain of their own, a transient is taken as undriven
         drive = np.full(len(log), 1.0 if kind == "steady" else 0.0)
     if kind == "steady":
-        unknown = np.full(len(log), np.nan)
-        return settled_points(
-            drive, unknown if log.frequency is None else log.frequency, unknown if log.temperature is None else log.temperature
-        )
-    time = log.time - log.bench.get("delay_s", 0.0)
-    return hold_inputs(time, drive, log.frequency, log.temperature, settled=log.sampling == "settled")
+        return settled_points(drive, log.frequency, log.temperature)
+    settled, delay = log.sampling == "settled", log.bench.get("delay_s", 0.0)
+    return hold_inputs(log.time, drive, log.frequency, log.temperature, settled=settled, at_rest=from_rest(log), delay=delay)
 
 
 def _edges(hold: Hold) -> np.ndarray:

@@ -287,9 +287,7 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
     returns = np.flatnonzero(text == ord("\r"))
     if len(returns) > returned.sum():
         index = int(np.searchsorted(ends, np.setdiff1d(returns, ends - 1)[0]))
-        raise LogError(
-            f"{head.path}, line {line + index}: found a carriage return within, expected it at line ends alone"
-        )
+        raise LogError(f"{head.path}, line {line + index}: found a carriage return within, expected it at line ends alone")
     spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
     for index in map(int, np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare)):
         row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")

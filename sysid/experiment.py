@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
-from sysid.condense import prepare
-from sysid.likelihood import Experiment, Groups, Layout
+from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
-from sysid.plant import LOW_Q, Hold
+from sysid.plant import Hold
 
 NUISANCES = ("rotation", "background", "offset", "start")
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
-OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,6 @@ class Trial:
     floor_free: bool = True  # until the data want it below zero
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
 
-    offset_units = OFFSET_UNITS
-
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
         """A log as it is read at first: nothing known of its noise."""
@@ -50,9 +48,9 @@ class Trial:
         return float(np.max(np.abs(self.log.response))) or 1.0
 
     @property
-    def at_floor(self) -> bool:
-        """The residual is rounding, not noise."""
-        return self.noise_std <= FLOOR * self.scale
+    def rounding(self) -> float:
+        """Square of the noise that float64 makes over the log's."""
+        return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
 
     @property
     def driven(self) -> bool:
@@ -71,14 +69,13 @@ class Trial:
 
     @property
     def one_level(self) -> bool:
-        """A transient whose inputs never change: nothing in it tells an offset from a response."""
-        inputs = [c for c in (self.log.drive, self.log.frequency) if c is not None]
-        return not self.steady and self.driven and all(np.all(c == c[0]) for c in inputs)
+        """A transient whose inputs never change."""
+        return not self.steady and one_level(self.log)
 
     @property
     def from_rest(self) -> bool:
-        """A single level that begins near zero: read as a step at the first row."""
-        return self.one_level and (abs(self.log.response[0]) < 0.1 * self.scale or self.log.response_unit in OFFSET_UNITS)
+        """A transient of one level that is read as a step at the first row."""
+        return not self.steady and from_rest(self.log)
 
     @property
     def since_change(self) -> np.ndarray:
@@ -132,9 +129,16 @@ class Trial:
         rho = np.exp(-np.diff(self.clock) / self.noise_time)
         return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
 
-    def columns(self, hold: Hold) -> np.ndarray:
-        """Known shapes that the bench adds, (K, N): offset, feedthrough of the drive, its slope over a sweep."""
-        drive, n = hold.drive[hold.interval].copy(), len(self.log)
+    def whitening(self) -> tuple[np.ndarray, np.ndarray]:
+        """(a, b) of the whitened rows a_k v_k - b_k v_(k-1), in units of the noise (OU, any time grid)."""
+        memory, weight = self.memory(), self.weight / (self.noise_std or 0.05 * self.scale)
+        left = np.sqrt(1 - memory**2)
+        return weight / left, memory * np.roll(weight, 1) / left
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """Known shapes that the bench adds, (K, n): offset, feedthrough of the drive, its slope over a sweep; at most 1."""
+        drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
         offset, background = "offset" in self.nuisances, "background" in self.nuisances and self.resonant
         shapes: list[np.ndarray] = []
         if self.steady:
@@ -145,8 +149,6 @@ class Trial:
             if offset and np.ptp(drive) > 0:
                 shapes.append(np.ones(n))
         elif self.signed:
-            if self.from_rest:
-                drive[0] = 0.0
             if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
                 shapes.append(np.ones(n))
             if background and (np.ptp(drive) > 0 or not offset):
@@ -156,6 +158,28 @@ class Trial:
         shapes = [s / np.max(np.abs(s)) for s in shapes if np.any(s)]
         return np.array(shapes).reshape(len(shapes), n)
 
+    @property
+    def looseness(self) -> float:
+        """Standard deviation of the prior of what the bench adds: ten times the response."""
+        return 10.0 * self.scale
+
+    def span(self, keep: slice | np.ndarray = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+        """Orthonormal basis (n + K, K) of the whitened columns, each with its prior's row, and the triangle R that made it."""
+        now, before = (v[keep] for v in self.whitening())
+        columns = self.columns[:, keep]
+        white = now * columns - before * np.roll(columns, 1, axis=1)
+        return np.linalg.qr(np.concatenate([white.T, np.eye(len(columns)) / self.looseness]))
+
+    def completed(self, driven: np.ndarray) -> np.ndarray:
+        """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
+        if not len(self.columns):
+            return driven
+        basis, triangle = self.span()
+        now, before = self.whitening()
+        left = self.log.response - driven
+        white = now * left - before * np.roll(left, 1)
+        return driven + np.linalg.solve(triangle, basis[: len(left)].T @ white) @ self.columns
+
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
         known = np.isfinite(self.inputs.omega)
@@ -164,29 +188,30 @@ class Trial:
 
 
 def group(
-    trials: Sequence[Trial], reference: tuple[float, float], tau: float | None = None, *, search: bool = False
+    trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False, search: bool = False
 ) -> tuple[Groups, list[list[int]]]:
     """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
 
-    `tau` decides where Q is low. `search`: as a search for starting values wants it, with a gain of its own for every log,
-    and no more than SEARCH_ROWS of its rows.
+    `low_q`: with the fast mode's ripple. `search`: as a search for starting values wants it, with a gain of its own for every
+    log, and no more than SEARCH_ROWS of its rows.
     """
-    low_q = tau is not None and np.isfinite(reference[0]) and np.pi * reference[0] * tau < LOW_Q
-    holds = [t.hold(reference) for t in trials]
-    kept = [_thin(t, h) if search else np.arange(len(t.log)) for t, h in zip(trials, holds, strict=True)]
-    sizes = _sizes([max(len(k), len(h.drive)) if not t.steady else len(k) for t, h, k in zip(trials, holds, kept, strict=True)])
+    kept = [_thin(t) if search else np.arange(len(t.log)) for t in trials]
+    rows = _sizes([len(k) + SPARE for k in kept], [t.steady for t in trials])
+    most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
+    intervals = FEW if most <= FEW else _bucket(most, 64)
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
-    for i, (trial, hold) in enumerate(zip(trials, holds, strict=True)):
-        layout, x = _experiment(trial, hold, kept[i], sizes[i], low_q, search)
+    for i, trial in enumerate(trials):
+        size = (rows[i], rows[i] if trial.steady else intervals)
+        layout, x = _experiment(trial, trial.hold(reference), kept[i], size, low_q, search)
         stacks.setdefault(layout, []).append((i, x))
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
         xs = [x for _, x in stack]
-        blank = xs[0]._replace(weight=np.zeros_like(xs[0].weight), freedom=np.zeros(()))
+        blank = xs[0]._replace(now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(()))
         xs += [blank] * (_bucket(len(xs)) - len(xs))
         stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
-        size = len(Hold._fields)
-        groups.append((layout, Experiment(Hold(*stacked[:size]), *stacked[size:])))
+        split = len(Hold._fields)
+        groups.append((layout, Experiment(Hold(*stacked[:split]), *stacked[split:])))
         members.append([i for i, _ in stack])
     return tuple(groups), members
 
@@ -194,9 +219,9 @@ def group(
 SEARCH_ROWS = 160
 
 
-def _thin(trial: Trial, hold: Hold) -> np.ndarray:
+def _thin(trial: Trial) -> np.ndarray:
     """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
-    n = len(trial.log)
+    n, hold = len(trial.log), trial.inputs
     edges = np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
     if n <= SEARCH_ROWS:
         return np.arange(n)
@@ -207,9 +232,10 @@ def _thin(trial: Trial, hold: Hold) -> np.ndarray:
     return np.unique(np.rint(rows).astype(int))
 
 
-def _sizes(lengths: Sequence[int]) -> list[int]:
-    """Rows that each log is padded to: as many as the longest has, unless that is over twice its own."""
-    return [_bucket(max(m for m in lengths if m <= 2 * n), 64) for n in lengths]
+def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
+    """Rows that each log is padded to: as many as the longest of its kind has, unless that is over twice its own."""
+    pairs = list(zip(lengths, kinds, strict=True))
+    return [_bucket(max(m for m, other in pairs if other == kind and m <= 2 * n), 64) for n, kind in pairs]
 
 
 def _bucket(n: int, least: int = 1) -> int:
@@ -226,29 +252,37 @@ def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
 
 
 COLUMNS = 3  # offset, feedthrough or background, slope: absent ones are zero
+SPARE = COLUMNS + OWN  # rows of the priors
+FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
 def _experiment(
-    trial: Trial, hold: Hold, keep: np.ndarray, rows: int, low_q: bool, search: bool
+    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool
 ) -> tuple[Layout, Experiment]:
-    known = trial.columns(hold)
-    columns = np.zeros((COLUMNS, rows))
-    columns[: len(known), : len(keep)] = known[:, keep]
+    rows, intervals = size
     amplitude = not trial.signed
     driven = trial.driven or (trial.steady and trial.log.drive is None)
     own_gain = driven and (search or trial.log.drive is None)
-    both = low_q and not trial.steady and trial.resonant
-    layout = Layout(amplitude, own_gain, both, rows)
+    both = bool(low_q and not trial.steady and trial.resonant)
+    layout = Layout(amplitude, own_gain, both, trial.steady, rows, intervals)
+    if search:
+        trial = replace(trial, noise_time=0.0)
+    now, before = (v[keep] for v in trial.whitening())
     y = trial.log.response[keep] if amplitude else np.asarray(trial.log.response[keep], complex)
+    y = now * y - before * np.roll(y, 1)
+    used, _ = trial.span(keep)
+    basis = np.zeros((COLUMNS, rows))
+    basis[: used.shape[1], : len(used)] = used.T
+    y = _pad(y, rows)
     return layout, Experiment(
-        hold=_padded_hold(hold, keep, rows, trial.steady),
-        response=_pad(y, rows),
-        weight=_pad(trial.weight[keep], rows),
-        columns=columns.astype(y.dtype),
-        memory=np.zeros(rows) if search else _pad(trial.memory(), rows),
-        sigma=np.asarray(trial.noise_std or 0.05 * trial.scale),
-        looseness=np.asarray(10.0 * trial.scale),
-        freedom=np.asarray(freedom(trial, len(known))),
+        hold=_padded_hold(hold, keep, keep if trial.steady else slice(None), rows, intervals),
+        response=y - (basis @ y) @ basis,
+        now=_pad(now, rows),
+        before=_pad(before, rows),
+        basis=basis,
+        tightness=np.asarray(1 / trial.looseness),
+        freedom=np.asarray(freedom(trial)),
+        rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
@@ -257,25 +291,22 @@ def _experiment(
     )
 
 
-def _padded_hold(hold: Hold, keep: np.ndarray, rows: int, steady: bool) -> Hold:
-    held = keep if steady else slice(None)
+def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
     return Hold(
-        duration=_pad(hold.duration[held], rows),
-        drive=_pad(hold.drive[held], rows),
-        omega=_pad(hold.omega[held], rows, np.nan),
-        offset=_pad(np.nan_to_num(hold.offset[held]), rows),
-        warming=_pad(hold.warming[held], rows),
-        interval=np.arange(rows, dtype=np.int32) if steady else _pad(hold.interval[keep], rows),
+        duration=_pad(hold.duration[held], intervals),
+        drive=_pad(hold.drive[held], intervals),
+        omega=_pad(hold.omega[held], intervals, np.nan),
+        offset=_pad(np.nan_to_num(hold.offset[held]), intervals),
+        warming=_pad(hold.warming[held], intervals),
+        interval=_pad(hold.interval[keep], rows),
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),
-        settled=_pad(hold.settled[keep], rows, True),
     )
 
 
-def freedom(trial: Trial, columns: int | None = None) -> float:
+def freedom(trial: Trial) -> float:
     """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
-    if columns is None:
-        columns = len(trial.columns(trial.inputs))
+    columns = len(trial.columns)
     if trial.log.amplitude_only:
         return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady), 1))
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances)

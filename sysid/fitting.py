@@ -2,30 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from sysid import identify
-from sysid.experiment import NUISANCES, Trial, freedom, group, with_noise
+from sysid.experiment import NUISANCES, Trial
 from sysid.guess import candidates
-from sysid.likelihood import details, stacked_rows
 from sysid.log import Log
-from sysid.noise import estimate
+from sysid.minimise import NAMES, Minimiser, State
 from sysid.plant import Plant
-from sysid.precision import compiled, float64
+from sysid.precision import float64
 from sysid.result import Parameter, Result
-from sysid.start import Search, joint, local
 
-NAMES = ("G", "tau", "f0", "k_T")
 SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
-NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
-STARTS = 4
-RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
-MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
 
 
 @dataclass(frozen=True)
@@ -41,18 +30,6 @@ class FittedLog:
     noise_std: float
     noise_time: float  # correlation time of the noise, s (rows where no time is recorded); 0: white
     description: str
-
-
-@dataclass(frozen=True)
-class State:
-    """A converged minimum: theta = (log G, log tau, f0 - reference, k_T), its covariance, the logs' noise and nuisances."""
-
-    theta: np.ndarray
-    covariance: np.ndarray
-    trials: tuple[Trial, ...]
-    models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
-    cost: float
-    converged: bool
 
 
 @dataclass(frozen=True)
@@ -77,31 +54,6 @@ class Fit:
         return self.modes[0].cost
 
 
-@compiled
-def _levenberg_marquardt(theta, directions, layouts, groups):
-    """theta + directions @ x that makes the residual rows smallest."""
-
-    def rows(x, _):
-        return stacked_rows(theta + directions @ x, layouts, groups)
-
-    solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
-    x0 = jnp.zeros(directions.shape[1])
-    x = optx.least_squares(rows, solver, x0, max_steps=128, throw=False).value
-    return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
-
-
-@compiled
-def _linearise(theta, directions, layouts, groups):
-    """Gram matrix of the Jacobian and gradient along `directions`; residual and nuisances of each log, group by group."""
-
-    def rows(x):
-        return stacked_rows(theta + directions @ x, layouts, groups)
-
-    value, tangent = jax.linearize(rows, jnp.zeros(directions.shape[1]))
-    jacobian = jax.vmap(tangent)(jnp.eye(directions.shape[1]))
-    return jacobian @ jacobian.T, jacobian @ value, details(theta, layouts, groups)
-
-
 @float64
 def fit(
     logs: Sequence[Log],
@@ -124,10 +76,11 @@ def fit(
     trials, warnings = _trials(logs, tuple(nuisances))
     reference = _reference(trials)
     free = _free(trials)
-    trials, states = _minima(trials, reference, free, start)
+    minimiser = Minimiser(reference, free)
+    states = minimiser.minima(trials, start)
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
-        trials, states = _minima(flipped, reference, free, start)
+        states = minimiser.minima(flipped, start)
     return _conclude(states, reference, free, warnings, reference_temperature)
 
 
@@ -212,8 +165,7 @@ def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
         return ()
     weight = np.exp(-np.array([s.cost for s in fit.modes]) + fit.modes[0].cost)
     return tuple(
-        {"value": value, "std": std, "weight": float(w)}
-        for (value, std), w in zip(found, weight / weight.sum(), strict=True)
+        {"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weight / weight.sum(), strict=True)
     )
 
 
@@ -295,188 +247,3 @@ def _settled(trial: Trial, tau: float) -> Trial:
         return trial
     kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
     return trial if kind == trial.kind else Trial.of(trial.log, kind, trial.nuisances)
-
-
-def _minima(trials, reference, free, start) -> tuple[tuple[Trial, ...], list[State]]:
-    """Minima of the cost, the best first, from the likeliest starting points."""
-    search = Search(trials, (reference[0] if np.isfinite(reference[0]) else 0.0, reference[1]))
-    if start is None:
-        best, cost = local(search, np.random.default_rng(0))
-        warming = np.array([0.0 if t.log.temperature is None else t.log.temperature.mean() - reference[1] for t in trials])
-        points, score = joint(search, best, cost, warming, "k_T" in free)
-    else:
-        f0 = 0.0 if start.f0 is None else start.f0 - reference[0]
-        k_T = start.k_T or 0.0
-        points = np.array([[np.log(start.tau), f0 + k_T * (reference[1] - start.reference_temperature), k_T]])
-        cost, score = search.sums(points)[0], np.zeros(1)
-    level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
-    trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
-    points, score = _distinct(points, score)
-    starts = np.column_stack([_log_gains(search, points), points])
-    found = [_refine(trials, starts[0], reference, free, rounds=1)]
-    reached = search.score(found[0].theta[None, 1:], cost)[0]
-    # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
-    found += [
-        _refine(trials, theta, reference, free, rounds=1)
-        for theta, short in zip(starts[1:], score[1:], strict=True)
-        if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
-    ]
-    found += [_refine(trials, theta, reference, free, rounds=1) for theta in _mirrored(found[0], reference)]
-    found.sort(key=lambda s: s.cost)
-    states: list[State] = []
-    for first in found:
-        if first.cost > found[0].cost + 10 * MODES + 0.05 * search.freedom.sum():
-            continue  # far above the best, also if the noise turns out to be coloured
-        if any(not _apart(first, other, free) for other in states):
-            continue
-        state = _refine(first.trials, first.theta, reference, free)
-        if all(_apart(state, other, free) for other in states):
-            states.append(state)
-    states.sort(key=lambda s: s.cost)
-    return trials, [s for s in states if s.cost <= states[0].cost + MODES]
-
-
-def _distinct(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
-    kept: list[int] = []
-    for i, p in enumerate(points):
-        half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
-        scale = np.array([0.7, 0.5 * half_bandwidth, 0.1 * half_bandwidth])
-        if all(np.any(np.abs(p - points[k]) > scale) for k in kept):
-            kept.append(i)
-        if len(kept) == STARTS:
-            break
-    return points[kept], score[kept]
-
-
-def _mirrored(state: State, reference) -> list[np.ndarray]:
-    """Where amplitudes are all there is: the resonance as far on the other side of each constant drive frequency."""
-    resonant = [t for t in state.trials if t.resonant]
-    if any(not t.log.amplitude_only for t in resonant):
-        return []
-    drives = {float(t.log.frequency[0]) for t in resonant if np.ptp(t.log.frequency) == 0}
-    mirrored = [state.theta.copy() for _ in drives]
-    for theta, drive in zip(mirrored, sorted(drives), strict=True):
-        theta[2] = 2 * (drive - reference[0]) - theta[2]
-    return mirrored
-
-
-def _log_gains(search: Search, points: np.ndarray) -> list[float]:
-    """Log of the median gain of the driven logs at each point."""
-    driven = np.array([t.driven for t in search.trials])
-    gains = [row[driven & np.isfinite(row) & (row > 0)] for row in search(points)[1]]
-    return [float(np.log(np.median(g))) if len(g) else 0.0 for g in gains]
-
-
-def _apart(state: State, other: State, free) -> bool:
-    index = [NAMES.index(n) for n in free]
-    step = (state.theta - other.theta)[index]
-    spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
-    return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
-
-
-def _refine(trials, theta, reference, free, rounds: int = 30) -> State:
-    """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
-
-    Once a Gauss-Newton step would change the sum of squares by less than NEAR, that step replaces the search.
-    """
-    last, left, converged, begin = np.inf, np.inf, False, theta
-    if all(np.all(t.log.response == t.log.response[0]) for t in trials):
-        return _unbounded(trials, begin, reference, free)
-    for k in range(rounds):
-        groups, members = group(trials, reference, np.exp(theta[1]))
-        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        directions = _directions(theta, free)
-        if left > NEAR:
-            theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
-            if _ran_away(theta, begin):
-                return _unbounded(trials, begin, reference, free)
-        gram, gradient, found = jax.device_get(_linearise(theta, directions, layouts, arrays))
-        inverse = _invert(gram)
-        left = float(gradient @ inverse @ gradient)
-        trials, cost, moved = _update(trials, members, found, round_=k)
-        change, last = abs(last - cost), cost
-        converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-        if converged and change < 1e-7 + 1e-13 * abs(cost):
-            break
-        if left <= NEAR:
-            theta = theta - directions @ (inverse @ gradient)
-            if _ran_away(theta, begin):
-                return _unbounded(trials, begin, reference, free)
-    covariance = directions @ inverse @ directions.T
-    return State(theta, covariance, tuple(trials), _models(trials, members, found), float(cost), converged)
-
-
-def _directions(theta: np.ndarray, free) -> np.ndarray:
-    """(4, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC."""
-    half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
-    return np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, [NAMES.index(n) for n in free]]
-
-
-def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
-    return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
-
-
-def _unbounded(trials, theta, reference, free) -> State:
-    """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
-    groups, members = group(trials, reference, np.exp(theta[1]))
-    directions = _directions(theta, free)
-    arrays = (tuple(g[0] for g in groups), tuple(g[1] for g in groups))
-    found = jax.device_get(_linearise(theta, directions, *arrays))[2]
-    trials, cost, _ = _update(trials, members, found, round_=0)
-    covariance = RUNAWAY**2 * directions @ directions.T
-    return State(theta, covariance, trials, _models(trials, members, found), cost if np.isfinite(cost) else 0.0, True)
-
-
-def _models(trials, members, found) -> tuple[np.ndarray, ...]:
-    """Modelled rows of each trial."""
-    by_trial = {i: d.model[k] for logs, d in zip(members, found, strict=True) for k, i in enumerate(logs)}
-    return tuple(by_trial[i][: len(t.log)] for i, t in enumerate(trials))
-
-
-def _invert(gram: np.ndarray) -> np.ndarray:
-    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
-    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
-    return inverse / np.outer(size, size)
-
-
-def _update(trials, members, found, round_: int):
-    """Noise and nuisances of each log from the residual at the present theta; the cost there; the largest relative move."""
-    updated, cost, moved = list(trials), 0.0, 0.0
-    for logs, detail in zip(members, found, strict=True):
-        for k, i in enumerate(logs):
-            new = _renew(trials[i], detail, k, round_)
-            cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
-            change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
-            moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
-            updated[i] = new
-    return tuple(updated), cost, moved
-
-
-def _cost(trial: Trial, total: float) -> float:
-    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
-    channels = 1 if trial.log.amplitude_only else 2
-    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(trial.weight))
-    dof = freedom(trial)
-    shape = 0.5 * dof * np.log(total / dof) if total > dof or not trial.at_floor else 0.5 * (total - dof)
-    return float(shape + dof * np.log(trial.noise_std) + channels * shrink) if total > 0 else -np.inf
-
-
-def _renew(trial: Trial, detail, k: int, round_: int) -> Trial:
-    """The trial with the noise and the nuisances that the residual of row `k` of its group shows."""
-    model = detail.model[k][: len(trial.log)]
-    left = trial.log.response - (model.real if trial.log.amplitude_only else model)
-    std, time = estimate(left * trial.weight, trial.clock, freedom(trial))
-    if round_ > 2 and time > 0 and trial.noise_time > 0:
-        time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
-    new = with_noise(trial, std, time)
-    if trial.log.relative_noise and round_ < 10:  # held after a while: a weight that follows the fit may circle
-        new = replace(new, level=np.abs(model))
-    if trial.signed:
-        return new
-    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
-    free = new.floor_free and not trial.steady and detail.floor[k] > 0
-    held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
-    return replace(new, start=complex(detail.start[k]), floor=float(detail.floor[k]) if free else held, floor_free=bool(free))

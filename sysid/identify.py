@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.condense import OFFSET_UNITS
 from sysid.experiment import Trial
 from sysid.guess import phase_falls
 
@@ -125,7 +126,7 @@ def _seconds(t: float) -> str:
 def assumptions(trial: Trial) -> list[str]:
     """What had to be taken for granted to read a log at all."""
     log, found = trial.log, []
-    if trial.from_rest and log.response_unit not in trial.offset_units:
+    if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")

@@ -2,18 +2,20 @@
 
 For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it,
 
-    y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: free decay from the unknown start, offset, feedthrough, slope
+    y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: offset, feedthrough, slope; free decay from the unknown start
 
-with h the plant's response per unit G. The nu_c are projected out by an orthogonal basis of the whitened columns (variable
-projection; Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973), phi by its closed-form optimum, so that a fit and a posterior
-over any number of logs have four parameters. Each nu_c has a zero-mean normal prior ten times as wide as the log's
-response, which enters as one more row; it keeps columns apart that a log cannot separate. An amplitude log,
-w = sqrt(|G h + nu_1 e|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
+with h the plant's response per unit G. The nu_c are projected out (variable projection; Golub & Pereyra, SIAM J. Numer. Anal.
+10, 413, 1973): the columns that do not depend on the plant once and for all, the free decay at each plant; phi by its
+closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has a zero-mean normal
+prior ten times as wide as the log's response, which enters as one more row; it keeps columns apart that a log cannot separate.
+An amplitude log, w = sqrt(|G h + nu_1 e|^2 + nu_2), is linear in its nuisances only about their current values, which the fit
+updates.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
 log p = -sum_logs (degrees of freedom / 2) log S.
 """
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -22,7 +24,9 @@ import jax.export
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Hold, Leaf, respond
+from sysid.plant import Hold, Leaf, respond, steady
+
+OWN = 3  # rows of an experiment, its last, for the priors of what depends on the plant
 
 
 class Layout(NamedTuple):
@@ -31,27 +35,30 @@ class Layout(NamedTuple):
     amplitude: bool  # amplitude only: |W|
     own_gain: bool  # no drive recorded: a gain of its own
     both_modes: bool  # low Q
+    steady: bool  # settled points
     rows: int
+    intervals: int
 
 
 class Experiment(NamedTuple):
     """One log as arrays, padded to its layout; in a group each has a leading axis of logs.
 
-    `hold`: inputs, with room for an interval per row. `response` (N,) complex d/q or real amplitude;
-    `weight` (N,) of a row's noise, 0 for padding; `columns` (K, N), largest magnitude 1; `memory` (N,) correlation of the
-    noise with the row before; `sigma` its standard deviation per channel; `looseness` standard deviation of the nuisances' prior;
-    `freedom` degrees of freedom of the residual; `rotated` 1 when the demodulator's phase is unknown; `start` and `floor` the
-    amplitude log's nu_1 (complex) and nu_2, `start_free` and `floor_free` 1 when they are to be found.
+    `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`, `before` (N,) of
+    the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N): orthonormal, of the whitened
+    columns that do not depend on the plant, with a row for each one's prior. `tightness`: one over the standard deviation of
+    the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
+    `rotated` 1 when the demodulator's phase is unknown; `start` and `floor` the amplitude log's nu_1 (complex) and nu_2,
+    `start_free` and `floor_free` 1 when they are to be found.
     """
 
     hold: Hold
     response: Leaf
-    weight: Leaf
-    columns: Leaf
-    memory: Leaf
-    sigma: Leaf
-    looseness: Leaf
+    now: Leaf
+    before: Leaf
+    basis: Leaf
+    tightness: Leaf
     freedom: Leaf
+    rounding: Leaf
     rotated: Leaf
     start: Leaf
     floor: Leaf
@@ -60,10 +67,10 @@ class Experiment(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Whitened residual rows (the prior's rows last), the modelled rows (N,), and the nuisances' values."""
+    """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values."""
 
     rows: Array
-    model: Array
+    driven: Array
     start: Array
     floor: Array
     gain: Array
@@ -82,85 +89,154 @@ def parameters(theta: Array) -> tuple[Array, Array, Array, Array]:
 def basis(theta: Array, hold: Hold, layout: Layout) -> tuple[Array, Array]:
     """The plant's response per unit G, and its free decay from a unit start: two (N,) complex arrays."""
     _, tau, shift, drift = parameters(theta)
-    return respond(tau, hold.offset + shift + drift * hold.warming, hold, layout.both_modes)
+    detuning = hold.offset + shift + drift * hold.warming
+    if layout.steady:
+        forced = hold.drive * steady(tau, detuning, hold.omega)
+        return forced, jnp.zeros_like(forced)
+    return respond(tau, detuning, hold, layout.both_modes)
 
 
 @partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it
 def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
     """Whitened residual of one experiment in units of its noise, all nuisances at their optimum."""
+    return _eliminated(theta, x, layout)[0]
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
+def residual_rows(theta: Array, x: Experiment, layout: Layout) -> Array:
+    """Rows of `residual`, with the derivative that `linearised` gives. The experiment itself is not differentiated."""
+    return residual(theta, x, layout).rows
+
+
+@residual_rows.defjvp
+def _residual_rows_jvp(layout: Layout, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    theta, x = primals
+    found, change = linearised(theta, x, layout)
+    return found.rows, change(tangents[0])
+
+
+def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Array], Array]]:
+    """`residual`, and how its rows change with theta: the change of the model with the nuisances held, off all that the
+    nuisances can do (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J the information
+    that is left when the nuisances are eliminated."""
+    found, nuisances, off = _eliminated(theta, x, layout)
+    _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
+    return found, lambda step: -off(_whiten(change(step), x))
+
+
+def _shapes(theta: Array, x: Experiment, layout: Layout) -> tuple[Array, Array]:
+    """Response to the drive and free decay; without G where the log has a gain of its own."""
     forced, free = basis(theta, x.hold, layout)
-    gain = jnp.exp(theta[0])
-    if layout.amplitude and not layout.own_gain:
-        return _amplitude(gain, forced, free, x)
-    return _complex(gain, forced, free, x, layout)
-
-
-def _complex(gain: Array, forced: Array, free: Array, x: Experiment, layout: Layout) -> Residual:
-    if layout.amplitude:  # a gain of its own: the shape |h| is all there is
+    if not layout.own_gain:
+        forced = jnp.exp(theta[0]) * forced
+    elif layout.amplitude:  # the shape |h| is all there is
         forced, free = jnp.abs(forced), jnp.abs(free)
-    first = [x.start_free * free]
-    if layout.own_gain:
-        first, forced = [*first, forced], jnp.zeros_like(forced)
-    columns = jnp.concatenate([jnp.stack(first), x.columns])
-    project = _Projection(_whiten(columns, x), x)
-    y, h = _whiten(x.response, x), _whiten(forced, x)
-    left, shape = project(y), project(h)
+    return forced, x.start_free * free
+
+
+def _modelled(shapes: tuple[Array, Array], nuisances: tuple[Array, Array], layout: Layout) -> Array:
+    """Rows that the plant drives: turn h + start e, or sqrt(|h + start e|^2 + floor)."""
+    forced, free = shapes
+    first, second = nuisances
+    if layout.amplitude and not layout.own_gain:
+        w = forced + first * free
+        return jnp.sqrt(w.real**2 + w.imag**2 + second)
+    return first * forced + second * free
+
+
+def _eliminated(theta: Array, x: Experiment, layout: Layout):
+    """The residual, the nuisances at their optimum, and what takes from a vector all that nuisances can make of it."""
+    shapes = _shapes(theta, x, layout)
+    if layout.amplitude and not layout.own_gain:
+        return _amplitude(*shapes, jnp.exp(theta[0]), x, layout)
+    return _own_gain(*shapes, x, layout) if layout.own_gain else _turned(*shapes, jnp.exp(theta[0]), x, layout)
+
+
+def _turned(forced: Array, free: Array, gain: Array, x: Experiment, layout: Layout):
+    """A log whose gain is G, and whose phase is turned by what the demodulator may have done."""
+    span = _Span(() if layout.steady else (_held(free, 0, x),))
+    white = _off(_whiten(forced, x), x)
+    left, shape = span.off(x.response), span.off(white)
     overlap = jnp.vdot(shape, left)
     safe = jnp.where(overlap == 0, 1.0, overlap)
-    turn = jnp.where((x.rotated > 0) & (overlap != 0), safe / jnp.abs(safe), 1.0)
-    coefficients = project.coefficients(y - gain * turn * h)
-    model = gain * turn * forced + coefficients @ columns
-    own = jnp.abs(coefficients[1]) if layout.own_gain else gain
-    return Residual((left - gain * turn * shape) / x.sigma, model, x.start, x.floor, own)
+    turn = jnp.where((x.rotated > 0) & (overlap != 0), safe / jnp.hypot(safe.real, safe.imag), 1.0)
+    decay = jnp.zeros((), free.dtype) if layout.steady else span.weights(x.response - turn * white)[0]
+    phase = 1j * turn * shape  # what a little more rotation adds
+    share = x.rotated / jnp.maximum(jnp.sum(shape.real**2 + shape.imag**2), 1e-300)
+
+    def off(v: Array) -> Array:
+        v = span.off(_off(v, x))
+        return v - share * jnp.vdot(phase, v).real * phase
+
+    driven = _modelled((forced, free), (turn, decay), layout)
+    return Residual(left - turn * shape, driven, x.start, x.floor, gain), (turn, decay), off
 
 
-def _amplitude(gain: Array, forced: Array, free: Array, x: Experiment) -> Residual:
-    w = gain * forced + x.start * free
-    size = jnp.sqrt(w.real**2 + w.imag**2 + x.floor)
-    along = jnp.conj(w) * free / size * x.start_free
-    columns = jnp.stack([along.real, -along.imag, 0.5 / size * x.floor_free * x.looseness])
-    now = jnp.stack([x.start.real, x.start.imag, x.floor / x.looseness])
-    project = _Projection(_whiten(columns, x), x)
-    target = _whiten(x.response - size + now @ columns, x)
-    free_ones = jnp.stack([x.start_free, x.start_free, x.floor_free]) > 0
-    found = jnp.where(free_ones, project.coefficients(target), now)
-    return Residual(project(target) / x.sigma, size, found[0] + 1j * found[1], found[2] * x.looseness, gain)
+def _own_gain(forced: Array, free: Array, x: Experiment, layout: Layout):
+    """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
+    own = (forced,) if layout.steady else (forced, free)
+    span = _Span([_held(c, i, x) for i, c in enumerate(own)])
+    weights = span.weights(x.response)
+    turn, decay = weights[0], jnp.zeros_like(weights[0]) if layout.steady else weights[1]
+    driven = _modelled((forced, free), (turn, decay), layout)
+    found = Residual(span.off(x.response), driven, x.start, x.floor, jnp.abs(turn))
+    return found, (turn, decay), lambda v: span.off(_off(v, x))
+
+
+def _amplitude(forced: Array, free: Array, gain: Array, x: Experiment, layout: Layout):
+    """An amplitude log, linear in its start and its floor about their present values."""
+    now = (x.start, x.floor)
+    size = _modelled((forced, free), now, layout)
+    if layout.steady:
+        return Residual(x.response - _whiten(size, x), size, *now, gain), now, lambda v: v
+    along = jnp.conj(forced + x.start * free) * free / size
+    scale = 1 / x.tightness
+    own = (along.real, -along.imag, 0.5 / size * x.floor_free * scale)
+    values = (x.start.real, x.start.imag, x.floor / scale)
+    span = _Span([_held(c, i, x) for i, c in enumerate(own)])
+    target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
+    found = jnp.where(jnp.stack([x.start_free, x.start_free, x.floor_free]) > 0, span.weights(target), jnp.stack(values))
+    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, gain), now, span.off
+
+
+def _held(column: Array, i: int, x: Experiment) -> Array:
+    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on the plant."""
+    prior = (jnp.arange(len(column)) == len(column) - 1 - i).astype(column.dtype)
+    return _off(_off(_whiten(column, x) + x.tightness * prior, x), x)  # twice is enough
 
 
 def _whiten(v: Array, x: Experiment) -> Array:
-    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid)."""
-    v = v * x.weight
-    before = jnp.concatenate([jnp.zeros_like(v[..., :1]), v[..., :-1]], axis=-1)
-    return (v - x.memory * before) / jnp.sqrt(1 - x.memory**2)
+    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid); padding is zero."""
+    return x.now * v - x.before * jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]])
 
 
-class _Projection:
-    """Projection off the span of `columns` (K, N), each held by its prior's row; an orthonormal basis by Cholesky QR, twice."""
+def _off(v: Array, x: Experiment) -> Array:
+    """`v` less its part in the span of the columns that do not depend on the plant."""
+    along = jnp.sum(x.basis * v, axis=1)  # a sum, not a matrix product: several times faster for a handful of columns
+    return v - jnp.sum(along[:, None] * x.basis, axis=0)
 
-    def __init__(self, columns: Array, x: Experiment):
-        self.size = len(columns)
-        held = jnp.concatenate([columns, x.sigma / x.looseness * jnp.eye(self.size)], axis=1)
-        length = jnp.sqrt(jnp.sum(jnp.abs(held) ** 2, axis=1))
-        self.basis, self.back = held / length[:, None], jnp.diag(1 / length).astype(held.dtype)
-        for _ in range(2):
-            gram = self.basis.conj() @ self.basis.T
-            lower = jnp.linalg.cholesky(gram + 4e-16 * self.size * jnp.eye(self.size))
-            inverse = jax.scipy.linalg.solve_triangular(lower, jnp.eye(self.size, dtype=lower.dtype), lower=True)
-            # a sum, not a matrix product: several times faster for a handful of columns
-            self.basis = jnp.sum(inverse.conj()[:, :, None] * self.basis, axis=1)
-            self.back = inverse.conj() @ self.back
 
-    def _components(self, v: Array) -> tuple[Array, Array]:
-        v = jnp.concatenate([v, jnp.zeros(self.size, v.dtype)])
-        return v, self.basis.conj() @ v
+class _Span:
+    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns."""
 
-    def __call__(self, v: Array) -> Array:
-        v, along = self._components(v)
-        return v - along @ self.basis
+    def __init__(self, columns: Sequence[Array]):
+        self.units: list[tuple[Array, Array]] = []
+        for i, unit in enumerate(columns):
+            made_of = jnp.eye(len(columns), dtype=unit.dtype)[i]
+            for other, weights in 2 * self.units:
+                along = jnp.vdot(other, unit)
+                unit, made_of = unit - along * other, made_of - along * weights
+            size = jnp.sqrt(jnp.vdot(unit, unit).real)
+            self.units.append((unit / size, made_of / size))
 
-    def coefficients(self, v: Array) -> Array:
+    def off(self, v: Array) -> Array:
+        for unit, _ in self.units:
+            v = v - jnp.vdot(unit, v) * unit
+        return v
+
+    def weights(self, v: Array) -> Array:
         """Least-squares weights of the columns in `v`."""
-        return self._components(v)[1] @ self.back
+        return sum((jnp.vdot(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units)))
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]
@@ -173,28 +249,21 @@ def details(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment,
     )
 
 
-def stacked_rows(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> Array:
-    """All residual rows of all logs as one real vector: what Levenberg-Marquardt makes small."""
-    parts = []
-    for found in details(theta, layouts, groups):
-        rows = found.rows.ravel()
-        parts += [rows.real, rows.imag] if jnp.iscomplexobj(rows) else [rows]
-    return jnp.concatenate(parts)
-
-
-def sums(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> tuple[Array, ...]:
-    """Residual sum of squares of each log, group by group, in units of its noise."""
-
-    return tuple(jnp.sum(jnp.abs(found.rows) ** 2, axis=-1) for found in details(theta, layouts, groups))
+def rows(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> tuple[Array, ...]:
+    """Residual rows (logs, N) of each group: what Levenberg-Marquardt makes small."""
+    return tuple(
+        jax.vmap(lambda e, layout=layout: residual_rows(theta, e, layout))(x) for layout, x in zip(layouts, groups, strict=True)
+    )
 
 
 def log_density(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> Array:
-    """Log posterior density of theta up to a constant: flat in log G, log tau, f0 and k_T, noise levels integrated out."""
+    """Log posterior density of theta up to a constant: flat in log G, log tau, f0 and k_T, noise levels integrated out.
+
+    No level is below that of rounding, so that the density of logs without noise is finite and of its width.
+    """
     total = jnp.zeros(())
-    for s, x in zip(sums(theta, layouts, groups), groups, strict=True):
-        # Below its expectation S counts as with a known noise: noise-free logs have a level, that of rounding. A log without
-        # degrees of freedom is padding of its group.
-        f = jnp.maximum(x.freedom, 1e-300)
-        shape = jnp.where(s > f, f * jnp.log(jnp.maximum(s, f) / f), s - f)
-        total = total - 0.5 * jnp.sum(jnp.where(x.freedom > 0, shape, 0.0))
+    for left, x in zip(rows(theta, layouts, groups), groups, strict=True):
+        power = jnp.sum(jnp.abs(left) ** 2, axis=-1) + x.freedom * x.rounding
+        blank = x.freedom == 0  # padding of its group
+        total = total - 0.5 * jnp.sum(x.freedom * jnp.log(jnp.where(blank, 1.0, power)))
     return total

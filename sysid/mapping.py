@@ -266,9 +266,7 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
     return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
 
 
-def lock_in(
-    signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str
-) -> tuple[np.ndarray, str]:
+def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str) -> tuple[np.ndarray, str]:
     """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring says."""
     complete = np.iscomplexobj(signal)
     if complete:

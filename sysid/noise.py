@@ -29,7 +29,7 @@ def estimate(residual: np.ndarray, clock: np.ndarray, freedom: float) -> tuple[f
     if costs[best] > -WORTH:
         return float(white), 0.0
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    time = float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x))
+    time = float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x))
     return float(np.sqrt(innovate(residual, steps, time)[0] / freedom)), time
 
 

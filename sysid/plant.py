@@ -5,8 +5,9 @@ With W = Wd + j Wq and the drive along +q the rotating-frame equation of m w'' +
     s1 = -1/tau + j (wd - omega)        the slow one, which a lock-in sees
     s2 = -1/tau - j (wd + omega)        the fast one, a ripple at twice the drive frequency,   wd = sqrt(w0^2 - 1/tau^2)
 
-and W = Z1 + Z2 with  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V,  b = G w0 / (tau wd): exact, also while frequency, drive and
-resonance change from one interval to the next. The steady response of the sum is the exact one,
+and W = Z1 + Z2 with  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V,  b = G w0 / (tau wd): exact, also while frequency and drive change
+from one interval to the next. Where the resonance itself jumps, a fraction (change of w0)/(2 w0) passes from one mode to the
+other; that is left out. The steady response of the sum is the exact one,
 
     W = G V (w0/omega) / (1 - j (w0^2 - omega^2) tau / (2 omega)),
 
@@ -60,7 +61,8 @@ def steady(tau: Leaf, detuning: Leaf, omega: Leaf) -> Array:
     omega = jnp.where(known, omega, 1.0)
     detuning = jnp.where(known, detuning, 0.0)
     x = detuning * (2.0 * omega + detuning) / (2.0 * omega) * tau
-    return (1.0 + detuning / omega) / (1.0 - 1j * x)
+    size = (1.0 + detuning / omega) / (1.0 + x**2)
+    return size + 1j * (size * x)
 
 
 class Hold(NamedTuple):
@@ -68,8 +70,7 @@ class Hold(NamedTuple):
 
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
     rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
-    the variance of the times that were averaged into the row (0: a single sample), `settled` True for a row that is read
-    after its inputs have held for ever.
+    the variance of the times that were averaged into the row (0: a single sample). Settled points are intervals of their own.
     """
 
     duration: Leaf
@@ -80,7 +81,6 @@ class Hold(NamedTuple):
     interval: Leaf
     elapsed: Leaf
     spread: Leaf
-    settled: Leaf
 
 
 def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
@@ -94,8 +94,13 @@ def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False) -> 
     if both_modes:
         forced = forced + _propagate(s.fast, -push, hold)[0]
     else:
-        forced = forced + jnp.where(jnp.isfinite(s.fast.imag), push / s.fast, 0.0)[hold.interval]
+        forced = forced + jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)[hold.interval]
     return forced, free
+
+
+def _over(real: Array, z: Array) -> Array:
+    """real/z of a z that neither over- nor underflows when squared: a fifth of the code of a division of complex numbers."""
+    return (real / (z.real**2 + z.imag**2)) * z.conj()
 
 
 @jax.custom_jvp
@@ -115,8 +120,8 @@ def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
     Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
     nothing is divided by a time, so that zero-length intervals need no special case.
     """
-    target = push / pole
-    growth = _expm1(pole * hold.duration)  # duration of a settled point: 0
+    target = _over(push, pole)
+    growth = _expm1(pole * hold.duration)
 
     def advance(state, interval):
         forced, free = state
@@ -128,7 +133,7 @@ def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
     at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
-    grown = jnp.where(hold.settled, -1.0, _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread))
+    grown = _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     return forced + grown * (forced + target), free + grown * free
 
 
@@ -152,27 +157,29 @@ class Plant:
         return None if self.f0 is None else math.pi * self.f0 * self.tau
 
     @float64
-    def steady(self, drive, frequency=None, temperature=None) -> Array:
-        """Settled response Wd + j Wq to peak `drive` at `frequency` (Hz) and `temperature` (degC)."""
+    def steady(self, drive, frequency=None, temperature=None) -> Leaf:
+        """Settled response Wd + j Wq to peak `drive` at `frequency` (Hz) and `temperature` (degC), of their common shape."""
         frequency = jnp.asarray(np.nan if frequency is None or self.f0 is None else frequency)
         warming = 0.0 if temperature is None else jnp.asarray(temperature) - self.reference_temperature
         detuning = 2 * jnp.pi * (self._resonance(warming) - frequency)
-        return self._gain * jnp.asarray(drive) * steady(self.tau, detuning, 2 * jnp.pi * frequency)
+        return _plain(self._gain * jnp.asarray(drive) * steady(self.tau, detuning, 2 * jnp.pi * frequency))
 
     @float64
-    def transient(self, time, drive, frequency=None, temperature=None, *, start=0.0, settled=False, both_modes=False) -> Array:
-        """Response Wd + j Wq at each row of inputs held from row to row, beginning at `start` (complex).
+    def transient(self, time, drive, frequency=None, temperature=None, *, start=0.0, settled=False, both_modes=False) -> Leaf:
+        """Response Wd + j Wq (n,) of inputs held from row to row, beginning at `start` (complex) with no drive before it.
 
         time: (n,) s, non-decreasing. Row k's response is the one just before row k's inputs act, or, when `settled`, the one
         that row k's inputs have led to since row k-1. `both_modes`: with the ripple of the fast pole, for Q below LOW_Q.
+        Arrays of numpy come back; within `jax.grad`, `jit` or `vmap` those of JAX, in 64 bits under `jax.enable_x64(True)`.
         """
         if self.f0 is None:
             frequency = None
         reference = (0.0, self.reference_temperature)
-        hold = hold_inputs(np.asarray(time, float), drive, frequency, temperature, settled=settled, reference=reference)
+        time = np.asarray(time, float)
+        hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
         detuning = 2 * jnp.pi * self._resonance(hold.warming) + hold.offset
         forced, free = respond(self.tau, detuning, hold, both_modes=both_modes)
-        return self._gain * forced + start * free
+        return _plain(self._gain * forced + start * free)
 
     @property
     def _gain(self):
@@ -189,45 +196,58 @@ class Plant:
 LOW_Q = 20.0  # below, the ripple of the fast mode (1/(4Q) of the response) outlasts what a lock-in can remove
 
 
-def hold_inputs(time, drive, frequency=None, temperature=None, *, settled=False, reference=(0.0, 0.0)) -> Hold:
+def _plain(value: Array) -> Leaf:
+    return value if isinstance(value, jax.core.Tracer) else np.asarray(value)
+
+
+def hold_inputs(
+    time, drive, frequency=None, temperature=None, *, settled=False, reference=(0.0, 0.0), at_rest=False, delay=0.0
+) -> Hold:
     """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in place.
 
     `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at resonance.
+    `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time.
     """
-    n = len(time)
-    columns = [np.broadcast_to(np.asarray(np.nan if c is None else c, float), n) for c in (drive, frequency, temperature)]
+    inputs = _inputs(len(time), drive, frequency, temperature)
     if settled:  # the inputs of row k have held since row k-1
-        columns = [np.append(c[1:], c[-1]) for c in columns]
-    inputs = np.stack(columns)
+        inputs = np.concatenate([inputs[:, 1:], inputs[:, -1:]], axis=1)
+    if at_rest:
+        before = np.array([[0.0], [1.0], [1.0]]) * inputs[:, :1]
+        inputs, time = np.concatenate([before, inputs], axis=1), np.append(time[:1], time)
     same = (inputs[:, 1:] == inputs[:, :-1]) | (np.isnan(inputs[:, 1:]) & np.isnan(inputs[:, :-1]))
     first = np.flatnonzero(np.append(True, ~same.all(axis=0)))  # rows at which an interval begins
-    row = np.searchsorted(first, np.arange(n), side="left") - 1  # a row belongs to the interval that ends at or after it
+    row = np.searchsorted(first, np.arange(len(time)), side="left") - 1  # of the interval that ends at or after the row
+    begin, read = time[first], time[at_rest:] - delay
+    row = np.searchsorted(begin, read) - 1 if delay else row[at_rest:]
     row = np.maximum(row, 0)
-    drive, frequency, temperature = inputs[:, first]
     return Hold(
-        duration=np.diff(np.append(time[first], time[-1])),
-        drive=drive,
-        omega=2 * np.pi * frequency,
-        offset=2 * np.pi * (reference[0] - frequency),
-        warming=np.nan_to_num(temperature - reference[1]),
+        duration=np.diff(np.append(begin, time[-1])),
         interval=row.astype(np.int32),
-        elapsed=time - time[first][row],
-        spread=np.zeros(n),
-        settled=np.zeros(n, bool),
+        elapsed=np.maximum(read - begin[row], 0.0),
+        spread=np.zeros(len(row)),
+        **_offsets(inputs[:, first], reference),
     )
 
 
-def settled_points(drive, frequency, temperature, *, reference=(0.0, 0.0)) -> Hold:
-    """Settled points as a `Hold`: each row has inputs of its own, held for ever; NaN frequency: at resonance."""
+def settled_points(drive, frequency=None, temperature=None, *, reference=(0.0, 0.0)) -> Hold:
+    """Settled points (n,) as a `Hold`: each is an interval of its own; without a frequency: at resonance."""
     n = len(drive)
-    return Hold(
-        duration=np.zeros(n),
-        drive=np.asarray(drive, float),
-        omega=2 * np.pi * np.asarray(frequency, float),
-        offset=2 * np.pi * (reference[0] - np.asarray(frequency, float)),
-        warming=np.nan_to_num(np.asarray(temperature, float) - reference[1]),
-        interval=np.arange(n, dtype=np.int32),
-        elapsed=np.zeros(n),
-        spread=np.zeros(n),
-        settled=np.ones(n, bool),
-    )
+    zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
+    inputs = _offsets(_inputs(n, drive, frequency, temperature), reference)
+    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, **inputs)
+
+
+def _inputs(n: int, drive, frequency, temperature) -> np.ndarray:
+    """(3, n) drive, frequency, temperature; NaN where there is none."""
+    columns = (np.nan if column is None else column for column in (drive, frequency, temperature))
+    return np.stack([np.broadcast_to(np.asarray(column, float), n) for column in columns])
+
+
+def _offsets(inputs: np.ndarray, reference: tuple[float, float]) -> dict[str, np.ndarray]:
+    drive, frequency, temperature = inputs
+    return {
+        "drive": drive,
+        "omega": 2 * np.pi * frequency,
+        "offset": 2 * np.pi * (reference[0] - frequency),
+        "warming": np.nan_to_num(temperature - reference[1]),
+    }

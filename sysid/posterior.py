@@ -8,9 +8,10 @@ import numpy as np
 
 from sysid.diagnostics import ess, rhat
 from sysid.experiment import group
-from sysid.fitting import NAMES, Fit, parameter, usable
+from sysid.fitting import Fit, parameter, usable
 from sysid.identify import limits
 from sysid.likelihood import log_density
+from sysid.minimise import NAMES
 from sysid.precision import compiled, float64
 from sysid.result import Parameter, Result
 
@@ -92,7 +93,7 @@ def sample(fit: Fit, seed: int = 0) -> Posterior:
     if not fit.result.bounded:  # a broad look at what is left, not an interval
         covariance = np.diag(np.minimum(np.diag(covariance), 1.0))
     triangle = np.linalg.cholesky(covariance)
-    groups, _ = group(best.trials, fit.reference, np.exp(best.theta[1]))
+    groups, _ = group(best.trials, fit.reference, low_q=best.low_q)
     layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
 
     def theta(z: np.ndarray) -> np.ndarray:

@@ -50,7 +50,6 @@ class Search:
         """(n, logs) residual sums of squares."""
         return self(points)[0]
 
-
     def score(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
         """(n,) log-likelihood by which each point falls short of every log's own `best` residual sum."""
         least = np.maximum(best, 1e-300)
@@ -83,9 +82,11 @@ def _thinned(points: np.ndarray) -> np.ndarray:
     return points[np.sort(np.unique(np.round(cells), axis=0, return_index=True)[1])]
 
 
-def joint(search: Search, best: np.ndarray, cost: np.ndarray, warming: np.ndarray, drifts: bool):
+def joint(search: Search, best: np.ndarray, cost: np.ndarray, drifts: bool) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) for all logs and their scores, best first: each log's own, and lines through pairs of temperatures."""
     points = [best]
+    temperatures = [search.reference[1] if t.log.temperature is None else t.log.temperature.mean() for t in search.trials]
+    warming = np.array(temperatures) - search.reference[1]
     if drifts:
         first, second = np.triu_indices(len(best), 1)
         apart = np.abs(warming[first] - warming[second]) > 0.05

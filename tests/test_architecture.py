@@ -27,6 +27,7 @@ ORDER = [
     "result",
     "start",
     "identify",
+    "minimise",
     "fitting",
     "diagnostics",
     "posterior",

@@ -292,10 +292,10 @@ def test_a_second_resonance_is_a_misfit(bench):
 def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):
     from dataclasses import replace
 
-    from sysid import fitting
+    from sysid.minimise import Minimiser
 
-    whole = fitting._refine
-    monkeypatch.setattr(fitting, "_refine", lambda *args, **more: replace(whole(*args, **more), converged=False))
+    whole = Minimiser.refine
+    monkeypatch.setattr(Minimiser, "refine", lambda *args, **more: replace(whole(*args, **more), converged=False))
     assert sysid.fit([bench.sweep()]).result is Result.not_converged
 
 

@@ -465,9 +465,7 @@ def test_a_written_log_reads_back_to_the_last_bit(tmp_path_factory, log):
     assert again.metadata["note"] == "a: b, c"
 
 
-MESS = st.sampled_from(
-    [b",", b"\n", b'"', b"#", b"\x00", b"\xff", b";", b"nan", b"\t", b" ", b"\r", b":", b"_", b"[", b"9"]
-)
+MESS = st.sampled_from([b",", b"\n", b'"', b"#", b"\x00", b"\xff", b";", b"nan", b"\t", b" ", b"\r", b":", b"_", b"[", b"9"])
 
 
 @settings(max_examples=300, deadline=None)

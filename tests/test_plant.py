@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from sysid import Plant
-from sysid.plant import hold_inputs, poles, respond, settled_points, steady
+from sysid.plant import hold_inputs, poles, respond, steady
 
 PLATE = Plant(G=0.02, tau=5e-3 / np.log(20), f0=32300.0, k_T=-10.16)
 LOW_Q = Plant(G=0.5, tau=8 / (np.pi * 900), f0=900.0)
@@ -167,14 +167,23 @@ def test_settled_rows_belong_to_their_own_inputs():
     np.testing.assert_array_equal(rows, PLATE.transient(time, *ahead))
 
 
-def test_points_held_for_ever_are_the_steady_response():
+@pytest.mark.parametrize("start", [0.0, 0.3 - 0.1j])
+@pytest.mark.parametrize("both_modes", [False, True])
+def test_the_first_row_is_the_start_also_under_drive(start, both_modes):
+    time = np.linspace(0, 1e-3, 5)
+    rows = LOW_Q.transient(time, 3.0, 880.0, start=start, both_modes=both_modes)
+    assert rows[0] == start
+    assert type(rows) is np.ndarray and rows.dtype == complex
+
+
+def test_a_delay_is_a_response_that_comes_later():
+    time, tau, delay = np.arange(50) * 1e-4, 8e-4, 2.37e-4
+    drive = np.where(time < 0.95e-3, 0.0, 1.0)
+    hold = hold_inputs(time, drive, delay=delay)
     with jax.enable_x64(True):
-        frequency = PLATE.f0 + np.linspace(-400, 400, ROWS)
-        drive = np.linspace(1, 3, ROWS)
-        hold = settled_points(drive, frequency, np.full(ROWS, 24.0), reference=(PLATE.f0, 24.0))
-        forced, free = respond(jnp.asarray(PLATE.tau), jnp.asarray(hold.offset), hold)
-        np.testing.assert_allclose(PLATE.G * forced, PLATE.steady(drive, frequency), rtol=1e-12)
-        np.testing.assert_allclose(free, 0.0, atol=1e-15)
+        forced, _ = respond(tau, np.zeros(len(hold.drive)), hold)
+    since = np.maximum(time - 1e-3 - delay, 0)
+    np.testing.assert_allclose(forced, 1 - np.exp(-since / tau), atol=1e-15)  # the step's closed form
 
 
 def test_equal_inputs_are_one_interval_and_arrays_stay_as_they_were():

@@ -198,9 +198,7 @@ def test_the_resonance_moves_with_temperature():
     assert make.steady(plant, 1.0, plant.f0, 28.0).imag < 0  # warmer: the resonance is below the drive
 
 
-@pytest.mark.parametrize(
-    ("folder", "name"), [(".", "step_100V_24C"), (".", "ring_down"), ("low_q", "step_and_release")]
-)
+@pytest.mark.parametrize(("folder", "name"), [(".", "step_100V_24C"), (".", "ring_down"), ("low_q", "step_and_release")])
 def test_the_row_at_which_a_step_acts_does_not_feel_it_yet(folder, name):
     """`sampling: instant`, for the state and for the feedthrough (too small to show under the noise of one row)."""
     log = replace(named(folder, name), noise=0.0)

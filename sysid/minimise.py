@@ -1,0 +1,277 @@
+"""Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from sysid.experiment import Trial, freedom, group, with_noise
+from sysid.likelihood import linearised, rows
+from sysid.noise import estimate
+from sysid.plant import LOW_Q, Plant
+from sysid.precision import compiled
+from sysid.start import Search, joint, local
+
+NAMES = ("G", "tau", "f0", "k_T")
+NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
+STARTS = 4
+RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
+MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
+DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
+
+
+@dataclass(frozen=True)
+class State:
+    """A converged minimum: theta = (log G, log tau, f0 - reference, k_T), its covariance, the logs' noise and nuisances."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    trials: tuple[Trial, ...]
+    models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
+    cost: float
+    converged: bool
+    low_q: bool  # with the ripple of the fast mode
+
+
+@compiled
+def _levenberg_marquardt(theta, directions, layouts, groups):
+    """theta + directions @ x that makes the residual rows smallest."""
+
+    def residual(x, _):
+        parts = [part.ravel() for part in rows(theta + directions @ x, layouts, groups)]
+        return jnp.concatenate([v for p in parts for v in ((p.real, p.imag) if jnp.iscomplexobj(p) else (p,))])
+
+    solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
+    x0 = jnp.zeros(directions.shape[1])
+    x = optx.least_squares(residual, solver, x0, max_steps=128, throw=False).value
+    return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
+
+
+@compiled
+def _linearise(theta, directions, layouts, groups):
+    """Of each log, group by group: the Gram matrix of the Jacobian along `directions`, the gradient, and the residual."""
+
+    def one(x, layout):
+        found, change = linearised(theta, x, layout)
+        jacobian = jax.vmap(change, in_axes=1)(directions)
+        return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
+
+    return tuple(jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True))
+
+
+@dataclass(frozen=True)
+class Minimiser:
+    """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are taken from."""
+
+    reference: tuple[float, float]
+    free: tuple[str, ...]
+
+    def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
+        """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
+        search = Search(trials, (self._frequency, self.reference[1]))
+        points, score, cost = self._starts(search, start)
+        level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
+        trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
+        starts = np.column_stack([_log_gains(search, points), points])
+        found = [self.refine(trials, starts[0], rounds=1)]
+        reached = search.score(found[0].theta[None, 1:], cost)[0]
+        # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
+        found += [
+            self.refine(trials, theta, rounds=1)
+            for theta, short in zip(starts[1:], score[1:], strict=True)
+            if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
+        ]
+        found += [self.refine(trials, theta, rounds=1) for theta in self._mirrored(found[0])]
+        found.sort(key=lambda s: s.cost)
+        # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
+        return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+
+    def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
+        if not any(t.resonant and not t.steady for t in trials):
+            return self._descend(trials, theta, False, rounds)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
+        q = self._q(state.theta)
+        if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
+            return state
+        other = self._descend(trials, state.theta, not state.low_q, rounds)
+        return min(state, other, key=lambda s: (not s.converged, s.cost))
+
+    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int) -> State:
+        """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
+
+        Once a Gauss-Newton step would change the sum of squares by less than NEAR, that step replaces the search.
+        """
+        last, left, converged, begin = np.inf, np.inf, False, theta
+        if all(np.all(t.log.response == t.log.response[0]) for t in trials):
+            return self._unbounded(trials, begin, low_q)
+        for k in range(rounds):
+            groups, members = group(trials, self.reference, low_q=low_q)
+            layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+            directions = self._directions(theta)
+            if left > NEAR:
+                theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
+                if _ran_away(theta, begin):
+                    return self._unbounded(trials, begin, low_q)
+            grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
+            gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
+            left = float(gradient @ inverse @ gradient)
+            trials, models, cost, moved = _update(trials, members, found, round_=k)
+            change, last = abs(last - cost), cost
+            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
+            if converged and change < 1e-7 + 1e-13 * abs(cost):
+                break
+            if left <= NEAR:
+                theta = theta - directions @ (inverse @ gradient)
+                if _ran_away(theta, begin):
+                    return self._unbounded(trials, begin, low_q)
+        shares = (np.concatenate([x.freedom for x in arrays]), np.concatenate(grams))
+        covariance = directions @ _invert(_informed(*shares, inverse)) @ directions.T
+        return State(theta, covariance, trials, models, float(cost), converged, low_q)
+
+    def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
+        """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
+        groups, members = group(trials, self.reference, low_q=low_q)
+        directions = self._directions(theta)
+        parts = jax.device_get(_linearise(theta, directions, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
+        trials, models, cost, _ = _update(trials, members, [found for *_, found in parts], round_=0)
+        covariance = RUNAWAY**2 * directions @ directions.T
+        return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
+
+    def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (n, 3), what each falls short by, and the least residual sum of each log."""
+        if start is not None:
+            f0 = 0.0 if start.f0 is None else start.f0 - self.reference[0]
+            k_T = start.k_T or 0.0
+            shift = f0 + k_T * (self.reference[1] - start.reference_temperature)
+            points = np.array([[np.log(start.tau), shift, k_T]])
+            return points, np.zeros(1), search.sums(points)[0]
+        best, cost = local(search, np.random.default_rng(0))
+        points, score = joint(search, best, cost, "k_T" in self.free)
+        return *_spread(points, score), cost
+
+    def _distinct(self, found: list[State]) -> list[State]:
+        """The minima that `found` lead to, each once, as many as are modes."""
+        states: list[State] = []
+        for first in found:
+            if any(not self._apart(first, other) for other in states):
+                continue
+            state = self.refine(first.trials, first.theta)
+            if all(self._apart(state, other) for other in states):
+                states.append(state)
+        states.sort(key=lambda s: s.cost)
+        return [s for s in states if s.cost <= states[0].cost + MODES]
+
+    def _apart(self, state: State, other: State) -> bool:
+        index = [NAMES.index(n) for n in self.free]
+        step = (state.theta - other.theta)[index]
+        spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
+        return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
+
+    def _mirrored(self, state: State) -> list[np.ndarray]:
+        """Where amplitudes are all there is: the resonance as far on the other side of each constant drive frequency."""
+        resonant = [t for t in state.trials if t.resonant]
+        if any(not t.log.amplitude_only for t in resonant):
+            return []
+        drives = {float(t.log.frequency[0]) for t in resonant if np.ptp(t.log.frequency) == 0}
+        mirrored = [state.theta.copy() for _ in drives]
+        for theta, drive in zip(mirrored, sorted(drives), strict=True):
+            theta[2] = 2 * (drive - self.reference[0]) - theta[2]
+        return mirrored
+
+    def _directions(self, theta: np.ndarray) -> np.ndarray:
+        """(4, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC."""
+        half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
+        return np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, [NAMES.index(n) for n in self.free]]
+
+    @property
+    def _frequency(self) -> float:
+        return self.reference[0] if np.isfinite(self.reference[0]) else 0.0
+
+    def _q(self, theta: np.ndarray) -> float:
+        return float(np.pi * max(self.reference[0] + theta[2], 1e-300) * np.exp(theta[1]))
+
+
+def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
+    kept: list[int] = []
+    for i, p in enumerate(points):
+        half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
+        scale = np.array([0.7, 0.5 * half_bandwidth, 0.1 * half_bandwidth])
+        if all(np.any(np.abs(p - points[k]) > scale) for k in kept):
+            kept.append(i)
+        if len(kept) == STARTS:
+            break
+    return points[kept], score[kept]
+
+
+def _log_gains(search: Search, points: np.ndarray) -> list[float]:
+    """Log of the median gain of the driven logs at each point."""
+    driven = np.array([t.driven for t in search.trials])
+    gains = [row[driven & np.isfinite(row) & (row > 0)] for row in search(points)[1]]
+    return [float(np.log(np.median(g))) if len(g) else 0.0 for g in gains]
+
+
+def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
+    return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
+
+
+def _invert(gram: np.ndarray) -> np.ndarray:
+    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    return inverse / np.outer(size, size)
+
+
+def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Information of all logs (logs, p, p), each less the share of its residual that the plant's parameters have taken.
+
+    The noise is that of the largest likelihood, S/freedom; a log whose leverage is tr(gram inverse) has that many fewer.
+    """
+    leverage = np.einsum("lpq,pq->l", grams, inverse)
+    left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)
+    return np.einsum("l,lpq->pq", left, grams)
+
+
+def _update(trials, members, found, round_: int):
+    """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
+    relative move."""
+    updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
+    for logs, detail in zip(members, found, strict=True):
+        for k, i in enumerate(logs):
+            models[i] = trials[i].completed(detail.driven[k][: len(trials[i].log)])
+            new = _renew(trials[i], models[i], complex(detail.start[k]), float(detail.floor[k]), round_)
+            cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
+            change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
+            moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
+            updated[i] = new
+    return tuple(updated), tuple(models), cost, moved
+
+
+def _cost(trial: Trial, total: float) -> float:
+    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
+    channels = 1 if trial.log.amplitude_only else 2
+    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(trial.weight))
+    dof = freedom(trial)
+    return float(0.5 * dof * np.log(total / dof + trial.rounding) + dof * np.log(trial.noise_std) + channels * shrink)
+
+
+def _renew(trial: Trial, model: np.ndarray, start: complex, floor: float, round_: int) -> Trial:
+    """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
+    left = trial.log.response - (model.real if trial.log.amplitude_only else model)
+    std, time = estimate(left * trial.weight, trial.clock, freedom(trial))
+    if round_ > 2 and time > 0 and trial.noise_time > 0:
+        time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
+    new = with_noise(trial, std, time)
+    if trial.log.relative_noise and round_ < 10:  # held after a while: a weight that follows the fit may circle
+        new = replace(new, level=np.abs(model))
+    if trial.signed:
+        return new
+    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
+    free = new.floor_free and not trial.steady and floor > 0
+    held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
+    return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))
