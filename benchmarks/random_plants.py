@@ -5,21 +5,27 @@ and noise. A fit from nothing has found the minimum when its cost is no higher t
 The responses come from `data/synthetic/make.py`, which shares no code with the package. Writes random_plants.md beside itself.
 
     --plants N     how many (default 200)         --seed S     the first one's seed (default 0)
+    --jobs N       processes (default 1)
     --replay SEED  fit one plant again and print its logs and both fits
 """
 
 import argparse
 import runpy
-import sys
+import tempfile
 import time
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from sysid import Fit, Log, Plant, fit
+from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
 make = SimpleNamespace(**runpy.run_path(str(HERE.parent / "data" / "synthetic" / "make.py")))
@@ -113,52 +119,42 @@ def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, war
 class Outcome:
     """What became of one plant."""
 
-    case: Case
-    found: Fit
-    best: Fit
+    seed: int
+    verdict: str
+    informed: bool  # bound on tau below 20 %, no transient faster than its rows
+    result: str
+    score: float  # (log tau - truth)/std
     seconds: float
-
-    @property
-    def excess(self) -> float:
-        """Cost of the fit from nothing above that of the fit from the truth."""
-        return self.found.cost - self.best.cost
-
-    @property
-    def informed(self) -> bool:
-        """The logs can tell: bound on tau below 20 %, no transient faster than its rows."""
-        return bool(self.best.modes[0].covariance[1, 1] < 0.2**2) and not self.case.aliased
-
-    @property
-    def verdict(self) -> str:
-        if not np.isfinite(self.excess):
-            return "not finite"
-        return "found" if self.excess <= 1e-6 else "within 0.01" if self.excess < 0.01 else "missed"
-
-    @property
-    def score(self) -> tuple[float, ...]:
-        """(value - truth)/std of log tau, and of f0 where both have it."""
-        state = self.found.modes[0]
-        theta, std = state.theta, np.sqrt(np.diag(state.covariance))
-        return (float((theta[1] - np.log(self.case.truth.tau)) / std[1]),)
+    text: str  # truth, logs, both fits
 
 
 def outcome(seed: int) -> Outcome:
+    """Fit the plant of `seed` from nothing and from the truth. A fit that raises is the worst outcome: counted and named."""
     made = case(seed)
-    begun = time.perf_counter()
-    found = fit(made.logs)
-    seconds = time.perf_counter() - begun
-    return Outcome(made, found, fit(made.logs, start=made.truth), seconds)
+    try:
+        begun = time.perf_counter()
+        found = fit(made.logs)
+        seconds = time.perf_counter() - begun
+        best = fit(made.logs, start=made.truth)
+    except Exception as error:
+        return Outcome(seed, "raised", True, "raised", np.nan, np.nan, f"seed {seed}: {type(error).__name__}: {error}")
+    excess = found.cost - best.cost
+    verdict = "found" if excess <= 1e-6 else "within 0.01" if excess < 0.01 else "missed"
+    state = found.modes[0]
+    informed = bool(best.modes[0].covariance[1, 1] < 0.2**2) and not made.aliased
+    score = float((state.theta[1] - np.log(made.truth.tau)) / np.sqrt(state.covariance[1, 1]))
+    return Outcome(seed, verdict, informed, found.result.name, score, seconds, described(made, found, best, verdict, excess))
 
 
-def described(o: Outcome) -> str:
+def described(made: Case, a: Fit, b: Fit, verdict: str, excess: float) -> str:
     """A paragraph about one plant: its truth, its logs, both fits."""
-    t, a, b = o.case.truth, o.found, o.best
+    t = made.truth
     head = (
-        f"seed {o.case.seed}: {o.verdict}, cost {o.excess:+.3g} above the truth's; tau {t.tau:.4g} s, Q {t.Q:.4g},"
+        f"seed {made.seed}: {verdict}, cost {excess:+.3g} above the truth's; tau {t.tau:.4g} s, Q {t.Q:.4g},"
         f" found tau {a.plant.tau:.4g} s, f0 {(a.plant.f0 - t.f0) * 2 * np.pi * t.tau:+.3g} half bandwidths off;"
         f" from the truth tau {b.plant.tau:.4g} s; results {a.result.name} / {b.result.name}; modes {len(a.modes)}"
     )
-    return "\n".join([head, *(f"    {line}" for line in o.case.lines)])
+    return "\n".join([head, *(f"    {line}" for line in made.lines)])
 
 
 def table(outcomes: list[Outcome], command: str) -> str:
@@ -166,58 +162,80 @@ def table(outcomes: list[Outcome], command: str) -> str:
     informed = [o for o in outcomes if o.informed]
     others = [o for o in outcomes if not o.informed]
     counts = Counter(o.verdict for o in informed)
-    results = Counter(o.found.result.name for o in informed)
-    scores = np.array([o.score[0] for o in informed if o.verdict == "found" and o.found.result.name == "successful"])
+    results = Counter(o.result for o in informed)
+    good = [o for o in informed if o.verdict == "found" and o.result == "successful"]
+    scores = np.array([o.score for o in good])
     lines = ["# Random plants, fitted from nothing", "", f"Made by `{command}`.", ""]
-    lines += [f"{len(outcomes)} plants, of which the logs of {len(informed)} can tell tau (Cramer-Rao bound below 20 %, no transient"]
-    lines += ["that turns half a turn or more between two rows). The cost of the fit from nothing, against a fit from the truth:", ""]
-    lines += ["| | plants |", "|---|---|"]
-    lines += [f"| {name} | {counts[name]} |" for name in ("found", "within 0.01", "missed", "not finite") if counts[name] or name == "found"]
-    lines += ["", "`found`: no higher than 1e-6 above. How those fits end: "]
-    lines[-1] += ", ".join(f"{name} {n}" for name, n in sorted(results.items())) + "."
-    lines += ["", f"The other {len(others)} end: " + ", ".join(f"{k} {n}" for k, n in sorted(Counter(o.found.result.name for o in others).items())) + "."]
+    lines += [
+        f"{len(outcomes)} plants, of which the logs of {len(informed)} can tell tau (Cramer-Rao bound below 20 %, no transient"
+    ]
+    lines += [
+        "that turns half a turn or more between two rows). The cost of the fit from nothing, against a fit from the truth:",
+        "",
+    ]
+    lines += ["| | plants | % |", "|---|---|---|"]
+    verdicts = [v for v in ("found", "within 0.01", "missed", "raised") if counts[v] or v == "found"]
+    lines += [f"| {v} | {counts[v]} | {100 * counts[v] / max(len(informed), 1):.2f} |" for v in verdicts]
+    lines += ["", f"`found`: no higher than 1e-6 above. How those fits end: {_counted(results)}."]
+    lines += ["", f"The other {len(others)} end: {_counted(Counter(o.result for o in others))}."]
     if len(scores):
-        lines += ["", f"(log tau - truth)/std of the successful: mean {scores.mean():+.2f}, standard deviation {scores.std():.2f},"]
+        lines += [
+            "",
+            f"(log tau - truth)/std of the successful: mean {scores.mean():+.3f}, standard deviation {scores.std():.3f},",
+        ]
         lines += [f"largest {np.abs(scores).max():.1f} ({len(scores)} plants)."]
-    lines += ["", f"Median time of a fit once its program is compiled: {np.median([o.seconds for o in outcomes]):.2f} s."]
-    bad = [o for o in informed if o.verdict in ("missed", "not finite")]
-    if bad:
-        lines += ["", "Missed (replay with `--replay SEED`):", "", "```", *(described(o) for o in bad), "```"]
-    odd = [o for o in informed if o.verdict == "found" and o.found.result.name not in ("successful",)]
-    if odd:
-        lines += ["", "Found, but not called successful:", "", "```", *(described(o) for o in odd), "```"]
-    far = [o for o in informed if o.verdict == "found" and o.found.result.name == "successful" and abs(o.score[0]) > 4]
-    if far:
-        lines += ["", "Successful, but tau more than four standard deviations off:", "", "```", *(described(o) for o in far), "```"]
+    lines += ["", f"Median time of a fit once its program is compiled: {np.nanmedian([o.seconds for o in outcomes]):.2f} s."]
+    sections = {
+        "Not found (replay with `--replay SEED`)": [o for o in informed if o.verdict != "found"],
+        "Found, but not called successful": [o for o in informed if o.verdict == "found" and o.result != "successful"],
+        "Successful, but tau more than four standard deviations off": [o for o in good if abs(o.score) > 4],
+    }
+    for title, chosen in sections.items():
+        if chosen:
+            lines += ["", f"{title}:", "", "```", *(o.text for o in chosen[:MOST]), "```"]
+            lines += [f"and {len(chosen) - MOST} more."] if len(chosen) > MOST else []
     return "\n".join(lines) + "\n"
+
+
+MOST = 40  # plants described under each title
+
+
+def _counted(names: Counter) -> str:
+    return ", ".join(f"{name} {n}" for name, n in sorted(names.items()))
+
+
+def _begin(folder: str) -> None:
+    keep_programs(Path(folder))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plants", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--replay", type=int)
     given = parser.parse_args()
     if given.replay is not None:
-        print(described(outcome(given.replay)))
+        print(outcome(given.replay).text)
         return
-    outcomes, broken = [], []
-    for seed in range(given.seed, given.seed + given.plants):
-        try:
-            outcomes.append(outcome(seed))
-        except Exception as error:  # a fit that raises is the worst outcome: it is counted and named
-            broken.append(f"seed {seed}: {type(error).__name__}: {error}")
-            print(broken[-1], flush=True)
-            continue
-        o = outcomes[-1]
-        if o.informed and (o.verdict != "found" or o.found.result.name != "successful"):
-            print(described(o), flush=True)
-        if (seed - given.seed) % 10 == 9:
-            print(f"{seed - given.seed + 1} of {given.plants}", file=sys.stderr, flush=True)
-    text = table(outcomes, f"python benchmarks/random_plants.py --plants {given.plants} --seed {given.seed}")
-    text += "".join(f"\nRaised: {line}\n" for line in broken)
+    seeds, outcomes = range(given.seed, given.seed + given.plants), []
+    with tempfile.TemporaryDirectory() as folder:
+        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,))
+        with workers:
+            for o in track(workers.map(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
+                outcomes.append(o)
+                if o.informed and (o.verdict != "found" or o.result != "successful"):
+                    print(o.text, flush=True)
+                if len(outcomes) % 500 == 0:
+                    write(outcomes, given)
+    print(write(outcomes, given).split("\n\nNot found")[0])
+
+
+def write(outcomes: list[Outcome], given: argparse.Namespace) -> str:
+    """The table so far, into random_plants.md: a study that is cut short still counts."""
+    text = table(outcomes, f"python benchmarks/random_plants.py --plants {len(outcomes)} --seed {given.seed} --jobs {given.jobs}")
     (HERE / "random_plants.md").write_text(text, encoding="utf-8")
-    print(text.split("\n\nMissed")[0])
+    return text
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import numpy as np
 import optimistix as optx
 
 from sysid.experiment import Trial, freedom, group, with_noise
+from sysid.identify import LEAST_WARMING
 from sysid.likelihood import linearised, rows
 from sysid.noise import estimate
 from sysid.plant import LOW_Q, Plant
@@ -84,7 +85,12 @@ class Minimiser:
             for theta, short in zip(starts[1:], score[1:], strict=True)
             if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
         ]
-        found += [self.refine(trials, theta, rounds=1) for theta in self._mirrored(found[0])]
+        found.sort(key=lambda s: s.cost)
+        images = found[:1]
+        for _ in range(2):  # an image of an image is on the other side of two drives
+            images = [self.refine(trials, theta, rounds=1) for state in images for theta in self._mirrored(state)]
+            images = [s for s in images if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
+            found += images
         found.sort(key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
@@ -122,7 +128,7 @@ class Minimiser:
             trials, models, cost, moved = _update(trials, members, found, round_=k)
             change, last = abs(last - cost), cost
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if converged and change < 1e-7 + 1e-13 * abs(cost):
+            if converged and max(change, left) < 1e-7 + 1e-13 * abs(cost):
                 break
             if left <= NEAR:
                 theta = theta - directions @ (inverse @ gradient)
@@ -172,15 +178,22 @@ class Minimiser:
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
     def _mirrored(self, state: State) -> list[np.ndarray]:
-        """Where amplitudes are all there is: the resonance as far on the other side of each constant drive frequency."""
+        """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level,
+        where amplitudes are all there is; by its temperature coefficient, about the temperature of the other logs."""
         resonant = [t for t in state.trials if t.resonant]
-        if any(not t.log.amplitude_only for t in resonant):
-            return []
-        drives = {float(t.log.frequency[0]) for t in resonant if np.ptp(t.log.frequency) == 0}
-        mirrored = [state.theta.copy() for _ in drives]
-        for theta, drive in zip(mirrored, sorted(drives), strict=True):
-            theta[2] = 2 * (drive - self.reference[0]) - theta[2]
-        return mirrored
+        level, drift = state.theta[2:] * [1, "k_T" in self.free]
+        warming = {id(t): float(np.mean(t.hold(self.reference).warming)) for t in resonant}
+        mirrored = set()
+        for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
+            image = 2 * (trial.log.frequency[0] - self.reference[0]) - level - drift * warming[id(trial)]
+            if all(t.log.amplitude_only for t in resonant):
+                mirrored.add((image - drift * warming[id(trial)], drift))
+            others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]
+            if "k_T" in self.free and others:
+                pivot = float(np.mean(others))
+                slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
+                mirrored.add((level + (drift - slope) * pivot, slope))
+        return [np.array([*state.theta[:2], *image]) for image in sorted(mirrored)]
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
         """(4, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC."""
