@@ -124,8 +124,11 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     return _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))
 
 
-def write_log(log: Log, path: str | Path) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside)."""
+def write_log(log: Log, path: str | Path, append: bool = False) -> None:
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
+
+    `append`: further rows of the log that the file holds.
+    """
     columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
     columns |= {"temperature_degC": log.temperature, "force_N": log.force}
     if log.amplitude_only:
@@ -136,11 +139,11 @@ def write_log(log: Log, path: str | Path) -> None:
     recorded = {name: values.tolist() for name, values in columns.items() if values is not None}
     words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
     kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
-    with open(path, "w", encoding="utf-8", newline="\n") as file:
-        for key, value in (kept | words).items():
-            if value is not None:
-                file.write(f"# {key}: {' '.join(str(value).split())}\n")
-        file.write(",".join(recorded) + "\n")
+    with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
+        if not append:
+            words_given = ((key, value) for key, value in (kept | words).items() if value is not None)
+            file.writelines(f"# {key}: {' '.join(str(value).split())}\n" for key, value in words_given)
+            file.write(",".join(recorded) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
 
 

@@ -104,14 +104,41 @@ def _over(real: Array, z: Array) -> Array:
 
 
 @jax.custom_jvp
-def _expm1(z: Array) -> Array:
+def expm1(z: Array) -> Array:
     """exp(z) - 1 of a complex z without cancellation in either part; its derivative costs one product."""
     grown = jnp.expm1(z.real)
     half = jnp.sin(0.5 * z.imag)
     return grown * jnp.cos(z.imag) - 2 * half**2 + 1j * ((1 + grown) * jnp.sin(z.imag))
 
 
-_expm1.defjvps(lambda dz, value, z: (1 + value) * dz)
+expm1.defjvps(lambda dz, value, z: (1 + value) * dz)
+
+
+def carried(growth: Array, target: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a unit start.
+
+    Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
+    """
+    count = len(growth)
+    lanes = 1 if count <= 64 else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
+
+    def advance(state, interval):
+        forced, free = state
+        growth, target = interval
+        return (forced + growth * (forced + target), free + growth * free), state
+
+    def join(state, lane):
+        forced, free = state
+        return (lane[0] + lane[1] * forced, lane[1] * free), state
+
+    rest = (jnp.zeros(lanes, growth.dtype), jnp.ones(lanes, growth.dtype))
+    steps = tuple(v.reshape(lanes, -1).T for v in (growth, target))
+    ends, (forced, free) = jax.lax.scan(advance, rest, steps)
+    if lanes == 1:
+        return (forced[:, 0], free[:, 0]), (ends[0][0], ends[1][0])
+    last, (before, share) = jax.lax.scan(join, (rest[0][0], rest[1][0]), ends)
+    forced, free = forced + free * before, free * share
+    return (forced.T.reshape(count), free.T.reshape(count)), last
 
 
 def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
@@ -121,19 +148,11 @@ def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
     nothing is divided by a time, so that zero-length intervals need no special case.
     """
     target = _over(push, pole)
-    growth = _expm1(pole * hold.duration)
-
-    def advance(state, interval):
-        forced, free = state
-        growth, target = interval
-        return (forced + growth * (forced + target), free + growth * free), state
-
-    start = (jnp.zeros((), pole.dtype), jnp.ones((), pole.dtype))
-    _, (forced, free) = jax.lax.scan(advance, start, (growth, target))
+    (forced, free), _ = carried(expm1(pole * hold.duration), target)
     at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
-    grown = _expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
+    grown = expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     return forced + grown * (forced + target), free + grown * free
 
 

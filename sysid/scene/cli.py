@@ -1,0 +1,71 @@
+"""The command `simulate`: CSV logs from scene files.  Exit codes: 0 written; 2 a scene that cannot be; 130 interrupted."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
+    arguments = _parser().parse_args(argv)
+    from sysid.scene.scene import Scene, SceneError
+    from sysid.scene.toml import fitted
+
+    try:
+        scenes = [Scene.from_toml(path) for path in arguments.scenes]
+        if arguments.fit:
+            plant = fitted(Path(arguments.fit), arguments.draw)
+            scenes = [scene.with_plant(plant) for scene in scenes]
+        folder = Path(arguments.folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for scene, path in zip(scenes, arguments.scenes, strict=True):
+            for seed in range(arguments.seed, arguments.seed + arguments.logs):
+                mark = f"_{seed}" if arguments.logs > 1 else ""
+                _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv")
+    except SceneError as error:
+        print(f"simulate: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"simulate: cannot be written: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("simulate: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="simulate", description="CSV logs from scene files: what a bench would have recorded.", allow_abbrev=False
+    )
+    parser.add_argument("scenes", nargs="+", metavar="SCENES", help="scene files (TOML)")
+    parser.add_argument("-o", dest="folder", metavar="DIR", default=".", help="where the logs go (%(default)s)")
+    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the noise (%(default)s)")
+    parser.add_argument(
+        "--logs", type=int, metavar="N", default=1, help="logs of each scene, from successive seeds (%(default)s)"
+    )
+    parser.add_argument("--fit", metavar="FILE", help="a fit.json whose plant takes the place of each scene's own")
+    parser.add_argument("--draw", type=int, metavar="N", help="draw number N of that fit's posterior instead of its mean")
+    return parser
+
+
+def _write(scene, seed: int, path: Path) -> None:
+    """Write one log piece by piece; it appears under its name when it is whole."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from sysid.log import write_log
+
+    part = path.with_suffix(".part")
+    try:
+        with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as progress:
+            task = progress.add_task(path.name, total=scene.rows)
+            for k, log in enumerate(scene.stream(seed)):
+                write_log(log, part, append=k > 0)
+                progress.advance(task, len(log))
+        part.replace(path)
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)

@@ -1,0 +1,312 @@
+"""The simulation: a plant and its effects over held inputs, chunk by chunk, in one compiled program per scene.
+
+Between two changes of the inputs the equation of motion is linear with constant coefficients and is solved exactly by its two
+modes (see `sysid.plant`). What is carried from one interval to the next is (Z, U), the response in the frame of the drive and
+its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s + j omega: both are continuous whatever changes, drive,
+frequency, damping or resonance. Intervals of a chunk are taken in lanes side by side. Only effects that depend on the response
+itself (softening, self-heating) need one interval after the other; they are frozen at each interval's middle, an error of
+second order.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from sysid.plant import Leaf, Plant, carried, expm1, poles, steady
+from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
+
+RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
+
+
+class Felt(NamedTuple):
+    """What an effect that depends on the response is told: its squared amplitude, and the temperature it has made."""
+
+    power: Array
+    heat: Array
+
+
+class Mode(NamedTuple):
+    """State of one resonance: the response Z in the frame of the drive, its velocity U in the frame of the plate."""
+
+    response: Array
+    velocity: Array
+
+
+class State(NamedTuple):
+    """What a chunk leaves to the next: each resonance, self-heating, the filter's stages, the noise."""
+
+    modes: tuple[Mode, ...]
+    heat: Array | None
+    filter: tuple[Array, ...]
+    noise: tuple[Any, ...]
+
+
+class Chunk(NamedTuple):
+    """Held inputs over intervals (M,) of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own
+    inputs, and the turn of the frame at the beginning of an interval (None: the phase goes on)."""
+
+    duration: Leaf
+    inputs: Inputs
+    take: Leaf
+    rows: Inputs
+    turn: Leaf
+
+
+def resonances(plant: Plant, effects: tuple) -> tuple[Plant, ...]:
+    """The plate's own resonance, and further ones."""
+    more = [e for e in effects if isinstance(e, SecondMode)]
+    temperature = plant.reference_temperature
+    return (plant, *(Plant(e.G, e.tau, e.f0, e.k_T, reference_temperature=temperature) for e in more))
+
+
+def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: float, felt: Felt | None = None) -> Motion:
+    """Time constant, detuning and drive of each interval; `reference` (Hz) is where the inputs' offsets are taken from."""
+    detuning = 2 * jnp.pi * (plant.f0 - reference) + inputs.offset
+    if inputs.warming is not None and plant.k_T is not None:
+        detuning = detuning + 2 * jnp.pi * plant.k_T * inputs.warming
+    found = Motion(plant.tau, detuning, inputs.drive)
+    for e in effects:
+        if hasattr(e, "plate"):
+            found = e.plate(found, inputs, plant, felt)
+    return found
+
+
+class Step(NamedTuple):
+    """One interval's poles in the frame of the drive, those of the plate, and the response that each mode settles at, negated."""
+
+    poles: tuple[Array, ...]
+    still: tuple[Array, ...]
+    targets: tuple[Array, ...]
+
+
+def step(gain: Leaf, m: Motion, inputs: Inputs, rung: str) -> Step:
+    """Slow mode alone (`amplitude`: at resonance; `envelope`: detuning omega0 - omega, b = G/tau), or both (`exact`)."""
+    if rung == "exact":
+        s = poles(m.tau, m.detuning, inputs.omega)
+        push = gain * s.gain * m.drive
+        turning = 1j * inputs.omega
+        return Step((s.slow, s.fast), (s.slow + turning, s.fast + turning), (_over(push, s.slow), _over(-push, s.fast)))
+    detuning = jnp.zeros_like(m.detuning) if rung == "amplitude" else m.detuning
+    slow = -1 / m.tau + 1j * detuning
+    return Step((slow,), (), (_over(gain / m.tau * m.drive, slow),))
+
+
+def _over(real: Array, z: Array) -> Array:
+    return (real / (z.real**2 + z.imag**2)) * z.conj()
+
+
+def start(rung: str, plant: Plant, effects: tuple, key: Array) -> State:
+    """At rest, with nothing heated and empty filters."""
+    zero = jnp.zeros((), complex)
+    modes = tuple(Mode(zero, zero) for _ in resonances(plant, effects))
+    filters = tuple(zero for e in effects if isinstance(e, LockIn) for _ in range(e.order))
+    drawn = tuple(e.init(_key(key, e, 0)) if hasattr(e, "init") else None for e in effects if e.kind == "noise")
+    heated = any(hasattr(e, "warmed") for e in effects)
+    return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
+
+
+@partial(jax.jit, static_argnames=("rung", "reference"))
+def advance(
+    plant: Plant,
+    effects: tuple,
+    state: State,
+    chunk: Chunk,
+    key: Array,
+    count: Array,
+    spacing: Array,
+    rung: str,
+    reference: float,
+) -> tuple[Array, State]:
+    """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time between rows."""
+    response, state = _plate(plant, effects, state, chunk, rung, reference)
+    for e in effects:
+        if hasattr(e, "sense"):
+            response = e.sense(response, chunk.rows)
+    drawn = []
+    for e, before in zip((e for e in effects if e.kind == "noise"), state.noise, strict=True):
+        response, after = e.noise(response, _key(key, e, count + 1), spacing, before)
+        drawn.append(after)
+    return response, state._replace(noise=tuple(drawn))
+
+
+def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: float) -> tuple[Array, State]:
+    """The response at each row, as the filter passes it, before the rest of the sensor."""
+    if rung == "steady":
+        settled = [_settled(p, chunk, effects, reference) for p in resonances(plant, effects)]
+        return _together(settled, effects), state
+    found, modes, heat = [], [], state.heat
+    for p, mode in zip(resonances(plant, effects), state.modes, strict=True):
+        if any(getattr(e, "feels", False) for e in effects):
+            before, steps, last, heat = _one_by_one(p, effects, mode, heat, chunk, rung, reference)
+        else:
+            steps = step(p.G, motion(p, chunk.inputs, effects, reference), chunk.inputs, rung)
+            before, last = _lanes(steps, mode, chunk)
+        found.append((before, steps))
+        modes.append(last)
+    state = state._replace(modes=tuple(modes), heat=heat)
+    lock_in = next((e for e in effects if isinstance(e, LockIn)), None)
+    if lock_in is None:
+        return _together([sum(before)[chunk.take] for before, _ in found], effects), state
+    filtered, stages = _filtered(lock_in, found, _leak(effects), state.filter, chunk)
+    return filtered[chunk.take], state._replace(filter=stages)
+
+
+def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: float) -> Array:
+    m = motion(plant, chunk.rows, effects, reference)
+    return plant.G * m.drive * steady(m.tau, m.detuning, chunk.rows.omega)
+
+
+def _together(responses: list[Array], effects: tuple) -> Array:
+    """What the sensor sees of the resonances: their sum, or less of the second when two ceramics cancel it."""
+    first, *rest = responses
+    for response in rest:
+        first = first + _leak(effects) * response
+    return first
+
+
+def _leak(effects: tuple) -> Any:
+    """Share of a further resonance that the sensor sees."""
+    return next((e.mismatch / 2 for e in effects if isinstance(e, TwoCeramics)), 1.0)
+
+
+def _lanes(steps: Step, mode: Mode, chunk: Chunk) -> tuple[tuple[Array, ...], Mode]:
+    """Each mode's response at the beginning of every interval, and the state after the last."""
+    growths = tuple(expm1(p * chunk.duration) for p in steps.poles)
+    if len(steps.poles) == 1:
+        if chunk.turn is not None:
+            raise ValueError("a phase that is reset needs the exact envelope")
+        (forced, free), (end, share) = carried(growths[0], steps.targets[0])
+        return (forced + free * mode.response,), Mode(end + share * mode.response, mode.velocity)
+    matrix, push = _transition(steps, growths, chunk.turn)
+    before, last = _affine(matrix, push, jnp.stack([mode.response, mode.velocity]))
+    if chunk.turn is not None:
+        before = before * chunk.turn
+    return _split(before[0], before[1], steps.still), Mode(*last)
+
+
+def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[Array, Array]:
+    """(Z1, Z2) of (Z, U)."""
+    slow, fast = still
+    first = (velocity - fast * response) / (slow - fast)
+    return first, response - first
+
+
+def _transition(steps: Step, growths: tuple[Array, ...], turn: Array | None) -> tuple[Array, Array]:
+    """(2, 2, M) and (2, M): (Z, U) after an interval from (Z, U) before it."""
+    (slow, fast), (g1, g2) = steps.still, growths
+    apart = 1 / (slow - fast)
+    e1, e2 = 1 + g1, 1 + g2
+    mixed = (e1 - e2) * apart
+    rows = ((e1 - slow * mixed, mixed), (-slow * fast * mixed, e2 + slow * mixed))
+    c1, c2 = g1 * steps.targets[0], g2 * steps.targets[1]
+    matrix = jnp.stack([jnp.stack(row) for row in rows])
+    return matrix if turn is None else matrix * turn, jnp.stack([c1 + c2, slow * c1 + fast * c2])
+
+
+def _affine(matrix: Array, push: Array, state: Array) -> tuple[Array, Array]:
+    """States (2, M) before each interval of x+ = A x + c, and the one after the last; in lanes that are joined at the end."""
+    count = matrix.shape[-1]
+    lanes = np.gcd(count, 1 << (int(np.sqrt(count)).bit_length() - 1))
+    matrix = jnp.moveaxis(matrix.reshape(2, 2, lanes, -1), -1, 0)
+    push = jnp.moveaxis(push.reshape(2, lanes, -1), -1, 0)
+
+    def along(carry, now):
+        whole, offset = carry
+        a, c = now
+        return (_times(a, whole), _apply(a, offset) + c), carry
+
+    eye = jnp.broadcast_to(jnp.eye(2, dtype=complex)[..., None], (2, 2, lanes))
+    (whole, offset), (products, offsets) = jax.lax.scan(along, (eye, jnp.zeros((2, lanes), complex)), (matrix, push))
+
+    def join(x, lane):
+        a, c = lane
+        return _apply(a, x) + c, x
+
+    last, begins = jax.lax.scan(join, state, (jnp.moveaxis(whole, -1, 0), offset.T))
+    before = _apply(jnp.moveaxis(products, 0, -1), begins.T[..., None]) + jnp.moveaxis(offsets, 0, -1)
+    return before.reshape(2, count), last
+
+
+def _times(a: Array, b: Array) -> Array:
+    return jnp.stack([jnp.stack([a[i, 0] * b[0, j] + a[i, 1] * b[1, j] for j in range(2)]) for i in range(2)])
+
+
+def _apply(a: Array, x: Array) -> Array:
+    return jnp.stack([a[i, 0] * x[0] + a[i, 1] * x[1] for i in range(2)])
+
+
+def _one_by_one(plant: Plant, effects: tuple, mode: Mode, heat: Array | None, chunk: Chunk, rung: str, reference: float):
+    """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after the other."""
+    heating = next((e for e in effects if hasattr(e, "warmed")), None)
+
+    def over(mode: Mode, felt: Felt, inputs: Inputs, duration: Array) -> tuple[Step, Mode]:
+        steps = step(plant.G, motion(plant, inputs, effects, reference, felt), inputs, rung)
+        parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
+        after = [z + expm1(p * duration) * (z + t) for z, p, t in zip(parts, steps.poles, steps.targets, strict=True)]
+        if rung != "exact":
+            return steps, Mode(after[0], mode.velocity)
+        return steps, Mode(after[0] + after[1], steps.still[0] * after[0] + steps.still[1] * after[1])
+
+    def advance(carry, now):
+        mode, heat = carry
+        inputs, duration, turn = now
+        if turn is not None:
+            mode = Mode(mode.response * turn, mode.velocity * turn)
+        felt = Felt(jnp.abs(mode.response) ** 2, heat)
+        _, half = over(mode, felt, inputs, 0.5 * duration)
+        middle = Felt(jnp.abs(half.response) ** 2, heat)
+        if heating is not None:
+            middle = middle._replace(heat=heating.warmed(heat, felt.power, inputs.omega, 0.5 * duration))
+            heat = heating.warmed(heat, middle.power, inputs.omega, duration)
+        steps, after = over(mode, middle, inputs, duration)
+        parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
+        return (after, heat), (parts, steps)
+
+    (last, heat), (before, steps) = jax.lax.scan(advance, (mode, heat), (chunk.inputs, chunk.duration, chunk.turn))
+    return before, steps, last, heat
+
+
+def _filtered(lock_in: LockIn, found: list, leak: Any, stages: tuple[Array, ...], chunk: Chunk) -> tuple[Array, tuple]:
+    """The response behind a cascade of one-pole filters, at the beginning of each interval, and the stages after the last.
+
+    Over an interval the input is A + sum_i c_i e^{s_i t}. With r_i = 1/(1 + s_i tau) stage j is
+    A + sum_i c_i r_i^j e^{s_i t} + e^{-t/tau} sum_{m<j} d_(j-m) (t/tau)^m/m!,  d_j = what the stage lacks at t = 0: exact.
+    """
+    x = chunk.duration / lock_in.tau
+    decay, lost = jnp.exp(-x), jnp.expm1(-x)
+    rest: Any = 0.0
+    terms = []
+    for k, (before, steps) in enumerate(found):
+        weight = leak if k else 1.0
+        for z, p, target in zip(before, steps.poles, steps.targets, strict=True):
+            rest = rest - weight * target
+            terms.append((weight * (z + target), 1 / (1 + p * lock_in.tau), jnp.exp(p * chunk.duration)))
+    lacking: list[Array] = []
+    after: list[Array] = []
+    passed = rest
+    for j in range(1, lock_in.order + 1):
+        begin = rest + sum(c * r**j for c, r, _ in terms)
+        end = rest + sum(c * r**j * e for c, r, e in terms)
+        known: Any = 0.0
+        power: Any = 1.0
+        for m in range(1, j):
+            power = power * x / m
+            known = known + lacking[j - m - 1] * power
+        # y+ = end + decay (y - begin + known): as growth (y + target) with growth = decay - 1
+        safe = jnp.where(lost == 0, -1.0, lost)
+        push = end + decay * (known - begin)
+        (forced, free), last = carried(lost.astype(complex), jnp.where(lost == 0, 0.0, push) / safe)
+        passed = forced + free * stages[j - 1]
+        lacking.append(passed - begin)
+        after.append(last[0] + last[1] * stages[j - 1])
+    return passed, tuple(after)
+
+
+def _key(key: Array, e: Any, count: Any) -> Array:
+    """A stream of its own for each effect and chunk: adding one effect changes no other's noise."""
+    return jax.random.fold_in(jax.random.fold_in(key, crc32(e.name.encode()) & 0x7FFFFFFF), count)

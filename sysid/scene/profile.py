@@ -1,0 +1,52 @@
+"""Profiles: what one input does over a scene. A constant, steps, straight lines and a table are all one type."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Values (k,) from `times` (k,) s on: held until the next time, or on straight lines between them.
+
+    Before the first time the first value holds, after the last one the last. Raises ValueError for times that do not
+    increase, or values that are not finite.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+    held: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("times", "values"):
+            object.__setattr__(self, name, np.atleast_1d(np.asarray(getattr(self, name), float)))
+        if self.times.shape != self.values.shape or self.times.ndim != 1:
+            raise ValueError(f"found {self.times.shape} times and {self.values.shape} values, expected one value for each time")
+        if not (np.isfinite(self.times).all() and np.isfinite(self.values).all()):
+            raise ValueError("found a time or a value that is not finite, expected numbers")
+        if np.any(np.diff(self.times) <= 0):
+            at = int(np.argmax(np.diff(self.times) <= 0))
+            raise ValueError(f"found time {self.times[at + 1]:g} s after {self.times[at]:g} s, expected times that increase")
+
+    @classmethod
+    def constant(cls, value: float) -> "Profile":
+        """One value for ever."""
+        return cls(np.zeros(1), np.array([value]))
+
+    @property
+    def is_constant(self) -> bool:
+        return bool(np.all(self.values == self.values[0]))
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Values at `time` (n,) s; at a step, those after it."""
+        if not self.held:
+            return np.interp(time, self.times, self.values)
+        return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
+
+    def edges(self, begin: float, end: float) -> np.ndarray:
+        """Times strictly between `begin` and `end` at which the profile steps or bends."""
+        if self.is_constant:
+            return np.empty(0)
+        first, last = np.searchsorted(self.times, [begin, end], side="right")
+        inside = self.times[first:last]
+        return inside[(inside > begin) & (inside < end)]

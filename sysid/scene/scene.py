@@ -1,0 +1,296 @@
+"""A scene: the plant, its inputs over time, and the effects that it names; simulated to a log.
+
+[plant]
+G_um_per_V = 0.02
+tau_ms = 1.669
+f0_kHz = 32.3
+k_T = -10.16
+
+[log]
+rate_kHz = 10
+duration_ms = 30
+
+[inputs]
+voltage_V = {steps = [[0, 0], [2e-3, 100]]}
+frequency_Hz = 32300
+
+[effects.white_noise]
+std_nm = 20
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sysid.log import Log
+from sysid.plant import Plant
+from sysid.scene import engine
+from sysid.scene.effects import (
+    EFFECTS,
+    Delay,
+    FingerDamping,
+    FingerDetuning,
+    FrequencyResolution,
+    Inputs,
+    Inverter,
+    LockIn,
+    PhaseReset,
+    SelfHeating,
+)
+from sysid.scene.profile import Profile
+
+FIDELITIES = (*engine.RUNGS, "auto")
+LANES = 65536  # intervals of a chunk
+SPARE = 256  # of them, for changes between rows
+
+
+class SceneError(ValueError):
+    """A scene that cannot be: says the file, the key, what was found and what was expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC) and
+    "force" (N). `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "auto" is the
+    cheapest, with the largest time step, whose error stays below `tolerance` times the largest response.
+
+    Raises SceneError for what cannot be combined.
+    """
+
+    plant: Plant
+    inputs: Mapping[str, Profile]
+    rows: int
+    rate: float
+    effects: tuple = ()
+    name: str = "scene"
+    kind: str = "transient"
+    fidelity: str = "exact"
+    tolerance: float = 1e-4
+    substeps: int = 1
+    amplitude_only: bool = False
+    response_unit: str = "um"
+    drive_unit: str = "V"
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        order = list(EFFECTS.values())
+        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: order.index(type(e)))))
+        for said in _contradictions(self):
+            raise SceneError(f"{self.name}: {said}")
+
+    @classmethod
+    def from_toml(cls, path: str | Path) -> "Scene":
+        """The scene of a TOML file. Raises SceneError that points at the key."""
+        from sysid.scene.toml import load
+
+        return load(Path(path))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first row to the last."""
+        return (self.rows - 1) / self.rate
+
+    def with_plant(self, plant: Plant) -> "Scene":
+        """The same scene with another plant: a fit's, or a draw of its posterior."""
+        return dataclasses.replace(self, plant=plant)
+
+    def simulate(self, seed: int = 0) -> Log:
+        """The log of this scene. The same seed gives the same log, whatever else the scene holds."""
+        parts = list(self._stream(seed))
+        return self._log({k: None if v is None else np.concatenate([p[k] for p in parts]) for k, v in parts[0].items()})
+
+    def stream(self, seed: int = 0) -> Iterator[Log]:
+        """The log in successive pieces, in bounded memory."""
+        return (self._log(columns) for columns in self._stream(seed))
+
+    def _stream(self, seed: int) -> Iterator[dict[str, np.ndarray | None]]:
+        scene = self.resolved()
+        with jax.enable_x64(True):
+            key = jax.random.key(seed)
+            state = engine.start(scene.fidelity, scene.plant, scene.effects, key)
+        done = 0
+        while done < scene.rows:
+            with jax.enable_x64(True):
+                count = min(scene._chunk_rows, scene.rows - done)
+                chunk, columns = scene._chunk(done, count)
+                response, state = engine.advance(
+                    _numbers(scene.plant), scene.effects, state, chunk, key, jnp.asarray(done // scene._chunk_rows),
+                    1 / scene.rate, scene.fidelity, scene._reference,
+                )  # fmt: skip
+            response = np.asarray(response)[:count]
+            yield columns | {"response": np.abs(response) if scene.amplitude_only else response}
+            done += count
+
+    def resolved(self) -> "Scene":
+        """This scene with its fidelity chosen: "auto" replaced by a rung and a number of steps between rows."""
+        if self.kind == "steady":
+            return dataclasses.replace(self, fidelity="steady")
+        if self.fidelity != "auto":
+            return self
+        from sysid.scene.auto import choose
+
+        return choose(self)
+
+    @property
+    def _reference(self) -> float:
+        return float(self.plant.f0)
+
+    @property
+    def _chunk_rows(self) -> int:
+        most = (LANES - SPARE) // self.substeps
+        return min(most, 1 << (max(self.rows, 64) - 1).bit_length())
+
+    def find(self, kind: Any) -> Any:
+        """The scene's effect of a kind, or None."""
+        return next((e for e in self.effects if isinstance(e, kind)), None)
+
+    def _chunk(self, first: int, count: int) -> tuple[engine.Chunk, dict[str, np.ndarray | None]]:
+        """Rows `first` to `first + count` as intervals; times count from the chunk's first row: long scenes lose nothing."""
+        size, exact = self._chunk_rows, Fraction(self.rate)
+        begin = float(Fraction(first) / exact)
+        row = np.arange(count) / self.rate
+        delay = self.find(Delay)
+        read = row - delay.time if delay else row
+        before = max(first - 1, 0)
+        begins = float(Fraction(before - first) / exact) - (delay.time if delay else 0.0)
+        last = -begin if first == 0 else begins  # the scene begins at its first row
+        read = np.maximum(read, -begin)
+        knots = self._knots(last, read, begin)
+        take = np.searchsorted(knots, read)
+        middle = 0.5 * (knots[1:] + knots[:-1]) + begin
+        columns = self._inputs(middle)
+        padded = size * self.substeps + SPARE
+        padded += -(-max(len(middle) - padded, 0) // 4096) * 4096
+        fill = padded - len(middle)
+        chunk = engine.Chunk(
+            duration=np.pad(np.diff(knots), (0, fill)),
+            inputs=self._held(columns, fill),
+            take=np.pad(take, (0, size - count), mode="edge"),
+            rows=self._held(self._inputs(row + begin), size - count),
+            turn=self._turns(knots, begin, padded) if self.find(PhaseReset) else None,
+        )
+        recorded = self._inputs(row + begin, commanded=True)
+        time = (first + np.arange(count)) / self.rate
+        return chunk, {"time": None if self.kind == "steady" else time, **recorded}
+
+    def _knots(self, last: float, read: np.ndarray, begin: float) -> np.ndarray:
+        """Boundaries of the intervals: where inputs change, where rows are read, and steps between."""
+        points = np.unique(np.append(last, read))
+        edges = [p.edges(points[0] + begin, points[-1] + begin) - begin for p in self.inputs.values()]
+        points = np.union1d(points, np.concatenate(edges)) if any(len(e) for e in edges) else points
+        if self.substeps > 1 and len(points) > 1:
+            share = np.arange(self.substeps) / self.substeps
+            points = np.append((points[:-1, None] + np.diff(points)[:, None] * share).ravel(), points[-1])
+        return points
+
+    def _inputs(self, time: np.ndarray, commanded: bool = False) -> dict[str, np.ndarray | None]:
+        """Drive, frequency, temperature and force at `time`; the frequency is the one that the source makes."""
+        found = {name: self.inputs[name].at(time) if name in self.inputs else None for name in INPUTS}
+        resolution = self.find(FrequencyResolution)
+        if resolution:
+            found["frequency"] = resolution.step * np.round(found["frequency"] / resolution.step)
+        if commanded:
+            return found
+        for e in self.effects:
+            if hasattr(e, "drive"):
+                given = Inputs(found["drive"], None, None, None, None)
+                found["drive"] = np.asarray(e.drive(given).drive)
+        return found
+
+    def _held(self, columns: dict[str, np.ndarray | None], fill: int) -> Inputs:
+        drive, frequency, temperature, force = (columns[name] for name in INPUTS)
+        warming = None if temperature is None else temperature - self.plant.reference_temperature
+        held = (drive, 2 * np.pi * frequency, 2 * np.pi * (self._reference - frequency), warming, force)
+        return Inputs(*(None if v is None else np.pad(v, (0, fill), mode="edge") for v in held))
+
+    def _turns(self, knots: np.ndarray, begin: float, size: int) -> np.ndarray:
+        """exp(j phase before) at the beginning of each interval that begins with another frequency, else 1."""
+        turn = np.ones(size, complex)
+        frequency = self.inputs["frequency"]
+        since, before = 0.0, float(frequency.at(np.zeros(1))[0])
+        for at in frequency.edges(-np.inf, knots[-1] + begin):
+            after = float(frequency.at(np.array([at]))[0])
+            if after != before:
+                index = int(np.searchsorted(knots, at - begin))
+                if knots[0] + begin <= at and index < len(knots) - 1:
+                    cycles = Fraction(before) * (Fraction(float(at)) - Fraction(since))
+                    turn[index] = np.exp(2j * np.pi * float(cycles % 1))
+                since, before = float(at), after
+        return turn
+
+    def _log(self, columns: dict[str, np.ndarray | None]) -> Log:
+        bench = {}
+        if lock_in := self.find(LockIn):
+            bench = {"lockin_tau_s": float(lock_in.tau), "lockin_order": float(lock_in.order)}
+        if delay := self.find(Delay):
+            bench["delay_s"] = float(delay.time)
+        return Log(
+            self.name,
+            columns["response"],
+            time=columns["time"],
+            drive=columns["drive"],
+            frequency=columns["frequency"],
+            temperature=columns["temperature"],
+            force=columns["force"],
+            kind=self.kind,
+            sampling=None if self.kind == "steady" else "instant",
+            response_unit=self.response_unit,
+            drive_unit="duty" if self.find(Inverter) else self.drive_unit,
+            metadata=self.metadata,
+            bench=bench,
+        )
+
+
+INPUTS = ("drive", "frequency", "temperature", "force")
+
+
+def _numbers(plant: Plant) -> Plant:
+    """The plant as float64 leaves: an integer would be another program."""
+    return jax.tree.map(float, plant)
+
+
+def _contradictions(scene: Scene) -> Iterator[str]:
+    """What cannot be combined, and why."""
+    plant, find = scene.plant, scene.find
+    names = [e.name for e in scene.effects]
+    if double := next((n for n in names if names.count(n) > 1), None):
+        yield f"found effects.{double} twice, expected it once"
+    if plant.G is None or plant.f0 is None:
+        yield "found a plant without " + ("G" if plant.G is None else "f0") + ", expected G, tau and f0"
+    for name in ("drive", "frequency"):
+        if name not in scene.inputs:
+            yield f"found no profile of the {name}, expected one"
+    if find(FingerDamping) and "force" not in scene.inputs:
+        yield "found effects.finger_damping and no force, expected inputs.force_N: a finger damps by its force"
+    if find(FingerDetuning) and not find(FingerDamping):
+        yield "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a share of the damping"
+    if find(SelfHeating) and plant.k_T is None:
+        yield "found effects.self_heating and a plant without k_T, expected k_T: heat moves nothing else"
+    for kind in (EFFECTS["duffing"], EFFECTS["self_heating"]):
+        if find(kind) and (scene.kind == "steady" or scene.fidelity == "steady"):
+            yield (
+                f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient': the response"
+                " decides its own resonance, and where it settles depends on what was before"
+            )
+    for kind in (EFFECTS["lock_in"], EFFECTS["delay"], EFFECTS["phase_reset"]):
+        if find(kind) and scene.kind == "steady":
+            yield f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient': nothing moves in it"
+    if find(PhaseReset) and scene.fidelity not in ("exact", "auto"):
+        yield f"found effects.phase_reset at fidelity '{scene.fidelity}', expected 'exact': the others have no phase of their own"
+    if find(PhaseReset) and not scene.inputs["frequency"].held:
+        yield "found effects.phase_reset and a frequency that ramps, expected steps: a reset at every instant is no drive"
+    if scene.fidelity not in FIDELITIES:
+        yield f"found fidelity {scene.fidelity!r}, expected one of {', '.join(FIDELITIES)}"
+    if scene.kind not in ("transient", "steady"):
+        yield f"found kind {scene.kind!r}, expected 'transient' or 'steady'"
+    if not (scene.rows >= 1 and np.isfinite(scene.rate) and scene.rate > 0):
+        yield f"found {scene.rows} rows at {scene.rate:g} Hz, expected one row or more and a rate above zero"
+    if scene.substeps < 1 or scene.substeps > LANES // 4:
+        yield f"found {scene.substeps} steps between rows, expected 1 to {LANES // 4}"
