@@ -18,6 +18,7 @@ from sysid.start import Search, joint, local
 
 NAMES = ("G", "tau", "f0", "k_T")
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
+SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -38,8 +39,8 @@ class State:
 
 
 @compiled
-def _levenberg_marquardt(theta, directions, layouts, groups):
-    """theta + directions @ x that makes the residual rows smallest."""
+def _search(theta, directions, layouts, groups):
+    """theta + directions @ x that makes the residual rows smallest, by Levenberg-Marquardt."""
 
     def residual(x, _):
         parts = [part.ravel() for part in rows(theta + directions @ x, layouts, groups)]
@@ -109,31 +110,27 @@ class Minimiser:
     def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int) -> State:
         """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
 
-        Once a Gauss-Newton step would change the sum of squares by less than NEAR, that step replaces the search.
+        Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
-        last, left, converged, begin = np.inf, np.inf, False, theta
+        last, step, converged, begin = np.inf, None, False, theta
         if all(np.all(t.log.response == t.log.response[0]) for t in trials):
             return self._unbounded(trials, begin, low_q)
         for k in range(rounds):
             groups, members = group(trials, self.reference, low_q=low_q)
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
-            if left > NEAR:
-                theta = np.asarray(_levenberg_marquardt(theta, directions, layouts, arrays))
-                if _ran_away(theta, begin):
-                    return self._unbounded(trials, begin, low_q)
+            theta = np.asarray(theta + step if step is not None else _search(theta, directions, layouts, arrays))
+            if _ran_away(theta, begin):
+                return self._unbounded(trials, begin, low_q)
             grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
-            left = float(gradient @ inverse @ gradient)
+            left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             trials, models, cost, moved = _update(trials, members, found, round_=k)
             change, last = abs(last - cost), cost
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if converged and max(change, left) < 1e-7 + 1e-13 * abs(cost):
+            step = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
+            if converged and max(change, 0.0 if step is None else left) < 1e-7 + 1e-13 * abs(cost):
                 break
-            if left <= NEAR:
-                theta = theta - directions @ (inverse @ gradient)
-                if _ran_away(theta, begin):
-                    return self._unbounded(trials, begin, low_q)
         shares = (np.concatenate([x.freedom for x in arrays]), np.concatenate(grams))
         covariance = directions @ _invert(_informed(*shares, inverse)) @ directions.T
         return State(theta, covariance, trials, models, float(cost), converged, low_q)
