@@ -13,6 +13,7 @@ from sysid.log import Log
 from sysid.plant import Hold
 
 NUISANCES = ("rotation", "background", "offset", "start")
+LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid import identify
-from sysid.experiment import NUISANCES, Trial
+from sysid.experiment import LEAST_WARMING, NUISANCES, Trial
 from sysid.guess import candidates
 from sysid.log import Log
 from sysid.minimise import NAMES, Minimiser, State
@@ -236,7 +236,7 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
         "G": any(t.driven for t in trials),
         "tau": True,
         "f0": any(t.resonant for t in trials),
-        "k_T": span > identify.LEAST_WARMING,
+        "k_T": span > LEAST_WARMING,
     }
     return tuple(name for name in NAMES if possible[name])
 

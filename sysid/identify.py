@@ -15,7 +15,6 @@ from sysid.condense import OFFSET_UNITS
 from sysid.experiment import Trial
 from sysid.guess import phase_falls
 
-LEAST_WARMING = 0.2  # degC; a smaller span of temperatures is one temperature
 RELATIVE = 0.2
 WARMING = 10.0
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval

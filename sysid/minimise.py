@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from sysid.experiment import Trial, freedom, group, with_noise
-from sysid.identify import LEAST_WARMING
+from sysid.experiment import LEAST_WARMING, Trial, freedom, group, with_noise
 from sysid.likelihood import linearised, rows
 from sysid.noise import estimate
 from sysid.plant import LOW_Q, Plant

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.experiment import SEARCH_ROWS, Trial, freedom, group
+from sysid.experiment import LEAST_WARMING, SEARCH_ROWS, Trial, freedom, group
 from sysid.guess import candidates
 from sysid.likelihood import details
 from sysid.precision import compiled
@@ -89,7 +89,7 @@ def joint(search: Search, best: np.ndarray, cost: np.ndarray, drifts: bool) -> t
     warming = np.array(temperatures) - search.reference[1]
     if drifts:
         first, second = np.triu_indices(len(best), 1)
-        apart = np.abs(warming[first] - warming[second]) > 0.05
+        apart = np.abs(warming[first] - warming[second]) > LEAST_WARMING
         first, second = first[apart], second[apart]
         keep = np.argsort(-np.abs(warming[first] - warming[second]), kind="stable")[:PAIRS]
         first, second = first[keep], second[keep]
@@ -98,7 +98,7 @@ def joint(search: Search, best: np.ndarray, cost: np.ndarray, drifts: bool) -> t
         points.append(np.column_stack([(best[first, 0] + best[second, 0]) / 2, level, slope]))
         median = np.array([np.median(best[:, 0]), np.median(best[:, 1]), 0.0])
         slopes = np.concatenate([-np.geomspace(0.03, 10, 6), np.geomspace(0.03, 10, 6)])
-        slopes = slopes / (2 * np.pi * np.exp(median[0])) / max(np.ptp(warming), 0.05)
+        slopes = slopes / (2 * np.pi * np.exp(median[0])) / max(np.ptp(warming), LEAST_WARMING)
         points.append(np.column_stack([np.tile(median[:2], (len(slopes), 1)), slopes]))
     together = np.concatenate(points)
     score = search.score(together, cost)
