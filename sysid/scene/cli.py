@@ -2,9 +2,10 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -23,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for scene, path in zip(scenes, arguments.scenes, strict=True):
             for seed in range(arguments.seed, arguments.seed + arguments.logs):
                 mark = f"_{seed}" if arguments.logs > 1 else ""
-                _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv")
+                _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv", arguments.waveform)
     except SceneError as error:
         print(f"simulate: {error}", file=sys.stderr)
         return 2
@@ -48,24 +49,38 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--fit", metavar="FILE", help="a fit.json whose plant takes the place of each scene's own")
     parser.add_argument("--draw", type=int, metavar="N", help="draw number N of that fit's posterior instead of its mean")
+    parser.add_argument("--waveform", type=float, metavar="HZ", help="raw samples of drive and response at this rate instead")
     return parser
 
 
-def _write(scene, seed: int, path: Path) -> None:
-    """Write one log piece by piece; it appears under its name when it is whole."""
+def _write(scene: Any, seed: int, path: Path, rate: float | None) -> None:
+    """Write one log, or its raw samples at `rate`, piece by piece; it appears under its name when it is whole."""
     from rich.console import Console
     from rich.progress import Progress
-
-    from sysid.log import write_log
 
     part = path.with_suffix(".part")
     try:
         with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as progress:
-            task = progress.add_task(path.name, total=scene.rows)
-            for k, log in enumerate(scene.stream(seed)):
-                write_log(log, part, append=k > 0)
-                progress.advance(task, len(log))
+            task = progress.add_task(path.name, total=scene.rows if rate is None else scene.duration * rate)
+            for done in _pieces(scene, seed, part, rate):
+                progress.update(task, completed=done)
         part.replace(path)
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def _pieces(scene: Any, seed: int, path: Path, rate: float | None) -> Iterator[int]:
+    """Rows or samples written so far."""
+    if rate is not None:
+        from sysid.scene.carrier import write_waveform
+
+        yield from write_waveform(scene, rate, seed, path)
+        return
+    from sysid.log import write_log
+
+    done = 0
+    for log in scene.stream(seed):
+        write_log(log, path, append=done > 0)
+        done += len(log)
+        yield done

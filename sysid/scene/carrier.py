@@ -1,0 +1,83 @@
+"""The carrier itself: raw samples of drive and response as a fast recorder takes them, and rows by a lock-in behind it.
+
+    v(t) = Re[jV e^{j theta}]        w(t) = Re[(Wd + j Wq) e^{j theta}]        theta' = omega
+
+The envelope is the exact one, so the samples are exact too; theta is counted in whole turns from the beginning of each chunk.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sysid.scene.effects import LockIn, Quantisation, Saturation
+from sysid.scene.scene import Scene, SceneError
+
+
+class Samples(NamedTuple):
+    """Raw samples (n,): `time` s, `drive`, `response`, and the `phase` theta (rad, within one turn of zero) behind them."""
+
+    time: np.ndarray
+    drive: np.ndarray
+    response: np.ndarray
+    phase: np.ndarray
+
+
+def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
+    """Raw samples of a scene at `rate` Hz, chunk by chunk. Noise is that of each sample; a recorder's clipping and steps act on
+    the carrier. Raises SceneError for a rate at which the carrier aliases."""
+    highest = float(np.max(scene.inputs["frequency"].values))
+    if not rate > 2.2 * highest:
+        raise SceneError(f"{scene.name}: found {rate:g} samples a second, expected more than 2.2 times {highest:g} Hz")
+    if scene.kind == "steady":
+        raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a carrier has time")
+    recorder = [e for e in scene.effects if isinstance(e, Saturation | Quantisation)]
+    rest = tuple(e for e in scene.effects if not isinstance(e, Saturation | Quantisation | LockIn))
+    count = int(np.floor(scene.duration * rate * (1 + 1e-12))) + 1
+    fast = dataclasses.replace(
+        scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False, tolerance=scene.tolerance
+    )
+    turned, first = 0.0, 0  # radians that the offsets from the reference have made before the chunk
+    for columns in fast._stream(seed):
+        time = columns["time"]
+        phase, turned = _phase(fast, first, len(time), turned)
+        first += len(time)
+        drive = fast._inputs(time)["drive"]
+        turn = np.exp(1j * phase)
+        response = (columns["response"] * turn).real
+        with jax.enable_x64(True):
+            for e in recorder:
+                response = np.asarray(e.noise(jnp.asarray(response, complex), None, None, None)[0]).real
+        yield Samples(time, (1j * drive * turn).real, response, phase)
+
+
+def write_waveform(scene: Scene, rate: float, seed: int, path: str | Path) -> Iterator[int]:
+    """Write the raw samples as a log of `kind: waveform`; yields the number of samples written so far."""
+    done = 0
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        plate = {"plate": scene.metadata["plate"]} if "plate" in scene.metadata else {}
+        file.writelines(f"# {key}: {value}\n" for key, value in (plate | {"kind": "waveform"}).items())
+        file.write(f"time_s,drive_{scene.drive_unit},response_{scene.response_unit}\n")
+        for samples in waveform(scene, rate, seed):
+            columns = (samples.time.tolist(), samples.drive.tolist(), samples.response.tolist())
+            file.writelines(f"{t!r},{v:.9g},{w:.9g}\n" for t, v, w in zip(*columns, strict=True))
+            done += len(samples.time)
+            yield done
+
+
+def _phase(scene: Scene, first: int, count: int, turned: float) -> tuple[np.ndarray, float]:
+    """theta of each sample of a chunk, and the radians by which the drive has fallen behind the reference at its end."""
+    reference, exact = Fraction(scene._reference), Fraction(scene.rate)
+    cycles = float(reference * first / exact % 1) + scene._reference / scene.rate * np.arange(count)
+    begin = float(Fraction(first) / exact)
+    row = np.arange(count + 1) / scene.rate
+    knots = scene._knots(0.0, row, begin)
+    frequency = scene._inputs(0.5 * (knots[1:] + knots[:-1]) + begin)["frequency"]
+    behind = np.append(0.0, np.cumsum(2 * np.pi * (frequency - scene._reference) * np.diff(knots)))[np.searchsorted(knots, row)]
+    phase = 2 * np.pi * (cycles % 1.0) + turned + behind[:-1]
+    return phase, float(np.remainder(turned + behind[-1], 2 * np.pi))
