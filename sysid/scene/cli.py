@@ -12,8 +12,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
     arguments = _parser().parse_args(argv)
     from sysid.scene.scene import Scene, SceneError
-    from sysid.scene.toml import fitted
+    from sysid.scene.toml import fitted, listed
 
+    if arguments.effects:
+        print(listed())
+        return 0
     try:
         scenes = [Scene.from_toml(path) for path in arguments.scenes]
         if arguments.fit:
@@ -41,7 +44,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="simulate", description="CSV logs from scene files: what a bench would have recorded.", allow_abbrev=False
     )
-    parser.add_argument("scenes", nargs="+", metavar="SCENES", help="scene files (TOML)")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("scenes", nargs="*", default=[], metavar="SCENES", help="scene files (TOML)")
+    what.add_argument("--effects", action="store_true", help="print all effects with their defaults, as a scene file has them")
     parser.add_argument("-o", dest="folder", metavar="DIR", default=".", help="where the logs go (%(default)s)")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the noise (%(default)s)")
     parser.add_argument(

@@ -236,13 +236,37 @@ class _Reader:
 
 
 def _unit(suffix: str) -> str:
-    """`um_per_V` is um/V, `Hz_per_um2` is Hz/um^2."""
-    return re.sub(r"([A-Za-z])(\d)", r"\1^\2", suffix.replace("_per_", "/"))
+    """`um_per_V` is um/V, `per_s` is 1/s, `Hz_per_um2` is Hz/um^2."""
+    whole = f"1_{suffix}" if suffix.startswith("per_") else suffix
+    return re.sub(r"([A-Za-z])(\d)", r"\1^\2", whole.replace("_per_", "/"))
 
 
 def _tidy(value: float) -> float:
     """32.3 kHz is 32300 Hz, not 32299.999999999996 Hz."""
     return float(f"{value:.15g}")
+
+
+def listed() -> str:
+    """Every effect with its defaults, as TOML, for a response in um and a drive in V."""
+    lines = []
+    for name, cls in EFFECTS.items():
+        lines += [f"# {line.strip()}".rstrip() for line in (cls.__doc__ or "").strip().splitlines()] + [f"[effects.{name}]"]
+        for f in dataclasses.fields(cls):
+            if f.metadata.get("given"):
+                continue
+            unit = re.sub(
+                r"response|drive", lambda found: {"response": "um", "drive": "V"}[found[0]], f.metadata.get("unit", "1")
+            )
+            key = (
+                f.name
+                if unit == "1" or "*" in unit
+                else f"{f.name}_{unit.replace('1/', 'per_').replace('/', '_per_').replace('^', '')}"
+            )
+            value = f"{f.default:.4g}" if isinstance(f.default, float) else json.dumps(f.default)
+            choices = f"  # {', '.join(f.metadata['choices'])}" if f.metadata.get("choices") else ""
+            lines.append(f"{key} = {value}{choices}")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def fitted(path: Path, draw: int | None = None) -> Plant:
