@@ -329,3 +329,21 @@ def test_coloured_noise_widens_the_intervals(bench, step_fit):
     assert np.all(coloured > 1.6 * white)
     e = np.array([fit.plant.G - bench.plant.G, fit.plant.tau - bench.plant.tau, fit.plant.f0 - 32300])
     assert np.all(np.abs(e) < FAR * coloured)
+
+
+def test_images_at_two_temperatures_are_all_listed(bench):
+    volts = np.repeat([0.0, 100.0], [10, 111])
+    logs = [
+        bench.transient(seed, volts=volts, frequency=f, amplitude=True, noise=0.005, temperature=t)
+        for seed, (f, t) in enumerate(((32220.0, 24.0), (32330.0, 27.0)))
+    ]
+    fit = sysid.fit(logs)
+    # Each log's resonance may lie on either side of its drive: at 24 degC 32140 or 32300 Hz, at 27 degC 32269.5 or 32390.5 Hz.
+    assert len(fit.modes) == 4
+    T = np.array([24.0, 27.0])
+    at = [fit.reference[0] + s.theta[2] + s.theta[3] * (T - fit.reference[1]) for s in fit.modes]
+    at.sort(key=lambda pair: tuple(np.round(pair, -2)))
+    wanted = [(a, b) for a in (32140.0, 32300.0) for b in (32269.5, 32390.5)]
+    np.testing.assert_allclose(at, wanted, atol=10)  # the bound at 50 Hz and twice the noise is 1.3 Hz
+    assert not told(fit.parameters["k_T"]).determined and not told(fit.parameters["f0"]).determined
+    assert fit.parameters["tau"].determined
