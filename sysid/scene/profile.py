@@ -37,11 +37,11 @@ class Profile:
     def is_constant(self) -> bool:
         return bool(np.all(self.values == self.values[0]))
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """Values at `time` (n,) s; at a step, those after it."""
+    def at(self, time: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Values at `time` (n,) s; at a step, those after it. Where values are held, those `slack` s later."""
         if not self.held:
             return np.interp(time, self.times, self.values)
-        return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
+        return self.values[np.maximum(np.searchsorted(self.times, time + slack, side="right") - 1, 0)]
 
     def edges(self, begin: float, end: float) -> np.ndarray:
         """Times strictly between `begin` and `end` at which the profile steps or bends."""
