@@ -43,6 +43,12 @@ class Profile:
             return np.interp(time, self.times, self.values)
         return self.values[np.maximum(np.searchsorted(self.times, time + slack, side="right") - 1, 0)]
 
+    def sampled(self, every: float) -> "Profile":
+        """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of it."""
+        count = int((self.times[-1] - self.times[0]) / every * (1 + 1e-9)) + 1
+        times = self.times[0] + every * np.arange(count)
+        return Profile(times, self.at(times))
+
     def edges(self, begin: float, end: float) -> np.ndarray:
         """Times strictly between `begin` and `end` at which the profile steps or bends."""
         if self.is_constant:
