@@ -1,14 +1,14 @@
 """Write the synthetic logs and their truth:  python data/synthetic/make.py [DIR]   (DIR: the folder of this file).
 
-Each log is a scene of the folder `scenes`, simulated with a seed of its own and written as one lab or another might have written
-it: other units, columns that are constant as metadata, what could be left unsaid. `truth.toml` keeps what the scene was made from.
+Each log is a scene of the folder `scenes`, simulated with a seed of its own and written as one lab or another might have
+written it: its own units, columns that are constant as metadata, what need not be said left unsaid. `truth.toml` keeps the
+numbers that the scenes are made of.
 """
 
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
-
 
 from sysid import Log, Scene
 
@@ -90,7 +90,7 @@ def log_text(log: Log, sheet: Sheet) -> str:
 
 
 def bench(scene: Scene, seed: int) -> dict[str, object]:
-    """What the bench of a scene makes of Z, and the finger if there is one:  e^{j rotation} (Z + feedthrough V) + offset + noise."""
+    """What the bench makes of Z,  e^{j rotation} (Z + feedthrough V) + offset + noise,  and the finger if there is one."""
     of = {effect.name: effect for effect in scene.effects}
     noise = of.get("white_noise") or of["coloured_noise"]
     truth: dict[str, object] = {"seed": seed}
@@ -148,8 +148,8 @@ def made() -> Iterator[tuple[str, str]]:
 
 
 def main(folder: Path) -> None:
-    for place, text in made():
-        path = folder / place
+    for name, text in made():
+        path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8", newline="\n")
 

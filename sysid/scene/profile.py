@@ -1,6 +1,7 @@
 """Profiles: what one input does over a scene. A constant, steps, straight lines and a table are all one type."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -46,7 +47,8 @@ class Profile:
     def sampled(self, every: float) -> "Profile":
         """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of it."""
         count = int((self.times[-1] - self.times[0]) / every * (1 + 1e-9)) + 1
-        times = self.times[0] + every * np.arange(count)
+        begin, step = (Fraction(repr(float(x))) for x in (self.times[0], every))  # as written: 3 * 0.0008 s is 0.0024 s
+        times = np.array([float(begin + k * step) for k in range(count)])
         return Profile(times, self.at(times))
 
     def edges(self, begin: float, end: float) -> np.ndarray:
