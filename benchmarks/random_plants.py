@@ -2,7 +2,7 @@
 
 Each plant has tau from 0.05 to 500 ms and Q from 10 to 50 000, and 1 to 10 logs of mixed kinds with rotation, feedthrough, offset
 and noise. A fit from nothing has found the minimum when its cost is no higher than that of a fit that began at the truth.
-The responses come from `data/synthetic/make.py`, which shares no code with the package. Writes random_plants.md beside itself.
+The responses come from `tests/reference.py`, which shares no code with the package. Writes random_plants.md beside itself.
 
     --plants N     how many (default 200)         --seed S     the first one's seed (default 0)
     --jobs N       processes (default 1)
@@ -28,7 +28,7 @@ from sysid import Fit, Log, Plant, fit
 from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
-make = SimpleNamespace(**runpy.run_path(str(HERE.parent / "data" / "synthetic" / "make.py")))
+reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
 ROWS = 120  # of every log, so that a dozen compiled programs serve all plants
 LOW_Q = 20.0
 # d/q logs, amplitude logs, weight. Few sizes of a group: each is one compilation.
@@ -55,7 +55,7 @@ def case(seed: int) -> Case:
     f0, half_bandwidth = Q / (np.pi * tau), 1 / (2 * np.pi * tau)
     warm = rng.choice(["none", "one", "spread"])
     k_T = half_bandwidth * rng.normal(0, 0.3) if warm == "spread" else 0.0
-    truth = make.Plant("R", G=float(np.exp(rng.normal())), tau=tau, f0=f0, k_T=k_T, ripple=Q < LOW_Q)
+    truth = reference.Plant(G=float(np.exp(rng.normal())), tau=tau, f0=f0, k_T=k_T, ripple=Q < LOW_Q)
     weights = np.array([m[2] for m in MIXES], float)
     dq, amplitude, _ = MIXES[rng.choice(len(MIXES), p=weights / weights.sum())] if Q >= LOW_Q else MIXES[rng.choice([0, 4])]
     logs, lines, aliased = [], [], False
@@ -100,9 +100,9 @@ def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, war
         said = f"{window / plant.tau:.2g} tau, {detuning / half_bandwidth:+.2g} hb"
     temperatures = np.full(ROWS, temperature)
     if clock is None:
-        clean, felt = make.steady(plant, drive, frequency, temperatures), drive
+        clean, felt = reference.steady(plant, drive, frequency, temperatures), drive
     else:
-        clean, felt = make.ringing(plant, clock, drive, frequency, temperatures), np.append(0.0, drive[:-1])
+        clean, felt = reference.ringing(plant, clock, drive, frequency, temperatures), np.append(0.0, drive[:-1])
     size = np.max(np.abs(clean))
     white = noise * size * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
     if amplitude_only:

@@ -1,6 +1,7 @@
 """Profiles: what one input does over a scene. A constant, steps, straight lines and a table are all one type."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
@@ -37,11 +38,18 @@ class Profile:
     def is_constant(self) -> bool:
         return bool(np.all(self.values == self.values[0]))
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """Values at `time` (n,) s; at a step, those after it."""
+    def at(self, time: np.ndarray, slack: float = 0.0) -> np.ndarray:
+        """Values at `time` (n,) s; at a step, those after it. Where values are held, those `slack` s later."""
         if not self.held:
             return np.interp(time, self.times, self.values)
-        return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
+        return self.values[np.maximum(np.searchsorted(self.times, time + slack, side="right") - 1, 0)]
+
+    def sampled(self, every: float) -> "Profile":
+        """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of it."""
+        count = int((self.times[-1] - self.times[0]) / every * (1 + 1e-9)) + 1
+        begin, step = (Fraction(repr(float(x))) for x in (self.times[0], every))  # as written: 3 * 0.0008 s is 0.0024 s
+        times = np.array([float(begin + k * step) for k in range(count)])
+        return Profile(times, self.at(times))
 
     def edges(self, begin: float, end: float) -> np.ndarray:
         """Times strictly between `begin` and `end` at which the profile steps or bends."""

@@ -49,6 +49,7 @@ from sysid.scene.profile import Profile
 FIDELITIES = (*engine.RUNGS, "auto")
 LANES = 65536  # intervals of a chunk
 SPARE = 256  # of them, for changes between rows
+NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
 
 
 class SceneError(ValueError):
@@ -75,6 +76,7 @@ class Scene:
     tolerance: float = 1e-4
     substeps: int = 1
     amplitude_only: bool = False
+    timed: bool = False  # settled points with a time stamp each
     response_unit: str = "um"
     drive_unit: str = "V"
     metadata: Mapping[str, str] = field(default_factory=dict)
@@ -153,46 +155,51 @@ class Scene:
 
     def _chunk(self, first: int, count: int) -> tuple[engine.Chunk, dict[str, np.ndarray | None]]:
         """Rows `first` to `first + count` as intervals; times count from the chunk's first row: long scenes lose nothing."""
-        size, exact = self._chunk_rows, Fraction(self.rate)
-        begin = float(Fraction(first) / exact)
-        row = np.arange(count) / self.rate
+        size, begin = self._chunk_rows, first / self.rate
+        row, time = np.arange(count) / self.rate, (first + np.arange(count)) / self.rate
         delay = self.find(Delay)
         read = row - delay.time if delay else row
-        before = max(first - 1, 0)
-        begins = float(Fraction(before - first) / exact) - (delay.time if delay else 0.0)
+        begins = -min(first, 1) / self.rate - (delay.time if delay else 0.0)
         last = -begin if first == 0 else begins  # the scene begins at its first row
         read = np.maximum(read, -begin)
-        knots = self._knots(last, read, begin)
+        knots = self._knots(last, read, first)
         take = np.searchsorted(knots, read)
         middle = 0.5 * (knots[1:] + knots[:-1]) + begin
         columns = self._inputs(middle)
         padded = size * self.substeps + SPARE
         padded += -(-max(len(middle) - padded, 0) // 4096) * 4096
         fill = padded - len(middle)
+        seen = self._inputs(time) if self.kind == "steady" else self._felt(time - delay.time if delay else time)
         chunk = engine.Chunk(
             duration=np.pad(np.diff(knots), (0, fill)),
             inputs=self._held(columns, fill),
             take=np.pad(take, (0, size - count), mode="edge"),
-            rows=self._held(self._inputs(row + begin), size - count),
-            turn=self._turns(knots, begin, padded) if self.find(PhaseReset) else None,
+            rows=self._held(seen, size - count),
+            turn=self._turns(knots, first, padded) if self.find(PhaseReset) else None,
         )
-        recorded = self._inputs(row + begin, commanded=True)
-        time = (first + np.arange(count)) / self.rate
-        return chunk, {"time": None if self.kind == "steady" else time, **recorded}
+        recorded = self._inputs(time, commanded=True, slack=NEAR / self.rate)
+        stamped = self.timed or self.kind != "steady"
+        return chunk, {"time": time if stamped else None, **recorded}
 
-    def _knots(self, last: float, read: np.ndarray, begin: float) -> np.ndarray:
+    def _knots(self, last: float, read: np.ndarray, first: int) -> np.ndarray:
         """Boundaries of the intervals: where inputs change, where rows are read, and steps between."""
         points = np.unique(np.append(last, read))
-        edges = [p.edges(points[0] + begin, points[-1] + begin) - begin for p in self.inputs.values()]
-        points = np.union1d(points, np.concatenate(edges)) if any(len(e) for e in edges) else points
+        begin, end = ((first + x * self.rate + way) / self.rate for x, way in ((points[0], -1), (points[-1], 1)))
+        edges = np.concatenate([self._since(first, p.edges(begin, end)) for p in self.inputs.values()])
+        points = np.union1d(points, edges[(edges > points[0]) & (edges < points[-1])])
         if self.substeps > 1 and len(points) > 1:
             share = np.arange(self.substeps) / self.substeps
             points = np.append((points[:-1, None] + np.diff(points)[:, None] * share).ravel(), points[-1])
         return points
 
-    def _inputs(self, time: np.ndarray, commanded: bool = False) -> dict[str, np.ndarray | None]:
+    def _since(self, first: int, time: np.ndarray) -> np.ndarray:
+        """Times counted from row `first`; those of a row are exactly that row's, whatever rounding made of them."""
+        row = np.round(time * self.rate)
+        return np.where(np.abs(time * self.rate - row) < NEAR, (row - first) / self.rate, time - first / self.rate)
+
+    def _inputs(self, time: np.ndarray, commanded: bool = False, slack: float = 0.0) -> dict[str, np.ndarray | None]:
         """Drive, frequency, temperature and force at `time`; the frequency is the one that the source makes."""
-        found = {name: self.inputs[name].at(time) if name in self.inputs else None for name in INPUTS}
+        found = {name: self.inputs[name].at(time, slack) if name in self.inputs else None for name in INPUTS}
         resolution = self.find(FrequencyResolution)
         if resolution:
             found["frequency"] = resolution.step * np.round(found["frequency"] / resolution.step)
@@ -204,22 +211,28 @@ class Scene:
                 found["drive"] = np.asarray(e.drive(given).drive)
         return found
 
+    def _felt(self, time: np.ndarray) -> dict[str, np.ndarray | None]:
+        """The inputs that have acted until `time`; there is no drive before the scene begins."""
+        found = self._inputs(time, slack=-NEAR / self.rate)
+        return found | {"drive": np.where(time > 0, found["drive"], 0.0)}
+
     def _held(self, columns: dict[str, np.ndarray | None], fill: int) -> Inputs:
         drive, frequency, temperature, force = (columns[name] for name in INPUTS)
         warming = None if temperature is None else temperature - self.plant.reference_temperature
         held = (drive, 2 * np.pi * frequency, 2 * np.pi * (self._reference - frequency), warming, force)
         return Inputs(*(None if v is None else np.pad(v, (0, fill), mode="edge") for v in held))
 
-    def _turns(self, knots: np.ndarray, begin: float, size: int) -> np.ndarray:
+    def _turns(self, knots: np.ndarray, first: int, size: int) -> np.ndarray:
         """exp(j phase before) at the beginning of each interval that begins with another frequency, else 1."""
         turn = np.ones(size, complex)
         frequency = self.inputs["frequency"]
         since, before = 0.0, float(frequency.at(np.zeros(1))[0])
-        for at in frequency.edges(-np.inf, knots[-1] + begin):
+        edges = frequency.edges(-np.inf, np.inf)
+        for at, here in zip(edges, self._since(first, edges), strict=True):
             after = float(frequency.at(np.array([at]))[0])
             if after != before:
-                index = int(np.searchsorted(knots, at - begin))
-                if knots[0] + begin <= at and index < len(knots) - 1:
+                index = int(np.searchsorted(knots, here))
+                if knots[0] <= here and index < len(knots) - 1:
                     cycles = Fraction(before) * (Fraction(float(at)) - Fraction(since))
                     turn[index] = np.exp(2j * np.pi * float(cycles % 1))
                 since, before = float(at), after

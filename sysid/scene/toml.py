@@ -49,7 +49,7 @@ class _Reader:
 
     def scene(self) -> Scene:
         document, log = self.document, self.document.get("log", {})
-        words = ("kind", "amplitude_only", "rows", "response_unit", "drive_unit", "plate")
+        words = ("kind", "amplitude_only", "timed", "rows", "response_unit", "drive_unit", "plate")
         self.known("log", log, (*words, "rate", "duration"), units_too=True)
         inputs = self.inputs(document.get("inputs", {}))
         rate = self.number("log", log, "rate", "Hz")
@@ -73,6 +73,7 @@ class _Reader:
                 kind=log.get("kind", "transient"),
                 fidelity=fidelity,
                 amplitude_only=bool(log.get("amplitude_only", False)),
+                timed=bool(log.get("timed", False)),
                 response_unit=self.units["response"],
                 drive_unit=self.units["drive"],
                 metadata={"plate": str(log["plate"])} if "plate" in log else {},
@@ -113,23 +114,32 @@ class _Reader:
     def profile(self, key: str, value: Any, unit: str, wanted: str) -> Profile:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return self.made(key, [0.0], [value], True, unit, wanted)
-        forms = "a number, {steps = [[time, value], ...]}, {ramp = [[time, value], ...]} or {csv = 'file.csv', column = 'name'}"
+        forms = (
+            "a number, {steps = [[time, value], ...]}, {ramp = [[time, value], ...]}, that with every = time (a ramp in stairs)"
+            " or {csv = 'file.csv', column = 'name'}"
+        )
         if not isinstance(value, dict):
             self.refuse(key, value, forms)
         if "csv" in value:
             self.known(key, value, ("csv", "column", "time", "held"))
             return self.table(key, value, unit, wanted)
-        self.known(key, value, ("steps", "ramp"))
-        if len(value) != 1:
+        form = "ramp" if "ramp" in value else "steps"
+        self.known(key, value, ("ramp", "every") if form == "ramp" else ("steps", "ramp"))
+        if form not in value:
             self.refuse(key, value, forms)
-        form, pairs = next(iter(value.items()))
+        pairs = value[form]
         for i, pair in enumerate(pairs if isinstance(pairs, list) else [None]):
             if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, int | float) for x in pair)):
                 self.refuse(f"{key}.{form}[{i}]", pair, "[time in s, value]")
         if not pairs:
             self.refuse(f"{key}.{form}", pairs, "one [time, value] or more")
         times, values = zip(*pairs, strict=True)
-        return self.made(f"{key}.{form}", times, values, form == "steps", unit, wanted)
+        made = self.made(f"{key}.{form}", times, values, form == "steps", unit, wanted)
+        if "every" not in value:
+            return made
+        if not (every := self.number(key, value, "every", "s")) > 0:
+            self.refuse(f"{key}.every", every, "a time above zero, in s")
+        return made.sampled(every)
 
     def table(self, key: str, value: dict[str, Any], unit: str, wanted: str) -> Profile:
         import pandas as pd
