@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.scene.effects import LockIn, Quantisation, Saturation
+from sysid.scene.effects import FrequencyResolution, LockIn, PhaseReset, Quantisation, Saturation
+from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 
 
@@ -36,16 +37,20 @@ def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
         raise SceneError(f"{scene.name}: found {rate:g} samples a second, expected more than 2.2 times {highest:g} Hz")
     if scene.kind == "steady":
         raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a carrier has time")
+    if scene.find(PhaseReset):
+        raise SceneError(
+            f"{scene.name}: found effects.phase_reset, expected a source whose phase goes on: a waveform has no frame"
+        )
     recorder = [e for e in scene.effects if isinstance(e, Saturation | Quantisation)]
     rest = tuple(e for e in scene.effects if not isinstance(e, Saturation | Quantisation | LockIn))
     count = int(np.floor(scene.duration * rate * (1 + 1e-12))) + 1
     fast = dataclasses.replace(
         scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False, tolerance=scene.tolerance
     )
-    turned, first = 0.0, 0  # radians that the offsets from the reference have made before the chunk
+    frequency, first = _made(scene), 0
     for columns in fast._stream(seed):
         time = columns["time"]
-        phase, turned = _phase(fast, first, len(time), turned)
+        phase = _phase(fast, frequency, first, len(time))
         first += len(time)
         drive = fast._inputs(time)["drive"]
         turn = np.exp(1j * phase)
@@ -70,14 +75,19 @@ def write_waveform(scene: Scene, rate: float, seed: int, path: str | Path) -> It
             yield done
 
 
-def _phase(scene: Scene, first: int, count: int, turned: float) -> tuple[np.ndarray, float]:
-    """theta of each sample of a chunk, and the radians by which the drive has fallen behind the reference at its end."""
-    reference, exact = Fraction(scene._reference), Fraction(scene.rate)
-    cycles = float(reference * first / exact % 1) + scene._reference / scene.rate * np.arange(count)
-    begin = float(Fraction(first) / exact)
-    row = np.arange(count + 1) / scene.rate
-    knots = scene._knots(0.0, row, begin)
-    frequency = scene._inputs(0.5 * (knots[1:] + knots[:-1]) + begin)["frequency"]
-    behind = np.append(0.0, np.cumsum(2 * np.pi * (frequency - scene._reference) * np.diff(knots)))[np.searchsorted(knots, row)]
-    phase = 2 * np.pi * (cycles % 1.0) + turned + behind[:-1]
-    return phase, float(np.remainder(turned + behind[-1], 2 * np.pi))
+def _phase(scene: Scene, frequency: Profile, first: int, count: int) -> np.ndarray:
+    """theta of `count` samples from sample `first`: that of the reference in whole turns, exact, and how far the drive is off."""
+    reference = Fraction(scene._reference)
+    turns = float(reference * first / Fraction(scene.rate) % 1) + scene._reference / scene.rate * np.arange(count)
+    time = (first + np.arange(count)) / scene.rate
+    return 2 * np.pi * ((turns + frequency.integral(time, less=scene._reference)) % 1.0)
+
+
+def _made(scene: Scene) -> Profile:
+    """The frequency that the source makes. Raises SceneError for a ramp in steps of the source's own: its instants are its own."""
+    frequency, resolution = scene.inputs["frequency"], scene.find(FrequencyResolution)
+    if resolution is None:
+        return frequency
+    if not (frequency.held or frequency.is_constant):
+        raise SceneError(f"{scene.name}: found a ramp of the frequency and effects.frequency_resolution, expected steps")
+    return Profile(frequency.times, resolution.step * np.round(frequency.values / resolution.step))

@@ -58,3 +58,17 @@ class Profile:
         first, last = np.searchsorted(self.times, [begin, end], side="right")
         inside = self.times[first:last]
         return inside[(inside > begin) & (inside < end)]
+
+    def integral(self, time: np.ndarray, less: float = 0.0) -> np.ndarray:
+        """The integral of the profile minus `less` from 0 to `time` (n,) s, exact."""
+        values = self.values - less
+        pieces = np.diff(self.times) * (values[:-1] if self.held else 0.5 * (values[1:] + values[:-1]))
+        sums = np.append(0.0, np.cumsum(pieces))
+
+        def since_first(t: np.ndarray) -> np.ndarray:
+            k = np.maximum(np.searchsorted(self.times, t, side="right") - 1, 0)
+            here = t - self.times[k]
+            slope = 0.0 if self.held else np.append(np.diff(values) / np.diff(self.times), 0.0)[k]
+            return sums[k] + here * (values[k] + 0.5 * np.where(here > 0, slope, 0.0) * here)
+
+        return since_first(time) - since_first(np.zeros(1))
