@@ -84,7 +84,7 @@ def _phase(scene: Scene, frequency: Profile, first: int, count: int) -> np.ndarr
 
 
 def _made(scene: Scene) -> Profile:
-    """The frequency that the source makes. Raises SceneError for a ramp in steps of the source's own: its instants are its own."""
+    """The frequency that the source makes. Raises SceneError for a ramp that the source rounds: when, nothing says."""
     frequency, resolution = scene.inputs["frequency"], scene.find(FrequencyResolution)
     if resolution is None:
         return frequency

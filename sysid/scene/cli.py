@@ -89,3 +89,7 @@ def _pieces(scene: Any, seed: int, path: Path, rate: float | None) -> Iterator[i
         write_log(log, path, append=done > 0)
         done += len(log)
         yield done
+
+
+if __name__ == "__main__":
+    sys.exit(main())
