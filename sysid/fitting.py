@@ -181,7 +181,7 @@ def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
     for trial, model in zip(state.trials, state.models, strict=True):
         model = model.real if trial.log.amplitude_only else model
         left = trial.log.response - model
-        said = identify.misfit(trial, model, left, tau) or identify.filtered(trial, tau, std)
+        said = identify.touched(trial) or identify.misfit(trial, model, left, tau) or identify.filtered(trial, tau, std)
         if said:
             misfits.append(f"{trial.log.name}: {said}")
         centred = trial.log.response - np.mean(trial.log.response)

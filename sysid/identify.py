@@ -18,6 +18,7 @@ from sysid.guess import phase_falls
 RELATIVE = 0.2
 WARMING = 10.0
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
+LEAST_FORCE = 0.01  # N; less is a force sensor's own
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 
 
@@ -183,6 +184,17 @@ def filtered(trial: Trial, tau: float, std: float) -> str | None:
     return (
         f"its lock-in's filter ({_seconds(delay)} of delay) is not modelled and makes tau too long by about as much;"
         f" record with a filter faster than {_seconds(std)}, or fit sweeps alone"
+    )
+
+
+def touched(trial: Trial) -> str | None:
+    """A sentence when a force on the plate is recorded: what it does to the plate is not modelled; else None."""
+    force = trial.log.force
+    if force is None or np.max(np.abs(force)) < LEAST_FORCE:
+        return None
+    return (
+        f"a force of up to {np.max(np.abs(force)):.2g} N is recorded: a finger lowers G and tau by one factor, which is not"
+        " modelled; leave this log out, or record it with nothing on the plate"
     )
 
 

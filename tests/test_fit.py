@@ -347,3 +347,14 @@ def test_images_at_two_temperatures_are_all_listed(bench):
     np.testing.assert_allclose(at, wanted, atol=10)  # the bound at 50 Hz and twice the noise is 1.3 Hz
     assert not told(fit.parameters["k_T"]).determined and not told(fit.parameters["f0"]).determined
     assert fit.parameters["tau"].determined
+
+
+def test_a_finger_on_the_plate_is_named(bench):
+    import dataclasses
+
+    pressed = dataclasses.replace(bench.sweep(), force=np.full(101, 0.5))
+    fit = sysid.fit([pressed])
+    assert fit.result is Result.misfit
+    assert any("force of up to 0.5 N" in warning for warning in fit.warnings)
+    idle = dataclasses.replace(bench.sweep(), force=np.full(101, 0.002))  # a force sensor that shows its noise
+    assert sysid.fit([idle]).result is Result.successful
