@@ -220,7 +220,8 @@ def main() -> None:
         return
     seeds, outcomes = range(given.seed, given.seed + given.plants), []
     with tempfile.TemporaryDirectory() as folder:
-        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,))
+        # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 240 plants.
+        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=60)
         with workers:
             for o in track(workers.map(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
                 outcomes.append(o)
