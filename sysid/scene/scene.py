@@ -81,7 +81,10 @@ class Scene:
 
     def __post_init__(self) -> None:
         order = list(EFFECTS.values())
-        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: order.index(type(e)))))
+        effects: list[Any] = sorted(self.effects, key=lambda e: order.index(type(e)))
+        if finger := next((e for e in effects if isinstance(e, FingerDamping)), None):
+            effects = [dataclasses.replace(e, finger=finger) if isinstance(e, FingerDetuning) else e for e in effects]
+        object.__setattr__(self, "effects", tuple(effects))
         for said in _contradictions(self):
             raise SceneError(f"{self.name}: {said}")
 
@@ -152,47 +155,72 @@ class Scene:
         return next((e for e in self.effects if isinstance(e, kind)), None)
 
     def _chunk(self, first: int, count: int) -> tuple[engine.Chunk, dict[str, np.ndarray | None]]:
-        """Rows `first` to `first + count` as intervals; times count from the chunk's first row: long scenes lose nothing."""
+        """Rows `first` to `first + count` as intervals; durations count from the chunk's first row: long scenes lose nothing."""
         size, exact = self._chunk_rows, Fraction(self.rate)
-        begin = float(Fraction(first) / exact)
-        row = np.arange(count) / self.rate
-        delay = self.find(Delay)
-        read = row - delay.time if delay else row
-        before = max(first - 1, 0)
-        begins = float(Fraction(before - first) / exact) - (delay.time if delay else 0.0)
-        last = -begin if first == 0 else begins  # the scene begins at its first row
-        read = np.maximum(read, -begin)
-        knots = self._knots(last, read, begin)
-        take = np.searchsorted(knots, read)
-        middle = 0.5 * (knots[1:] + knots[:-1]) + begin
-        columns = self._inputs(middle)
+        begin, before = float(Fraction(first) / exact), max(first - 1, 0)
+        time = (first + np.arange(count)) / self.rate
+        late = delay.time if (delay := self.find(Delay)) else 0.0
+        # The row before is where the chunk begins; nothing is read before the scene does.
+        read = np.maximum(np.append(before / self.rate, time) - late, 0.0)
+        near = np.append(float(Fraction(before - first) / exact), np.arange(count) / self.rate) - late
+        knots, span = self._knots(read, np.maximum(near, -begin), begin)
+        middle = 0.5 * (span[1:] + span[:-1]) + begin
         padded = size * self.substeps + SPARE
         padded += -(-max(len(middle) - padded, 0) // 4096) * 4096
         fill = padded - len(middle)
         chunk = engine.Chunk(
-            duration=np.pad(np.diff(knots), (0, fill)),
-            inputs=self._held(columns, fill),
-            take=np.pad(take, (0, size - count), mode="edge"),
-            rows=self._held(self._inputs(row + begin), size - count),
-            turn=self._turns(knots, begin, padded) if self.find(PhaseReset) else None,
+            duration=np.pad(np.diff(span), (0, fill)),
+            inputs=self._held(self._inputs(middle), fill),
+            take=np.pad(np.searchsorted(knots, read[1:]) * self.substeps, (0, size - count), mode="edge"),
+            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count),
+            turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
-        recorded = self._inputs(row + begin, commanded=True)
-        time = (first + np.arange(count)) / self.rate
+        recorded = self._inputs(time, commanded=True)
         return chunk, {"time": None if self.kind == "steady" else time, **recorded}
 
-    def _knots(self, last: float, read: np.ndarray, begin: float) -> np.ndarray:
-        """Boundaries of the intervals: where inputs change, where rows are read, and steps between."""
-        points = np.unique(np.append(last, read))
-        edges = [p.edges(points[0] + begin, points[-1] + begin) - begin for p in self.inputs.values()]
-        points = np.union1d(points, np.concatenate(edges)) if any(len(e) for e in edges) else points
-        if self.substeps > 1 and len(points) > 1:
-            share = np.arange(self.substeps) / self.substeps
-            points = np.append((points[:-1, None] + np.diff(points)[:, None] * share).ravel(), points[-1])
-        return points
+    def _knots(self, read: np.ndarray, near: np.ndarray, begin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (s) at which inputs change or rows are read; and, from `begin` on, those with the steps between.
 
-    def _inputs(self, time: np.ndarray, commanded: bool = False) -> dict[str, np.ndarray | None]:
-        """Drive, frequency, temperature and force at `time`; the frequency is the one that the source makes."""
-        found = {name: self.inputs[name].at(time) if name in self.inputs else None for name in INPUTS}
+        Which of two comes first is decided by their times as they are written, `read` and those of the profiles, also where a
+        row and a change share one; `near` are the times of `read` from `begin` on, exact also late in a scene.
+        """
+        edges = np.concatenate([p.edges(read[0], read[-1]) for p in self.inputs.values()] + [self._roundings(read[0], read[-1])])
+        knots, at = np.unique(np.append(read, edges), return_index=True)
+        span = np.maximum.accumulate(np.append(near, edges - begin)[at])
+        span = np.repeat(span, 2) if len(span) == 1 else span  # a single row: an interval without length
+        if self.substeps > 1:
+            share = np.arange(self.substeps) / self.substeps
+            span = np.append((span[:-1, None] + np.diff(span)[:, None] * share).ravel(), span[-1])
+        return knots, span
+
+    def _roundings(self, begin: float, end: float) -> np.ndarray:
+        """Times at which a ramp's frequency is rounded to the next step; none where they are more than a chunk holds."""
+        profile, resolution = self.inputs["frequency"], self.find(FrequencyResolution)
+        if resolution is None or profile.held:
+            return np.empty(0)
+        bends = np.concatenate([[begin], profile.edges(begin, end), [end]])
+        level = profile.at(bends) / resolution.step - 0.5
+        first = np.ceil(np.minimum(level[:-1], level[1:]))
+        count = np.maximum(np.ceil(np.maximum(level[:-1], level[1:])) - first, 0)
+        if not 0 < count.sum() <= LANES:
+            return np.empty(0)
+        piece = np.repeat(np.arange(len(count)), count.astype(int))
+        crossed = first[piece] + np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
+        share = (crossed - level[piece]) / (level[piece + 1] - level[piece])
+        return bends[piece] + share * (bends[piece + 1] - bends[piece])
+
+    def _felt(self, read: np.ndarray) -> dict[str, np.ndarray | None]:
+        """Inputs that the rows' sensor sees: those just before a row is read, and no drive where the scene only begins."""
+        if self.kind == "steady":
+            return self._inputs(read)
+        found = self._inputs(read, early=1e-6 / self.rate)
+        return found | {"drive": np.where(read > 0, found["drive"], 0.0)}
+
+    def _inputs(self, time: np.ndarray, commanded: bool = False, early: float = 0.0) -> dict[str, np.ndarray | None]:
+        """Drive, frequency, temperature and force at `time`, of what is held those `early` s before; the frequency is the one
+        that the source makes."""
+        found: dict[str, Any] = dict.fromkeys(INPUTS)
+        found |= {name: p.at(time - early if p.held else time) for name, p in self.inputs.items()}
         resolution = self.find(FrequencyResolution)
         if resolution:
             found["frequency"] = resolution.step * np.round(found["frequency"] / resolution.step)
@@ -210,19 +238,16 @@ class Scene:
         held = (drive, 2 * np.pi * frequency, 2 * np.pi * (self._reference - frequency), warming, force)
         return Inputs(*(None if v is None else np.pad(v, (0, fill), mode="edge") for v in held))
 
-    def _turns(self, knots: np.ndarray, begin: float, size: int) -> np.ndarray:
+    def _turns(self, knots: np.ndarray, size: int) -> np.ndarray:
         """exp(j phase before) at the beginning of each interval that begins with another frequency, else 1."""
         turn = np.ones(size, complex)
-        frequency = self.inputs["frequency"]
-        since, before = 0.0, float(frequency.at(np.zeros(1))[0])
-        for at in frequency.edges(-np.inf, knots[-1] + begin):
-            after = float(frequency.at(np.array([at]))[0])
-            if after != before:
-                index = int(np.searchsorted(knots, at - begin))
-                if knots[0] + begin <= at and index < len(knots) - 1:
-                    cycles = Fraction(before) * (Fraction(float(at)) - Fraction(since))
-                    turn[index] = np.exp(2j * np.pi * float(cycles % 1))
-                since, before = float(at), after
+        times = self.inputs["frequency"].edges(0.0, knots[-1])
+        made = self._inputs(np.append(0.0, times))["frequency"]
+        times, before = times[made[1:] != made[:-1]], made[:-1][made[1:] != made[:-1]]
+        since = np.append(0.0, times[:-1])
+        for i in np.flatnonzero(times >= knots[0]):
+            cycles = Fraction(before[i]) * (Fraction(times[i]) - Fraction(since[i]))
+            turn[np.searchsorted(knots, times[i]) * self.substeps] = np.exp(2j * np.pi * float(cycles % 1))
         return turn
 
     def _log(self, columns: dict[str, np.ndarray | None]) -> Log:
