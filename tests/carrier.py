@@ -1,4 +1,4 @@
-"""The bench at the level of the carrier, slow and obvious: what scenes are compared with. Nothing here comes from the engine.
+"""The bench at the level of the carrier, slow and obvious: what scenes are compared with, and random scenes.
 
     w'' + ds w' + w0^2 w = N v,   v = jV e^{j theta},  theta' = omega,  Z = w e^{-j theta}      (m = 1, N = G ds w0)
 
@@ -14,6 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+
+from sysid import Plant, Profile, Scene
 
 
 def reads(scene):
@@ -191,3 +193,34 @@ def inside(begin, end):
     """The ends of a stretch, from within: at the same values of what bends there, before what steps."""
     tiny = 1e-12 * (end - begin)
     return begin + tiny, end - tiny
+
+
+# --- random scenes --------------------------------------------------------------------------------------------------------
+
+PLATE = Plant(G=0.02, tau=5e-3 / math.log(20), f0=32300.0, k_T=-10.16)
+ROWS = 60  # one length for all random scenes: one program for each set of effects
+
+
+def random_profile(rng, duration, kind, level, spread):
+    """Steps at random times, a few straight lines, or one value, about `level`."""
+    if kind == "constant":
+        return Profile.constant(level)
+    count = rng.integers(2, 6)
+    times = np.append(0.0, np.sort(rng.uniform(0, duration, count)))
+    return Profile(times, level + spread * rng.normal(size=count + 1), kind == "steps")
+
+
+def random_scene(seed, effects=(), *, plant=None, kinds=("steps",), spacing=(0.02, 0.5), rows=ROWS, **more):
+    """A scene of `rows` rows, `spacing` time constants apart; each input of one of `kinds`. `plant` None: one of its own."""
+    rng = np.random.default_rng(seed)
+    if plant is None:
+        Q = math.exp(rng.uniform(math.log(8), math.log(2000)))
+        plant = Plant(G=math.exp(rng.normal()), tau=Q / (math.pi * 32300), f0=32300.0, k_T=rng.normal(0, 3e3 / Q))
+    rate = 1 / (plant.tau * math.exp(rng.uniform(*np.log(spacing))))
+    duration, half_bandwidth = (rows - 1) / rate, 1 / (2 * math.pi * plant.tau)
+    warm = 0.5 * half_bandwidth / abs(plant.k_T or 1.0)
+    levels = {"drive": (50.0, 50.0), "frequency": (plant.f0, half_bandwidth), "temperature": (24.0, warm), "force": (1.0, 0.3)}
+    inputs = {name: random_profile(rng, duration, rng.choice(kinds), *level) for name, level in levels.items()}
+    force = inputs["force"]
+    inputs["force"] = Profile(force.times, np.abs(force.values), force.held)
+    return Scene(plant, inputs, rows, rate, effects, **more)

@@ -83,7 +83,7 @@ class Scene:
         order = list(EFFECTS.values())
         effects: list[Any] = sorted(self.effects, key=lambda e: order.index(type(e)))
         if finger := next((e for e in effects if isinstance(e, FingerDamping)), None):
-            effects = [dataclasses.replace(e, finger=finger) if isinstance(e, FingerDetuning) else e for e in effects]
+            effects = [dataclasses.replace(e, finger=finger) if e.name == "finger_detuning" else e for e in effects]
         object.__setattr__(self, "effects", tuple(effects))
         for said in _contradictions(self):
             raise SceneError(f"{self.name}: {said}")
