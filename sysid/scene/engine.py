@@ -65,7 +65,7 @@ def resonances(plant: Plant, effects: tuple) -> tuple[Plant, ...]:
     return (plant, *(Plant(e.G, e.tau, e.f0, e.k_T, reference_temperature=temperature) for e in more))
 
 
-def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: float, felt: Felt | None = None) -> Motion:
+def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: Leaf, felt: Felt | None = None) -> Motion:
     """Time constant, detuning and drive of each interval; `reference` (Hz) is where the inputs' offsets are taken from."""
     detuning = 2 * jnp.pi * (plant.f0 - reference) + inputs.offset
     if inputs.warming is not None and plant.k_T is not None:
@@ -111,7 +111,7 @@ def start(rung: str, plant: Plant, effects: tuple, key: Array) -> State:
     return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
 
 
-@partial(jax.jit, static_argnames=("rung", "reference"))
+@partial(jax.jit, static_argnames="rung")
 def advance(
     plant: Plant,
     effects: tuple,
@@ -121,7 +121,7 @@ def advance(
     count: Array,
     spacing: Array,
     rung: str,
-    reference: float,
+    reference: Leaf,
 ) -> tuple[Array, State]:
     """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time between rows."""
     response, state = _plate(plant, effects, state, chunk, rung, reference)
@@ -133,7 +133,7 @@ def advance(
     return response, state._replace(noise=tuple(drawn))
 
 
-def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: float) -> tuple[Array, State]:
+def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf) -> tuple[Array, State]:
     """The response at each row, as the filter passes it, before what of the sensor comes after."""
     if rung == "steady":
         settled = [_settled(p, chunk, effects, reference) for p in resonances(plant, effects)]
@@ -169,7 +169,7 @@ def _sensed(effects: tuple, response: Array, inputs: Inputs) -> Array:
     return response
 
 
-def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: float) -> Array:
+def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: Leaf) -> Array:
     m = motion(plant, chunk.rows, effects, reference)
     return plant.G * m.drive * steady(m.tau, m.detuning, chunk.rows.omega)
 
@@ -254,7 +254,7 @@ def _apply(a: Array, x: Array) -> Array:
 
 
 def _one_by_one(
-    plant: Plant, effects: tuple, mode: Mode, heat: Array | None, warmth: Any, chunk: Chunk, rung: str, reference: float
+    plant: Plant, effects: tuple, mode: Mode, heat: Array | None, warmth: Any, chunk: Chunk, rung: str, reference: Leaf
 ) -> tuple:
     """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after the other.
 
