@@ -1,6 +1,6 @@
 """Which fidelity a scene needs: the cheapest, with the largest step, whose error the scene's tolerance allows.
 
-Nothing is looked up: each candidate is simulated, without noise, on those stretches of the scene where its inputs do most, and
+Nothing is looked up: each candidate is simulated, without noise, on those stretches of the scene where its plate does most, and
 compared with the exact envelope at steps so small that halving them changes nothing any more.
 """
 
@@ -10,12 +10,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sysid.plant import steady
 from sysid.scene import engine
-from sysid.scene.effects import PhaseReset
+from sysid.scene.effects import LockIn, PhaseReset
 from sysid.scene.scene import Scene, SceneError
 
 MOST = 64  # steps between two rows
-PILOT = 16384  # rows of a long scene that are tried
+PILOT = 16384  # rows of a long scene that are tried, about
+POINTS = 65536  # at which a long scene is looked at, to find them
+FORGOTTEN = 20.0  # time constants after which nothing is left of how a stretch began
 
 
 def choose(scene: Scene) -> Scene:
@@ -25,21 +28,20 @@ def choose(scene: Scene) -> Scene:
     size = max(float(np.max(np.abs(rows))) for rows in truth)
     allowed = scene.tolerance * size - left
     rungs = engine.RUNGS[-1:] if scene.find(PhaseReset) else engine.RUNGS
-    for rung in rungs:
-        if rung == "steady" and any(hasattr(e, "feels") or e.name in ("lock_in", "delay") for e in scene.effects):
-            continue
-        substeps = 1
-        while substeps <= steps:
+    moving = any(hasattr(e, "feels") or e.name in ("lock_in", "delay") for e in scene.effects)
+    substeps = 1
+    while substeps <= steps:
+        for rung in rungs:
+            if rung == "steady" and (moving or substeps > 1):
+                continue
             if _error(scene, stretches, truth, rung, substeps) <= allowed:
                 return dataclasses.replace(scene, fidelity=rung, substeps=substeps)
-            if rung in ("steady", "amplitude"):
-                break  # their error is that of the model: smaller steps do not mend it
-            substeps *= 2
+        substeps *= 2
     raise SceneError(f"{scene.name}: found no fidelity within tolerance {scene.tolerance:g}, expected a larger one: the error"
                      f" that is left at {steps} steps between rows is {left / max(size, 1e-300):.2g}")  # fmt: skip
 
 
-def _converged(scene: Scene, stretches: list[tuple[int, int]]) -> tuple[list[np.ndarray], int, float]:
+def _converged(scene: Scene, stretches: list[tuple[int, int, int]]) -> tuple[list[np.ndarray], int, float]:
     """The exact envelope at small steps, how many, and the error that is left in it."""
     steps, rows = 1, _rows(scene, stretches, "exact", 1)
     while True:
@@ -57,35 +59,51 @@ def _error(scene: Scene, stretches, truth: list[np.ndarray], rung: str, substeps
     return max(float(np.max(np.abs(a - b))) for a, b in zip(rows, truth, strict=True))
 
 
-def _stretches(scene: Scene) -> list[tuple[int, int]]:
-    """The whole of a short scene; of a long one its beginning, and the stretches about its largest changes."""
-    if scene.rows <= PILOT:
-        return [(0, scene.rows)]
-    width, edges = PILOT // 8, [np.zeros(1)]
-    for profile in scene.inputs.values():
-        jumps = np.abs(np.diff(profile.values))
-        edges.append(profile.times[1:][np.argsort(-jumps, kind="stable")[:3]])
-    starts = {int(np.clip(t * scene.rate - 16, 0, scene.rows - width)) for t in np.concatenate(edges)}
-    return [(s, s + width) for s in sorted(starts)]
+def _stretches(scene: Scene) -> list[tuple[int, int, int]]:
+    """(first row, row from which it counts, last row): the whole of a short scene; of a long one its beginning, its end, and
+    where drive, detuning, damping or response are largest, smallest or change most."""
+    whole = [(0, 0, scene.rows)]
+    if scene.rows <= PILOT or any(hasattr(e, "feels") for e in scene.effects):
+        return whole
+    plates = engine.resonances(scene.plant, scene.effects)
+    filters = sum(e.order * e.tau for e in scene.effects if isinstance(e, LockIn))
+    memory = FORGOTTEN * (max(p.tau for p in plates) + filters) * scene.rate
+    changes = [p.edges(0.0, scene.duration) for p in scene.inputs.values()]
+    time = np.unique(np.concatenate([np.linspace(0.0, scene.duration, POINTS), *(c for c in changes if len(c) <= POINTS)]))
+    with jax.enable_x64(True):
+        inputs = scene._held(scene._inputs(time), 0)
+        found = engine.motion(scene.plant, inputs, scene.effects, scene._reference)
+        settled = found.drive * steady(found.tau, found.detuning, inputs.omega)
+    where = [np.zeros(1, int), np.array([len(time) - 1])]
+    for quantity in (*found, np.abs(settled)):
+        does = np.broadcast_to(np.asarray(quantity), len(time))
+        most = np.argsort(-np.abs(np.diff(does)), kind="stable")[:3] + 1
+        where += [most, np.array([np.argmax(does), np.argmin(does)])]
+    width = PILOT // 16
+    middle = np.unique((time[np.concatenate(where)] * scene.rate).astype(int))
+    first = np.unique(np.clip(middle - width // 2, 0, max(scene.rows - width, 0)))
+    stretches = [(max(int(s - memory), 0), int(s), int(s) + width) for s in first]
+    return whole if sum(last - first for first, _, last in stretches) >= scene.rows else stretches
 
 
-def _rows(scene: Scene, stretches: list[tuple[int, int]], rung: str, substeps: int) -> list[np.ndarray]:
-    """The plate's response in each stretch, as the filter passes it; a stretch begins as the scene does, from rest."""
+def _rows(scene: Scene, stretches: list[tuple[int, int, int]], rung: str, substeps: int) -> list[np.ndarray]:
+    """The plate's response in each stretch, as the filter passes it; a stretch begins from rest before it counts."""
     plate = tuple(e for e in scene.effects if e.kind != "noise")
-    quiet = dataclasses.replace(scene, effects=plate, fidelity=rung, substeps=substeps)
+    longest = max(last - first for first, _, last in stretches)
+    quiet = dataclasses.replace(scene, effects=plate, fidelity=rung, substeps=substeps, rows=longest)
     found = []
-    for first, last in stretches:
-        rows = []
+    for first, counts, last in stretches:
+        rows, at = [], first
         with jax.enable_x64(True):
             state = engine.start(rung, quiet.plant, quiet.effects, jax.random.key(0))
-            while first < last:
-                count = min(quiet._chunk_rows, last - first)
-                chunk, _ = quiet._chunk(first, count)
+            while at < last:
+                count = min(quiet._chunk_rows, last - at)
+                chunk, _ = quiet._chunk(at, count)
                 response, state = engine.advance(
                     jax.tree.map(float, quiet.plant), quiet.effects, state, chunk, jax.random.key(0), jnp.asarray(0),
                     1 / quiet.rate, rung, quiet._reference,
                 )  # fmt: skip
                 rows.append(np.asarray(response)[:count])
-                first += count
-        found.append(np.concatenate(rows))
+                at += count
+        found.append(np.concatenate(rows)[counts - first :])
     return found

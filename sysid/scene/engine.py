@@ -8,6 +8,7 @@ itself (softening, self-heating) need one interval after the other; they are fro
 second order.
 """
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -64,7 +65,7 @@ def resonances(plant: Plant, effects: tuple) -> tuple[Plant, ...]:
     return (plant, *(Plant(e.G, e.tau, e.f0, e.k_T, reference_temperature=temperature) for e in more))
 
 
-def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: float, felt: Felt | None = None) -> Motion:
+def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: Leaf, felt: Felt | None = None) -> Motion:
     """Time constant, detuning and drive of each interval; `reference` (Hz) is where the inputs' offsets are taken from."""
     detuning = 2 * jnp.pi * (plant.f0 - reference) + inputs.offset
     if inputs.warming is not None and plant.k_T is not None:
@@ -110,7 +111,7 @@ def start(rung: str, plant: Plant, effects: tuple, key: Array) -> State:
     return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
 
 
-@partial(jax.jit, static_argnames=("rung", "reference"))
+@partial(jax.jit, static_argnames="rung")
 def advance(
     plant: Plant,
     effects: tuple,
@@ -120,13 +121,11 @@ def advance(
     count: Array,
     spacing: Array,
     rung: str,
-    reference: float,
+    reference: Leaf,
 ) -> tuple[Array, State]:
     """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time between rows."""
     response, state = _plate(plant, effects, state, chunk, rung, reference)
-    for e in effects:
-        if hasattr(e, "sense"):
-            response = e.sense(response, chunk.rows)
+    response = _sensed(effects[len(_before_filter(effects)) :], response, chunk.rows)
     drawn = []
     for e, before in zip((e for e in effects if e.kind == "noise"), state.noise, strict=True):
         response, after = e.noise(response, _key(key, e, count + 1), spacing, before)
@@ -134,15 +133,15 @@ def advance(
     return response, state._replace(noise=tuple(drawn))
 
 
-def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: float) -> tuple[Array, State]:
-    """The response at each row, as the filter passes it, before the rest of the sensor."""
+def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf) -> tuple[Array, State]:
+    """The response at each row, as the filter passes it, before what of the sensor comes after."""
     if rung == "steady":
         settled = [_settled(p, chunk, effects, reference) for p in resonances(plant, effects)]
         return _together(settled, effects), state
-    found, modes, heat = [], [], state.heat
+    found, modes, heat, warmth = [], [], state.heat, None
     for p, mode in zip(resonances(plant, effects), state.modes, strict=True):
         if any(getattr(e, "feels", False) for e in effects):
-            before, steps, last, heat = _one_by_one(p, effects, mode, heat, chunk, rung, reference)
+            before, steps, last, warmth, heat = _one_by_one(p, effects, mode, heat, warmth, chunk, rung, reference)
         else:
             steps = step(p.G, motion(p, chunk.inputs, effects, reference), chunk.inputs, rung)
             before, last = _lanes(steps, mode, chunk)
@@ -150,13 +149,27 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
         modes.append(last)
     state = state._replace(modes=tuple(modes), heat=heat)
     lock_in = next((e for e in effects if isinstance(e, LockIn)), None)
-    if lock_in is None:
-        return _together([sum(before)[chunk.take] for before, _ in found], effects), state
-    filtered, stages = _filtered(lock_in, found, _leak(effects), state.filter, chunk)
-    return filtered[chunk.take], state._replace(filter=stages)
+    if lock_in is not None:
+        filtered, stages = _filtered(lock_in, found, effects, state.filter, chunk)
+        return filtered[chunk.take], state._replace(filter=stages)
+    response = _together([sum(before)[chunk.take] for before, _ in found], effects)
+    # A row is read just before its inputs act, so before the frame turns.
+    return response if chunk.turn is None else response * chunk.turn[chunk.take].conj(), state
 
 
-def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: float) -> Array:
+def _before_filter(effects: tuple) -> tuple:
+    """The effects in front of the lock-in's filter; none where there is no filter."""
+    return effects[: next((i for i, e in enumerate(effects) if isinstance(e, LockIn)), 0)]
+
+
+def _sensed(effects: tuple, response: Array, inputs: Inputs) -> Array:
+    for e in effects:
+        if hasattr(e, "sense"):
+            response = e.sense(response, inputs)
+    return response
+
+
+def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: Leaf) -> Array:
     m = motion(plant, chunk.rows, effects, reference)
     return plant.G * m.drive * steady(m.tau, m.detuning, chunk.rows.omega)
 
@@ -240,8 +253,14 @@ def _apply(a: Array, x: Array) -> Array:
     return jnp.stack([a[i, 0] * x[0] + a[i, 1] * x[1] for i in range(2)])
 
 
-def _one_by_one(plant: Plant, effects: tuple, mode: Mode, heat: Array | None, chunk: Chunk, rung: str, reference: float):
-    """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after the other."""
+def _one_by_one(
+    plant: Plant, effects: tuple, mode: Mode, heat: Array | None, warmth: Any, chunk: Chunk, rung: str, reference: Leaf
+) -> tuple:
+    """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after the other.
+
+    The first resonance makes the heat; `warmth`, what it has made by the beginning and by the middle of each interval, is
+    what a further one feels.
+    """
     heating = next((e for e in effects if hasattr(e, "warmed")), None)
 
     def over(mode: Mode, felt: Felt, inputs: Inputs, duration: Array) -> tuple[Step, Mode]:
@@ -254,57 +273,74 @@ def _one_by_one(plant: Plant, effects: tuple, mode: Mode, heat: Array | None, ch
 
     def advance(carry, now):
         mode, heat = carry
-        inputs, duration, turn = now
+        inputs, duration, turn, warmth = now
         if turn is not None:
             mode = Mode(mode.response * turn, mode.velocity * turn)
-        felt = Felt(jnp.abs(mode.response) ** 2, heat)
+        felt = Felt(jnp.abs(mode.response) ** 2, heat if warmth is None else warmth[0])
         _, half = over(mode, felt, inputs, 0.5 * duration)
-        middle = Felt(jnp.abs(half.response) ** 2, heat)
-        if heating is not None:
+        middle = Felt(jnp.abs(half.response) ** 2, heat if warmth is None else warmth[1])
+        if heating is not None and warmth is None:
             middle = middle._replace(heat=heating.warmed(heat, felt.power, inputs.omega, 0.5 * duration))
             heat = heating.warmed(heat, middle.power, inputs.omega, duration)
         steps, after = over(mode, middle, inputs, duration)
         parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
-        return (after, heat), (parts, steps)
+        return (after, heat), (parts, steps, (felt.heat, middle.heat))
 
-    (last, heat), (before, steps) = jax.lax.scan(advance, (mode, heat), (chunk.inputs, chunk.duration, chunk.turn))
-    return before, steps, last, heat
+    now = (chunk.inputs, chunk.duration, chunk.turn, warmth)
+    (last, heat), (before, steps, warmth) = jax.lax.scan(advance, (mode, heat), now)
+    return before, steps, last, warmth, heat
 
 
-def _filtered(lock_in: LockIn, found: list, leak: Any, stages: tuple[Array, ...], chunk: Chunk) -> tuple[Array, tuple]:
+def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array, ...], chunk: Chunk) -> tuple[Array, tuple]:
     """The response behind a cascade of one-pole filters, at the beginning of each interval, and the stages after the last.
 
-    Over an interval the input is A + sum_i c_i e^{s_i t}. With r_i = 1/(1 + s_i tau) stage j is
-    A + sum_i c_i r_i^j e^{s_i t} + e^{-t/tau} sum_{m<j} d_(j-m) (t/tau)^m/m!,  d_j = what the stage lacks at t = 0: exact.
+    Over an interval the input is A + sum_i c_i e^{s_i t}. With x = t/tau stage j is then, exactly,
+
+        y_j(t) = e^{-x} (sum_{m<j} y_(j-m)(0) x^m/m! + A x^j phi_j(x) + sum_i c_i x^j phi_j(s_i t + x))
     """
+    front = _before_filter(effects)
     x = chunk.duration / lock_in.tau
     decay, lost = jnp.exp(-x), jnp.expm1(-x)
     rest: Any = 0.0
     terms = []
     for k, (before, steps) in enumerate(found):
-        weight = leak if k else 1.0
+        weight = _leak(effects) if k else 1.0
         for z, p, target in zip(before, steps.poles, steps.targets, strict=True):
             rest = rest - weight * target
-            terms.append((weight * (z + target), 1 / (1 + p * lock_in.tau), jnp.exp(p * chunk.duration)))
-    lacking: list[Array] = []
+            swing = _sensed(front, weight * (z + target), chunk.inputs._replace(drive=jnp.zeros_like(x)))
+            terms.append((swing, _phis(p * chunk.duration, x, lock_in.order)))
+    terms.append((_sensed(front, rest, chunk.inputs), _phis(jnp.zeros_like(x), x, lock_in.order)))
+    passed: list[Array] = []
     after: list[Array] = []
-    passed = rest
     for j in range(1, lock_in.order + 1):
-        begin = rest + sum(c * r**j for c, r, _ in terms)
-        end = rest + sum(c * r**j * e for c, r, e in terms)
-        known: Any = 0.0
-        power: Any = 1.0
-        for m in range(1, j):
-            power = power * x / m
-            known = known + lacking[j - m - 1] * power
-        # y+ = end + decay (y - begin + known): as growth (y + target) with growth = decay - 1
-        safe = jnp.where(lost == 0, -1.0, lost)
-        push = end + decay * (known - begin)
-        (forced, free), last = carried(lost.astype(complex), jnp.where(lost == 0, 0.0, push) / safe)
-        passed = forced + free * stages[j - 1]
-        lacking.append(passed - begin)
+        known = sum(passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j))
+        push = decay * known + x**j * sum(c * phis[j - 1] for c, phis in terms)
+        # y+ = push + decay y: as growth (y + target) with growth = decay - 1
+        target = jnp.where(lost == 0, 0.0, push) / jnp.where(lost == 0, -1.0, lost)
+        (forced, free), last = carried(lost.astype(complex), target)
+        passed.append(forced + free * stages[j - 1])
         after.append(last[0] + last[1] * stages[j - 1])
-    return passed, tuple(after)
+    return passed[-1], tuple(after)
+
+
+def _phis(turned: Array, x: Array, order: int) -> list[Array]:
+    """e^{-x} phi_j(turned + x) for j = 1 to `order`, phi_j(z) = (phi_(j-1)(z) - 1/(j-1)!)/z, phi_0 = exp.
+
+    That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them cancels, also
+    where a pole of the plate is that of the filter, z = 0.
+    """
+    z, decay = turned + x, jnp.exp(-x)
+    near = jnp.abs(z) < 1
+    small, large = jnp.where(near, z, 0.0), jnp.where(near, 1.0, z)
+    series: Any = 0.0
+    for k in reversed(range(18)):
+        series = series * small + 1 / math.factorial(k + order)
+    below, above = [decay * series], [jnp.exp(turned)]
+    for j in range(1, order + 1):
+        above.append((above[-1] - decay / math.factorial(j - 1)) / large)
+    for j in range(order - 1, 0, -1):
+        below.append(small * below[-1] + decay / math.factorial(j))
+    return [jnp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
 
 
 def _key(key: Array, e: Any, count: Any) -> Array:

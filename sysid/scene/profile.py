@@ -38,11 +38,19 @@ class Profile:
     def is_constant(self) -> bool:
         return bool(np.all(self.values == self.values[0]))
 
-    def at(self, time: np.ndarray, slack: float = 0.0) -> np.ndarray:
-        """Values at `time` (n,) s; at a step, those after it. Where values are held, those `slack` s later."""
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Values at `time` (n,) s; at a step, those after it."""
         if not self.held:
             return np.interp(time, self.times, self.values)
-        return self.values[np.maximum(np.searchsorted(self.times, time + slack, side="right") - 1, 0)]
+        return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
+
+    def snapped(self, rate: float, near: float) -> "Profile":
+        """The same, with times within `near` rows of a row, at `rate` Hz, moved to that row, whatever rounding made of them."""
+        row = np.round(self.times * rate)
+        times = np.where(np.abs(self.times * rate - row) < near, row / rate, self.times)
+        return (
+            self if np.array_equal(times, self.times) or np.any(np.diff(times) <= 0) else Profile(times, self.values, self.held)
+        )
 
     def sampled(self, every: float) -> "Profile":
         """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of it."""

@@ -83,9 +83,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         order = list(EFFECTS.values())
-        object.__setattr__(self, "effects", tuple(sorted(self.effects, key=lambda e: order.index(type(e)))))
+        effects: list[Any] = sorted(self.effects, key=lambda e: order.index(type(e)))
+        if finger := next((e for e in effects if isinstance(e, FingerDamping)), None):
+            effects = [dataclasses.replace(e, finger=finger) if e.name == "finger_detuning" else e for e in effects]
+        object.__setattr__(self, "effects", tuple(effects))
         for said in _contradictions(self):
             raise SceneError(f"{self.name}: {said}")
+        object.__setattr__(self, "inputs", {name: p.snapped(self.rate, NEAR) for name, p in self.inputs.items()})
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":
@@ -154,52 +158,72 @@ class Scene:
         return next((e for e in self.effects if isinstance(e, kind)), None)
 
     def _chunk(self, first: int, count: int) -> tuple[engine.Chunk, dict[str, np.ndarray | None]]:
-        """Rows `first` to `first + count` as intervals; times count from the chunk's first row: long scenes lose nothing."""
-        size, begin = self._chunk_rows, first / self.rate
-        row, time = np.arange(count) / self.rate, (first + np.arange(count)) / self.rate
-        delay = self.find(Delay)
-        read = row - delay.time if delay else row
-        begins = -min(first, 1) / self.rate - (delay.time if delay else 0.0)
-        last = -begin if first == 0 else begins  # the scene begins at its first row
-        read = np.maximum(read, -begin)
-        knots = self._knots(last, read, first)
-        take = np.searchsorted(knots, read)
-        middle = 0.5 * (knots[1:] + knots[:-1]) + begin
-        columns = self._inputs(middle)
+        """Rows `first` to `first + count` as intervals; durations count from the chunk's first row: long scenes lose nothing."""
+        size, exact = self._chunk_rows, Fraction(self.rate)
+        begin, before = float(Fraction(first) / exact), max(first - 1, 0)
+        time = (first + np.arange(count)) / self.rate
+        late = delay.time if (delay := self.find(Delay)) else 0.0
+        # The row before is where the chunk begins; nothing is read before the scene does.
+        read = np.maximum(np.append(before / self.rate, time) - late, 0.0)
+        near = np.append(float(Fraction(before - first) / exact), np.arange(count) / self.rate) - late
+        knots, span = self._knots(read, np.maximum(near, -begin), begin)
+        middle = 0.5 * (span[1:] + span[:-1]) + begin
         padded = size * self.substeps + SPARE
         padded += -(-max(len(middle) - padded, 0) // 4096) * 4096
         fill = padded - len(middle)
-        seen = self._inputs(time) if self.kind == "steady" else self._felt(time - delay.time if delay else time)
         chunk = engine.Chunk(
-            duration=np.pad(np.diff(knots), (0, fill)),
-            inputs=self._held(columns, fill),
-            take=np.pad(take, (0, size - count), mode="edge"),
-            rows=self._held(seen, size - count),
-            turn=self._turns(knots, first, padded) if self.find(PhaseReset) else None,
+            duration=np.pad(np.diff(span), (0, fill)),
+            inputs=self._held(self._inputs(middle), fill),
+            take=np.pad(np.searchsorted(knots, read[1:]) * self.substeps, (0, size - count), mode="edge"),
+            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count),
+            turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
-        recorded = self._inputs(time, commanded=True, slack=NEAR / self.rate)
-        stamped = self.timed or self.kind != "steady"
-        return chunk, {"time": time if stamped else None, **recorded}
+        recorded = self._inputs(time, commanded=True)
+        return chunk, {"time": time if self.timed or self.kind != "steady" else None, **recorded}
 
-    def _knots(self, last: float, read: np.ndarray, first: int) -> np.ndarray:
-        """Boundaries of the intervals: where inputs change, where rows are read, and steps between."""
-        points = np.unique(np.append(last, read))
-        begin, end = ((first + x * self.rate + way) / self.rate for x, way in ((points[0], -1), (points[-1], 1)))
-        edges = np.concatenate([self._since(first, p.edges(begin, end)) for p in self.inputs.values()])
-        points = np.union1d(points, edges[(edges > points[0]) & (edges < points[-1])])
-        if self.substeps > 1 and len(points) > 1:
+    def _knots(self, read: np.ndarray, near: np.ndarray, begin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Times (s) at which inputs change or rows are read; and, from `begin` on, those with the steps between.
+
+        Which of two comes first is decided by their times as they are written, `read` and those of the profiles, also where a
+        row and a change share one; `near` are the times of `read` from `begin` on, exact also late in a scene.
+        """
+        edges = np.concatenate([p.edges(read[0], read[-1]) for p in self.inputs.values()] + [self._roundings(read[0], read[-1])])
+        knots, at = np.unique(np.append(read, edges), return_index=True)
+        span = np.maximum.accumulate(np.append(near, edges - begin)[at])
+        span = np.repeat(span, 2) if len(span) == 1 else span  # a single row: an interval without length
+        if self.substeps > 1:
             share = np.arange(self.substeps) / self.substeps
-            points = np.append((points[:-1, None] + np.diff(points)[:, None] * share).ravel(), points[-1])
-        return points
+            span = np.append((span[:-1, None] + np.diff(span)[:, None] * share).ravel(), span[-1])
+        return knots, span
 
-    def _since(self, first: int, time: np.ndarray) -> np.ndarray:
-        """Times counted from row `first`; those of a row are exactly that row's, whatever rounding made of them."""
-        row = np.round(time * self.rate)
-        return np.where(np.abs(time * self.rate - row) < NEAR, (row - first) / self.rate, time - first / self.rate)
+    def _roundings(self, begin: float, end: float) -> np.ndarray:
+        """Times at which a ramp's frequency is rounded to the next step; none where they are more than a chunk holds."""
+        profile, resolution = self.inputs["frequency"], self.find(FrequencyResolution)
+        if resolution is None or profile.held:
+            return np.empty(0)
+        bends = np.concatenate([[begin], profile.edges(begin, end), [end]])
+        level = profile.at(bends) / resolution.step - 0.5
+        first = np.ceil(np.minimum(level[:-1], level[1:]))
+        count = np.maximum(np.ceil(np.maximum(level[:-1], level[1:])) - first, 0)
+        if not 0 < count.sum() <= LANES:
+            return np.empty(0)
+        piece = np.repeat(np.arange(len(count)), count.astype(int))
+        crossed = first[piece] + np.arange(len(piece)) - (np.cumsum(count) - count)[piece]
+        share = (crossed - level[piece]) / (level[piece + 1] - level[piece])
+        return bends[piece] + share * (bends[piece + 1] - bends[piece])
 
-    def _inputs(self, time: np.ndarray, commanded: bool = False, slack: float = 0.0) -> dict[str, np.ndarray | None]:
-        """Drive, frequency, temperature and force at `time`; the frequency is the one that the source makes."""
-        found = {name: self.inputs[name].at(time, slack) if name in self.inputs else None for name in INPUTS}
+    def _felt(self, read: np.ndarray) -> dict[str, np.ndarray | None]:
+        """Inputs that the rows' sensor sees: those just before a row is read, and no drive where the scene only begins."""
+        if self.kind == "steady":
+            return self._inputs(read)
+        found = self._inputs(read, early=1e-6 / self.rate)
+        return found | {"drive": np.where(read > 0, found["drive"], 0.0)}
+
+    def _inputs(self, time: np.ndarray, commanded: bool = False, early: float = 0.0) -> dict[str, np.ndarray | None]:
+        """Drive, frequency, temperature and force at `time`, of what is held those `early` s before; the frequency is the one
+        that the source makes."""
+        found: dict[str, Any] = dict.fromkeys(INPUTS)
+        found |= {name: p.at(time - early if p.held else time) for name, p in self.inputs.items()}
         resolution = self.find(FrequencyResolution)
         if resolution:
             found["frequency"] = resolution.step * np.round(found["frequency"] / resolution.step)
@@ -211,31 +235,22 @@ class Scene:
                 found["drive"] = np.asarray(e.drive(given).drive)
         return found
 
-    def _felt(self, time: np.ndarray) -> dict[str, np.ndarray | None]:
-        """The inputs that have acted until `time`; there is no drive before the scene begins."""
-        found = self._inputs(time, slack=-NEAR / self.rate)
-        return found | {"drive": np.where(time > 0, found["drive"], 0.0)}
-
     def _held(self, columns: dict[str, np.ndarray | None], fill: int) -> Inputs:
         drive, frequency, temperature, force = (columns[name] for name in INPUTS)
         warming = None if temperature is None else temperature - self.plant.reference_temperature
         held = (drive, 2 * np.pi * frequency, 2 * np.pi * (self._reference - frequency), warming, force)
         return Inputs(*(None if v is None else np.pad(v, (0, fill), mode="edge") for v in held))
 
-    def _turns(self, knots: np.ndarray, first: int, size: int) -> np.ndarray:
+    def _turns(self, knots: np.ndarray, size: int) -> np.ndarray:
         """exp(j phase before) at the beginning of each interval that begins with another frequency, else 1."""
         turn = np.ones(size, complex)
-        frequency = self.inputs["frequency"]
-        since, before = 0.0, float(frequency.at(np.zeros(1))[0])
-        edges = frequency.edges(-np.inf, np.inf)
-        for at, here in zip(edges, self._since(first, edges), strict=True):
-            after = float(frequency.at(np.array([at]))[0])
-            if after != before:
-                index = int(np.searchsorted(knots, here))
-                if knots[0] <= here and index < len(knots) - 1:
-                    cycles = Fraction(before) * (Fraction(float(at)) - Fraction(since))
-                    turn[index] = np.exp(2j * np.pi * float(cycles % 1))
-                since, before = float(at), after
+        times = self.inputs["frequency"].edges(0.0, knots[-1])
+        made = self._inputs(np.append(0.0, times))["frequency"]
+        times, before = times[made[1:] != made[:-1]], made[:-1][made[1:] != made[:-1]]
+        since = np.append(0.0, times[:-1])
+        for i in np.flatnonzero(times >= knots[0]):
+            cycles = Fraction(before[i]) * (Fraction(times[i]) - Fraction(since[i]))
+            turn[np.searchsorted(knots, times[i]) * self.substeps] = np.exp(2j * np.pi * float(cycles % 1))
         return turn
 
     def _log(self, columns: dict[str, np.ndarray | None]) -> Log:
