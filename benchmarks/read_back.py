@@ -62,13 +62,13 @@ def outcome(scenes: list[Scene], seed: int, told: Callable[[Log], Log], folder: 
     std = np.sqrt(np.diag(found.covariance))
     scale = {"G": truth["G"], "tau": truth["tau"], "f0": 1.0, "k_T": 1.0}
     known = [name for name in found.names if found.parameters[name].determined]
-    why = next((p.why for p in found.parameters.values() if p.why and found.result is Result.undetermined), "")
+    said = {Result.misfit: found.warnings[-1:], Result.undetermined: [p.why for p in found.parameters.values() if p.why]}
     return Outcome(
         found.result,
         {n: float(d / s) for n, d, s in zip(found.names, difference, std, strict=True) if n in known},
         {n: float(d / scale[n]) for n, d in zip(found.names, difference, strict=True)},
         float(difference @ np.linalg.solve(found.covariance, difference)),
-        next(iter(said for said in found.warnings if found.result is Result.misfit), why),
+        next(iter(said.get(found.result, ())), ""),
     )
 
 
@@ -114,8 +114,10 @@ def ends(found: list[Outcome]) -> str:
 
 
 def shortened(found: list[Outcome]) -> str:
+    """What the first fit says that is not called successful, without the file's name and the advice."""
     said = next((o.said for o in found if o.said), "")
-    return said.partition(": ")[2].partition(";")[0].partition(" is not modelled")[0][:140] if ".csv" in said else said[:140]
+    said = said.partition(".csv: ")[2] or said
+    return said.partition(";")[0].partition(": ")[0]
 
 
 # --- one effect at a time ---------------------------------------------------------------------------------------------
