@@ -176,7 +176,7 @@ class Scene:
             turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
         recorded = self._inputs(time, commanded=True)
-        return chunk, {"time": None if self.kind == "steady" else time, **recorded}
+        return engine.folded(chunk), {"time": None if self.kind == "steady" else time, **recorded}
 
     def _knots(self, read: np.ndarray, near: np.ndarray, begin: float) -> tuple[np.ndarray, np.ndarray]:
         """Times (s) at which inputs change or rows are read; and, from `begin` on, those with the steps between.
