@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.plant import Leaf, Plant, carried, expm1, poles, steady
+from sysid.plant import Leaf, Plant, expm1, poles, steady
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
 
 RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
@@ -48,14 +48,33 @@ class State(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Held inputs over intervals (M,) of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own
-    inputs, and the turn of the frame at the beginning of an interval (None: the phase goes on)."""
+    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs,
+    and the turn of the frame at the beginning of an interval (None: the phase goes on).
+
+    Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is transposed.
+    """
 
     duration: Leaf
     inputs: Inputs
     take: Leaf
     rows: Inputs
     turn: Leaf
+
+
+def folded(chunk: Chunk) -> Chunk:
+    """A chunk of intervals (M,) in order of time with its lanes laid side by side; numpy."""
+    steps = len(chunk.duration) // _lanes_of(len(chunk.duration))
+    lanes = len(chunk.duration) // steps
+    duration, inputs, turn = jax.tree.map(lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn))
+    return Chunk(duration, inputs, chunk.take % steps * lanes + chunk.take // steps, chunk.rows, turn)
+
+
+def _lanes_of(count: int) -> int:
+    return math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
+
+
+def _fold(v: Leaf) -> Leaf:
+    return v.reshape(_lanes_of(len(v)), -1).T
 
 
 def resonances(plant: Plant, effects: tuple) -> tuple[Plant, ...]:
@@ -151,10 +170,10 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
     lock_in = next((e for e in effects if isinstance(e, LockIn)), None)
     if lock_in is not None:
         filtered, stages = _filtered(lock_in, found, effects, state.filter, chunk)
-        return filtered[chunk.take], state._replace(filter=stages)
-    response = _together([sum(before)[chunk.take] for before, _ in found], effects)
+        return filtered.ravel()[chunk.take], state._replace(filter=stages)
+    response = _together([sum(before).ravel()[chunk.take] for before, _ in found], effects)
     # A row is read just before its inputs act, so before the frame turns.
-    return response if chunk.turn is None else response * chunk.turn[chunk.take].conj(), state
+    return response if chunk.turn is None else response * chunk.turn.ravel()[chunk.take].conj(), state
 
 
 def _before_filter(effects: tuple) -> tuple:
@@ -193,13 +212,12 @@ def _lanes(steps: Step, mode: Mode, chunk: Chunk) -> tuple[tuple[Array, ...], Mo
     if len(steps.poles) == 1:
         if chunk.turn is not None:
             raise ValueError("a phase that is reset needs the exact envelope")
-        (forced, free), (end, share) = carried(growths[0], steps.targets[0])
-        return (forced + free * mode.response,), Mode(end + share * mode.response, mode.velocity)
-    matrix, push = _transition(steps, growths, chunk.turn)
-    before, last = _affine(matrix, push, jnp.stack([mode.response, mode.velocity]))
+        alone, end = _gathered(growths[0], steps.targets[0], mode.response)
+        return (alone,), Mode(end, mode.velocity)
+    (z, u), last = _affine(_transition(steps, growths, chunk.turn), mode)
     if chunk.turn is not None:
-        before = before * chunk.turn
-    return _split(before[0], before[1], steps.still), Mode(*last)
+        z, u = z * chunk.turn, u * chunk.turn
+    return _split(z, u, steps.still), Mode(*last)
 
 
 def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[Array, Array]:
@@ -209,48 +227,57 @@ def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[
     return first, response - first
 
 
-def _transition(steps: Step, growths: tuple[Array, ...], turn: Array | None) -> tuple[Array, Array]:
-    """(2, 2, M) and (2, M): (Z, U) after an interval from (Z, U) before it."""
+def _transition(steps: Step, growths: tuple[Array, ...], turn: Array | None) -> tuple[Array, ...]:
+    """a, b, c, d, p, q of each interval: Z+ = a Z + b U + p, U+ = c Z + d U + q."""
     (slow, fast), (g1, g2) = steps.still, growths
-    apart = 1 / (slow - fast)
-    e1, e2 = 1 + g1, 1 + g2
-    mixed = (e1 - e2) * apart
-    rows = ((e1 - slow * mixed, mixed), (-slow * fast * mixed, e2 + slow * mixed))
+    mixed = (g1 - g2) / (slow - fast)
+    matrix = [1 + g1 - slow * mixed, mixed, -slow * fast * mixed, 1 + g2 + slow * mixed]
     c1, c2 = g1 * steps.targets[0], g2 * steps.targets[1]
-    matrix = jnp.stack([jnp.stack(row) for row in rows])
-    return matrix if turn is None else matrix * turn, jnp.stack([c1 + c2, slow * c1 + fast * c2])
+    if turn is not None:
+        matrix = [m * turn for m in matrix]
+    return (*matrix, c1 + c2, slow * c1 + fast * c2)
 
 
-def _affine(matrix: Array, push: Array, state: Array) -> tuple[Array, Array]:
-    """States (2, M) before each interval of x+ = A x + c, and the one after the last; in lanes that are joined at the end."""
-    count = matrix.shape[-1]
-    lanes = np.gcd(count, 1 << (int(np.sqrt(count)).bit_length() - 1))
-    matrix = jnp.moveaxis(matrix.reshape(2, 2, lanes, -1), -1, 0)
-    push = jnp.moveaxis(push.reshape(2, lanes, -1), -1, 0)
+def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]:
+    """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each lane does as a
+    whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps that stable."""
 
-    def along(carry, now):
-        whole, offset = carry
-        a, c = now
-        return (_times(a, whole), _apply(a, offset) + c), carry
+    def whole(done, now):
+        share, offset = done
+        growth, target = now
+        return (share + growth * share, offset + growth * (offset + target)), None
 
-    eye = jnp.broadcast_to(jnp.eye(2, dtype=complex)[..., None], (2, 2, lanes))
-    (whole, offset), (products, offsets) = jax.lax.scan(along, (eye, jnp.zeros((2, lanes), complex)), (matrix, push))
+    def along(z, now):
+        growth, target = now
+        return z + growth * (z + target), z
 
-    def join(x, lane):
-        a, c = lane
-        return _apply(a, x) + c, x
+    def join(z, lane):
+        share, offset = lane
+        return share * z + offset, z
 
-    last, begins = jax.lax.scan(join, state, (jnp.moveaxis(whole, -1, 0), offset.T))
-    before = _apply(jnp.moveaxis(products, 0, -1), begins.T[..., None]) + jnp.moveaxis(offsets, 0, -1)
-    return before.reshape(2, count), last
-
-
-def _times(a: Array, b: Array) -> Array:
-    return jnp.stack([jnp.stack([a[i, 0] * b[0, j] + a[i, 1] * b[1, j] for j in range(2)]) for i in range(2)])
+    one, zero = jnp.ones(growth.shape[1], complex), jnp.zeros(growth.shape[1], complex)
+    lanes, _ = jax.lax.scan(whole, (one, zero), (growth, target))
+    last, begins = jax.lax.scan(join, state, lanes)
+    return jax.lax.scan(along, begins, (growth, target))[1], last
 
 
-def _apply(a: Array, x: Array) -> Array:
-    return jnp.stack([a[i, 0] * x[0] + a[i, 1] * x[1] for i in range(2)])
+def _affine(steps: tuple[Array, ...], mode: Mode) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+    """As `_gathered`, of Z+ = a Z + b U + p, U+ = c Z + d U + q: (Z, U)."""
+
+    def whole(done, now):
+        a, b, c, d, p, q = now
+        by_z, by_u, offset = ((a * z + b * u, c * z + d * u) for z, u in done)
+        return (by_z, by_u, (offset[0] + p, offset[1] + q)), None
+
+    def along(state, now):
+        z, u = state
+        a, b, c, d, p, q = now
+        return (a * z + b * u + p, c * z + d * u + q), state
+
+    one, zero = jnp.ones(steps[0].shape[1], complex), jnp.zeros(steps[0].shape[1], complex)
+    ((a, c), (b, d), (p, q)), _ = jax.lax.scan(whole, ((one, zero), (zero, one), (zero, zero)), steps)
+    last, begins = jax.lax.scan(along, tuple(mode), (a, b, c, d, p, q))
+    return jax.lax.scan(along, begins, steps)[1], last
 
 
 def _one_by_one(
@@ -286,8 +313,9 @@ def _one_by_one(
         parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
         return (after, heat), (parts, steps, (felt.heat, middle.heat))
 
-    now = (chunk.inputs, chunk.duration, chunk.turn, warmth)
-    (last, heat), (before, steps, warmth) = jax.lax.scan(advance, (mode, heat), now)
+    now = jax.tree.map(lambda v: v.T.ravel(), (chunk.inputs, chunk.duration, chunk.turn))
+    (last, heat), (before, steps, warmth) = jax.lax.scan(advance, (mode, heat), (*now, warmth))
+    before, steps = jax.tree.map(_fold, (before, steps))
     return before, steps, last, warmth, heat
 
 
@@ -317,9 +345,9 @@ def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array,
         push = decay * known + x**j * sum(c * phis[j - 1] for c, phis in terms)
         # y+ = push + decay y: as growth (y + target) with growth = decay - 1
         target = jnp.where(lost == 0, 0.0, push) / jnp.where(lost == 0, -1.0, lost)
-        (forced, free), last = carried(lost.astype(complex), target)
-        passed.append(forced + free * stages[j - 1])
-        after.append(last[0] + last[1] * stages[j - 1])
+        stage, last = _gathered(lost.astype(complex), target, stages[j - 1])
+        passed.append(stage)
+        after.append(last)
     return passed[-1], tuple(after)
 
 

@@ -179,7 +179,7 @@ class Scene:
             turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
         recorded = self._inputs(time, commanded=True)
-        return chunk, {"time": time if self.timed or self.kind != "steady" else None, **recorded}
+        return engine.folded(chunk), {"time": time if self.timed or self.kind != "steady" else None, **recorded}
 
     def _knots(self, read: np.ndarray, near: np.ndarray, begin: float) -> tuple[np.ndarray, np.ndarray]:
         """Times (s) at which inputs change or rows are read; and, from `begin` on, those with the steps between.
