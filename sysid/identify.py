@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.condense import OFFSET_UNITS
-from sysid.experiment import Trial
+from sysid.experiment import LEAST_WARMING, Trial
 from sysid.guess import phase_falls
 
 RELATIVE = 0.2
@@ -32,7 +32,20 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
     """One sentence: why `name` cannot be told from these logs, and what to record."""
     if modes > 1:
         return _why_modes(trials)
+    if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
+        return (
+            "cannot tell, because the temperature drifted along with the frequency, which k_T and the width of the resonance"
+            " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
+        )
     return {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}[name](trials, tau, free)
+
+
+def _drifts_along(trial: Trial) -> bool:
+    """A sweep whose temperature is a straight line of its frequency."""
+    log = trial.log
+    if not trial.resonant or log.temperature is None or np.ptp(log.frequency) == 0 or np.ptp(log.temperature) < LEAST_WARMING:
+        return False
+    return bool(abs(np.corrcoef(log.frequency, log.temperature)[0, 1]) > 0.9)
 
 
 def _why_modes(trials: Sequence[Trial]) -> str:

@@ -358,3 +358,15 @@ def test_a_finger_on_the_plate_is_named(bench):
     assert any("force of up to 0.5 N" in warning for warning in fit.warnings)
     idle = dataclasses.replace(bench.sweep(), force=np.full(101, 0.002))  # a force sensor that shows its noise
     assert sysid.fit([idle]).result is Result.successful
+
+
+def test_a_temperature_that_drifts_along_with_the_frequency_is_the_reason(bench):
+    import dataclasses
+
+    steady = bench.sweep()
+    drifting = dataclasses.replace(steady, temperature=np.linspace(24.0, 24.6, 101))
+    fit = sysid.fit([drifting])
+    assert fit.result is Result.undetermined
+    assert "drifted along with the frequency" in told(fit.parameters["tau"]).why
+    back = dataclasses.replace(bench.sweep(seed=1), temperature=np.linspace(25.2, 24.6, 101))
+    assert sysid.fit([drifting, back]).parameters["tau"].determined  # what it says to record
