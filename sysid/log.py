@@ -30,8 +30,8 @@ __all__ = ["Log", "LogError", "read_logs", "write_log"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
-BENCH_TIMES = ("lockin_tau", "delay", "settle")  # in s inside; their metadata may carry another unit of time
-BENCH = ("lockin_tau_s", "lockin_order", "delay_s", "settle_s")
+BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
+BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +60,11 @@ class Log:
     notes: tuple[str, ...] = ()
     path: str = ""
     sha256: str = ""
+    theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
     relative_noise: bool = False  # read in decibels: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
-        for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+        for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
@@ -125,7 +126,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns, and theta, aside).
 
     `append`: further rows of the log that the file holds.
     """
