@@ -35,8 +35,9 @@ def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
     edges = _edges(hold)
     count = np.diff(np.append(edges, n)).astype(float)
     elapsed = _mean(hold.elapsed, edges, count)
-    spread = np.maximum(_mean(hold.elapsed**2, edges, count) - elapsed**2, 0.0)
-    hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=np.where(count > 1, spread, 0.0))
+    spread = np.maximum(_mean(hold.elapsed**2 + hold.spread, edges, count) - elapsed**2, 0.0)
+    spread = np.where(count > 1, spread, hold.spread[edges])
+    hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
     return _means(log, edges), hold, count
 
 
@@ -62,8 +63,10 @@ def _inputs(log: Log, kind: str) -> Hold:
         drive = np.full(len(log), 1.0 if kind == "steady" else 0.0)
     if kind == "steady":
         return settled_points(drive, log.frequency, log.temperature)
-    settled, delay = log.sampling == "settled", log.bench.get("delay_s", 0.0)
-    return hold_inputs(log.time, drive, log.frequency, log.temperature, settled=settled, at_rest=from_rest(log), delay=delay)
+    given = {"settled": log.sampling == "settled", "delay": log.bench.get("delay_s", 0.0), "theta": log.theta}
+    hold = hold_inputs(log.time, drive, log.frequency, log.temperature, at_rest=from_rest(log), **given)
+    width = log.bench.get("lockin_boxcar_s", 0.0)
+    return hold._replace(spread=np.where(hold.elapsed > 0, width**2 / 12, 0.0))
 
 
 def _edges(hold: Hold) -> np.ndarray:
@@ -82,14 +85,14 @@ def _mean(values: np.ndarray, edges: np.ndarray, count: np.ndarray) -> np.ndarra
 def _means(log: Log, edges: np.ndarray) -> Log:
     count = np.diff(np.append(edges, len(log))).astype(float)
     arrays: dict[str, Any] = {}
-    for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+    for name in ("response", "time", "drive", "frequency", "theta", "temperature", "force"):
         values = getattr(log, name)
-        constant = name in ("drive",) or (name == "frequency" and log.kind != "steady")
+        constant = name in ("drive", "theta") or (name == "frequency" and log.kind != "steady")
         arrays[name] = None if values is None else values[edges] if constant else _mean(values, edges, count)
     return replace(log, **arrays)
 
 
 def _taken(log: Log, rows: np.ndarray) -> Log:
-    names = ("response", "time", "drive", "frequency", "temperature", "force")
+    names = ("response", "time", "drive", "frequency", "theta", "temperature", "force")
     taken: dict[str, Any] = {k: None if getattr(log, k) is None else getattr(log, k)[rows] for k in names}
     return replace(log, **taken)

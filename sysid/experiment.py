@@ -264,8 +264,9 @@ def _experiment(
     amplitude = not trial.signed
     driven = trial.driven or (trial.steady and trial.log.drive is None)
     own_gain = driven and (search or trial.log.drive is None)
-    both = bool(low_q and not trial.steady and trial.resonant)
-    layout = Layout(amplitude, own_gain, both, trial.steady, rows, intervals)
+    moving = bool(not trial.steady and trial.resonant)
+    carrier = moving and trial.log.theta is not None
+    layout = Layout(amplitude, own_gain, moving and low_q and not carrier, carrier, trial.steady, rows, intervals)
     if search:
         trial = replace(trial, noise_time=0.0)
     now, before = (v[keep] for v in trial.whitening())
@@ -302,6 +303,7 @@ def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: i
         interval=_pad(hold.interval[keep], rows),
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),
+        turn=_pad(hold.turn[held], intervals),
     )
 
 

@@ -22,25 +22,30 @@ def contract_plan(head: Head) -> Plan:
     sources: dict[str, Source] = {}
     notes = list(head.notes)
     unknown = []
+    waveform = _is_waveform(head)
     for index, label in enumerate(head.names):
-        if not _add_source(head, sources, label, Source(label, "", column=index)) and label.casefold() != "log":
+        ours = waveform or _first_word(label) != "response"
+        ours = ours and _add_source(head, sources, label, Source(label, "", column=index))
+        if not ours and label.casefold() != "log":
             unknown.append(label)
     for key, value in head.metadata.items():
         name = units.parse_name(key)
         if name and not name.unit:
             notes.append(f"metadata {key!r} has no unit and is kept out; write it as in temperature_degC")
-        elif name:
+        elif name and name.quantity != "response":
             number = metadata_number(head, key, value)
             _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number))
-    _check_waveform(head)
-    _check_understood(head, sources, unknown)
+    if waveform:
+        _check_waveform(head, sources, unknown)
+    else:
+        _check_understood(head, sources, unknown)
     notes += [f"column {label} is kept out of the fit" for label in unknown if label]
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
     return Plan(
         sources,
-        head.metadata,
+        head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
     )
@@ -63,24 +68,34 @@ def _add_source(head: Head, sources: dict[str, Source], label: str, source: Sour
     return True
 
 
-def _check_waveform(head: Head) -> None:
-    first_words = {label.casefold().split("_")[0] for label in head.names}
-    if stated(head.metadata, "kind") == "waveform" or {"drive", "response"} <= first_words:
-        raise LogError(
-            f"{head.path}: found a raw waveform, which is not supported yet; "
-            "expected demodulated rows, such as time_s, voltage_V, frequency_Hz, wd_um, wq_um"
-        )
+def _is_waveform(head: Head) -> bool:
+    """Whether a file holds the raw samples of a carrier: as it states, or by its columns drive and response."""
+    kind = stated(head.metadata, "kind")
+    if kind:
+        return kind.casefold() == "waveform"
+    words = {_first_word(label) for label in head.names}
+    return {"drive", "response"} <= words and not words & {"w", "wd", "wq"}
+
+
+def _first_word(label: str) -> str:
+    return units.split_unit(label)[0].casefold().split("_")[0]
+
+
+def _check_waveform(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
+    """A waveform that is not whole, or demodulated already: LogError."""
+    _refuse_misspelt(head, sources, unknown, [DRIVES, ("response",), *((name,) for name in INPUTS)])
+    if rows := sources.keys() & {"w", "wd", "wq"}:
+        found = " and ".join(sorted(rows))
+        raise LogError(f"{head.path}: found {found} in a waveform, expected raw samples alone, such as drive_V and response_um")
+    columns = {name for name, source in sources.items() if source.column is not None}
+    missing = [name for name, names in (("drive_V", DRIVES[:2]), ("response_um", ("response",))) if not columns & {*names}]
+    if missing:
+        raise not_understood(head, f"a waveform without a column {missing[0]}", "time_s, drive_V and response_um")
 
 
 def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
     """A misspelt name or a response that is not whole: LogError with a mapping file."""
-    groups = [DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
-    absent = [name for group in groups if not sources.keys() & set(group) for name in group]
-    for label in unknown:
-        name, unit, _ = units.split_unit(label)
-        near = [quantity for quantity in absent if len(name) > 2 and _is_misspelt(name, quantity, unit)]
-        if near:
-            raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", template(head))
+    _refuse_misspelt(head, sources, unknown, [DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)])
     response = sources.keys() & {"w", "wd", "wq"}
     if response in ({"w"}, {"wd", "wq"}):
         if any(sources[name].column is None for name in response):
@@ -90,6 +105,16 @@ def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]
         return
     found = " and ".join(sorted(response)) or "no response"
     raise not_understood(head, found, "columns such as wd_um and wq_um, or w_um alone")
+
+
+def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str], groups: list[tuple[str, ...]]) -> None:
+    """A name that is nearly one of ours, of a group none of which is there: LogError."""
+    absent = [name for group in groups if not sources.keys() & set(group) for name in group]
+    for label in unknown:
+        name, unit, _ = units.split_unit(label)
+        near = [quantity for quantity in absent if len(name) > 2 and _is_misspelt(name, quantity, unit)]
+        if near:
+            raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", template(head))
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:

@@ -35,6 +35,7 @@ class Layout(NamedTuple):
     amplitude: bool  # amplitude only: |W|
     own_gain: bool  # no drive recorded: a gain of its own
     both_modes: bool  # low Q
+    carrier: bool  # its phase is known where the inputs change
     steady: bool  # settled points
     rows: int
     intervals: int
@@ -93,7 +94,7 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> tuple[Array, Array]:
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)
         return forced, jnp.zeros_like(forced)
-    return respond(tau, detuning, hold, layout.both_modes)
+    return respond(tau, detuning, hold, layout.both_modes, layout.carrier)
 
 
 @partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it

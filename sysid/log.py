@@ -25,13 +25,14 @@ from sysid import units
 from sysid.csvfile import Body, Dialect, Head, LogError, read_body, read_head, refuse_cell
 from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, stated
 from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
+from sysid.waveform import from_samples, sample_times, uneven
 
 __all__ = ["Log", "LogError", "read_logs", "write_log"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
-BENCH_TIMES = ("lockin_tau", "delay", "settle")  # in s inside; their metadata may carry another unit of time
-BENCH = ("lockin_tau_s", "lockin_order", "delay_s", "settle_s")
+BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
+BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +61,11 @@ class Log:
     notes: tuple[str, ...] = ()
     path: str = ""
     sha256: str = ""
+    theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
     relative_noise: bool = False  # read in decibels: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
-        for name in ("response", "time", "drive", "frequency", "temperature", "force"):
+        for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
@@ -125,7 +127,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns, and theta, aside).
 
     `append`: further rows of the log that the file holds.
     """
@@ -198,28 +200,31 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         rows = chosen if rows is None else rows[chosen]
         count = len(rows)
     arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
+    kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
         row = decrease if rows is None else int(rows[decrease])
         column = plan.sources["time"].column
         refuse_cell(head, body, row, column or 0, "a time not below the one before")
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
     drive, drive_unit = _drive(head, plan, arrays)
-    response, response_unit = _response(head, plan, arrays, inputs.get("frequency"))
-    for array in (response, drive, *inputs.values()):
-        if array is not None:
+    fields: dict[str, Any] = {"drive": drive, **inputs, "bench": _bench(head, plan.metadata), "notes": plan.notes}
+    fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
+    if kind == "waveform":
+        fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
+        if (odd := uneven(fields["time"])) is not None:
+            row, column = odd if rows is None else int(rows[odd]), plan.sources["time"].column
+            refuse_cell(head, body, row, column or 0, "even steps: samples are missing, or the stamps are too coarse")
+        fields |= from_samples(head, plan, fields, arrays.get("response"))
+    else:
+        fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
+    for array in fields.values():
+        if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
     log = Log(
         name,
-        response,
-        drive=drive,
-        **inputs,
-        kind=_word(head, plan.metadata, "kind", KINDS),
-        sampling=_word(head, plan.metadata, "sampling", SAMPLINGS),
-        response_unit=response_unit,
+        **fields,
         drive_unit=drive_unit,
         metadata=plan.metadata,
-        bench=_bench(head, plan.metadata),
-        notes=plan.notes,
         path=head.path,
         sha256=body.sha256,
         relative_noise=any(is_decibel(source.unit) for source in plan.sources.values()),

@@ -1,6 +1,6 @@
 r"""Mapping files: what the columns of another instrument's log mean, in TOML. A full example:
 
-    kind = "steady"                     # or "transient"; left out: told from the columns
+    kind = "steady"                     # or "transient", "waveform"; left out: told from the columns
     sampling = "settled"                # or "instant"; only for transient logs
     amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak to peak)
     quantity = "velocity"               # or "displacement", "charge", "current": what x and y (or magnitude) show
@@ -29,7 +29,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     lockin_tau_s = 0.003
 
 The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
-wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase. Rows may
+wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
+carrier samples (`kind = "waveform"`) response, with voltage or drive. Rows may
 be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
 be dB, dBm or dBV: 10^(dB/20) relative to 0 dB.
 
@@ -61,7 +62,7 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
     "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
 }  # fmt: skip
 _WORDS: dict[str, tuple[Any, ...]] = {
-    "kind": ("transient", "steady"),
+    "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
     "amplitude": ("peak", "rms", "pp"),
     "quantity": ("displacement", "velocity", "charge", "current"),
@@ -192,6 +193,9 @@ class MappingFile:
         """What was taken for granted, so that it is never taken in silence."""
         notes = []
         columns = self.options.get("columns", {})
+        if "response" in sources:
+            assumed = f"the response is taken as a displacement: {self.path} does not say quantity"
+            return () if "quantity" in self.options else (assumed,)
         for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
             silent = name in columns and "amplitude" not in columns[name] and not sources[name].label.startswith("[")
             unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
@@ -365,13 +369,19 @@ def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
 
 
 def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]) -> None:
-    response = columns & {"wd", "wq", "w", "x", "y", "magnitude", "phase"}
-    if response not in map(set, RESPONSES):
+    response = columns & {"wd", "wq", "w", "x", "y", "magnitude", "phase", "response"}
+    if mapping.options.get("kind") == "waveform":
+        if response != {"response"} or not columns & {"voltage", "drive"}:
+            found = ", ".join(sorted(columns)) or "no columns"
+            raise mapping.fail("[columns]", f"found {found} of a waveform, expected drive (or voltage) and response")
+        if "phase_sign" in mapping.options:
+            raise mapping.fail("phase_sign", "belongs to x and y, or to phase; found a waveform, whose sign is known")
+    elif response not in map(set, RESPONSES):
         expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
         raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
     if both := columns & constants:
         raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
     if len(drives := (columns | constants) & {"voltage", "drive", "duty"}) > 1:
         raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
-    if "quantity" in mapping.options and not response & {"x", "magnitude"}:
-        raise mapping.fail("quantity", "belongs to x and y, or to magnitude; found a response that is one already")
+    if "quantity" in mapping.options and not response & {"x", "magnitude", "response"}:
+        raise mapping.fail("quantity", "belongs to x and y, to magnitude, or to a waveform; found a response that is one already")

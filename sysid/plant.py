@@ -71,6 +71,7 @@ class Hold(NamedTuple):
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
     rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
     the variance of the times that were averaged into the row (0: a single sample). Settled points are intervals of their own.
+    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known.
     """
 
     duration: Leaf
@@ -81,21 +82,22 @@ class Hold(NamedTuple):
     interval: Leaf
     elapsed: Leaf
     spread: Leaf
+    turn: Leaf
 
 
-def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False) -> tuple[Array, Array]:
+def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False) -> tuple[Array, Array]:
     """Response of each row to the drive from rest, per unit G, and the free decay of a unit start: two (N,) arrays.
 
-    `detuning` (M,) is omega0 - omega of each interval, rad/s.
+    `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
+    theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
     """
     s = poles(tau, detuning, hold.omega)
     push = s.gain * hold.drive
-    forced, free = _propagate(s.slow, push, hold)
-    if both_modes:
-        forced = forced + _propagate(s.fast, -push, hold)[0]
-    else:
-        forced = forced + jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)[hold.interval]
-    return forced, free
+    ripple = jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)
+    kick = -jnp.diff(ripple, prepend=ripple[:1]).conj() * hold.turn if carrier else None
+    forced, free = _propagate(s.slow, push, hold, kick)
+    rest = _propagate(s.fast, -push, hold)[0] if both_modes else ripple[hold.interval]
+    return forced + rest, free
 
 
 def _over(real: Array, z: Array) -> Array:
@@ -114,8 +116,10 @@ def expm1(z: Array) -> Array:
 expm1.defjvps(lambda dz, value, z: (1 + value) * dz)
 
 
-def carried(growth: Array, target: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def carried(growth: Array, target: Array, kick: Array | None = None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a unit start.
+
+    `kick` is added to the state from rest as each interval begins.
 
     Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
     """
@@ -124,7 +128,8 @@ def carried(growth: Array, target: Array) -> tuple[tuple[Array, Array], tuple[Ar
 
     def advance(state, interval):
         forced, free = state
-        growth, target = interval
+        growth, target, *kick = interval
+        forced = forced + kick[0] if kick else forced
         return (forced + growth * (forced + target), free + growth * free), state
 
     def join(state, lane):
@@ -132,7 +137,7 @@ def carried(growth: Array, target: Array) -> tuple[tuple[Array, Array], tuple[Ar
         return (lane[0] + lane[1] * forced, lane[1] * free), state
 
     rest = (jnp.zeros(lanes, growth.dtype), jnp.ones(lanes, growth.dtype))
-    steps = tuple(v.reshape(lanes, -1).T for v in (growth, target))
+    steps = tuple(v.reshape(lanes, -1).T for v in (growth, target, kick) if v is not None)
     ends, (forced, free) = jax.lax.scan(advance, rest, steps)
     if lanes == 1:
         return (forced[:, 0], free[:, 0]), (ends[0][0], ends[1][0])
@@ -141,14 +146,15 @@ def carried(growth: Array, target: Array) -> tuple[tuple[Array, Array], tuple[Ar
     return (forced.T.reshape(count), free.T.reshape(count)), last
 
 
-def _propagate(pole: Array, push: Array, hold: Hold) -> tuple[Array, Array]:
-    """Exact response of Z' = pole Z + push over held inputs, from rest; and the decay of a unit start.
+def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) -> tuple[Array, Array]:
+    """Exact response of Z' = pole Z + push over held inputs, from rest, kicked as each begins; and the decay of a unit start.
 
     Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
     nothing is divided by a time, so that zero-length intervals need no special case.
     """
     target = _over(push, pole)
-    (forced, free), _ = carried(expm1(pole * hold.duration), target)
+    (forced, free), _ = carried(expm1(pole * hold.duration), target, kick)
+    forced = forced if kick is None else forced + kick
     at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
@@ -220,12 +226,22 @@ def _plain(value: Array) -> Leaf:
 
 
 def hold_inputs(
-    time, drive, frequency=None, temperature=None, *, settled=False, reference=(0.0, 0.0), at_rest=False, delay=0.0
+    time,
+    drive,
+    frequency=None,
+    temperature=None,
+    *,
+    settled=False,
+    reference=(0.0, 0.0),
+    at_rest=False,
+    delay=0.0,
+    theta=None,
 ) -> Hold:
     """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in place.
 
     `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at resonance.
     `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time.
+    `theta` (rad): the carrier's phase at each row's time.
     """
     inputs = _inputs(len(time), drive, frequency, temperature)
     if settled:  # the inputs of row k have held since row k-1
@@ -244,6 +260,7 @@ def hold_inputs(
         interval=row.astype(np.int32),
         elapsed=np.maximum(read - begin[row], 0.0),
         spread=np.zeros(len(row)),
+        turn=np.zeros(len(first), complex) if theta is None else np.exp(-2j * np.asarray(theta)[np.maximum(first - at_rest, 0)]),
         **_offsets(inputs[:, first], reference),
     )
 
@@ -253,7 +270,7 @@ def settled_points(drive, frequency=None, temperature=None, *, reference=(0.0, 0
     n = len(drive)
     zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
     inputs = _offsets(_inputs(n, drive, frequency, temperature), reference)
-    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, **inputs)
+    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, **inputs)
 
 
 def _inputs(n: int, drive, frequency, temperature) -> np.ndarray:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1"}
 REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
-AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude")  # these may be rms or peak to peak
-QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "voltage", "drive", "wd", "wq", "w")
+AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response")  # these may be rms or peak to peak
+QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "voltage", "drive", "wd", "wq", "w", "response")
 PEAK = {"peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}  # peak = factor * value, for a sine
 
 _USUAL = {

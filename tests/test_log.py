@@ -231,7 +231,7 @@ def test_decreasing_time_is_named_and_equal_times_are_not(save):
         ("time_s,voltage_V,w_dB", ["decibels"]),
         ("note,force_N,w_um", ["neither time, frequency nor drive"]),
         ("time_s,voltage_V,velocity", ["no response", "time_s, voltage_V, velocity"]),
-        ("drive_V,response_um,time_s", ["raw waveform", "not supported yet", "demodulated"]),
+        ("drive_V,response_um,note", ["a waveform without time", "sample_rate_Hz"]),
     ],
 )
 def test_headers_that_are_refused(save, header, words):
@@ -242,7 +242,7 @@ def test_headers_that_are_refused(save, header, words):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("kind: waveform", ["raw waveform", "not supported yet"]),
+        ("kind: waveform", ["wd and wq in a waveform", "raw samples alone"]),
         ("kind: stedy", ["metadata 'kind'", "'stedy'", "did you mean 'steady'"]),
         ("sampling: later", ["metadata 'sampling'", "instant or settled"]),
         ("temperature_degC: warm", ["metadata 'temperature_degC'", "'warm'", "finite number"]),
