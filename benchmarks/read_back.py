@@ -169,6 +169,7 @@ def cases() -> Iterator[Case]:
     def added(scenes: dict[str, Scene], *effects, **inputs) -> dict[str, Scene]:
         return {name: plus(scene, *effects, **inputs) for name, scene in scenes.items()}
 
+    yield Case("none", both | {"duty stairs": stairs, "ringing sweep": ringing, "slow sweep": slow})
     press = {"force": Profile.constant(0.5)}
     pressed = added(both, e["finger_damping"](), **press)
     yield Case("finger_damping, 0.5 N throughout", pressed)
