@@ -174,6 +174,28 @@ def test_the_waveform_is_the_envelope_on_its_carrier(scene_file):
     np.testing.assert_allclose(samples.response[every], carried, atol=2 * 1e-7)
 
 
+def test_the_carrier_behind_a_lock_in_is_the_exact_envelope_but_for_what_switching_leaves(scene_file):
+    scene = Scene.from_toml(scene_file(SCENE.split("[effects.white")[0].replace("duration_ms = 20", "duration_ms = 30")))
+    exact, carrier = scene.simulate(), dataclasses.replace(scene, fidelity="carrier").simulate()
+    assert len(carrier) == len(exact) and carrier.response[0] == 0
+    off, size = np.abs(carrier.response - exact.response), np.max(np.abs(exact.response))
+    Q = scene.plant.Q
+    assert np.max(off) < size / (2 * Q) * 1.1  # the free part of the fast mode, as a real signal shows it
+    # ten tau after the last change that is gone; what is left is the fast mode's settled ripple, seen as it is
+    assert off[-1] < 1e-4 * size
+    filtered = SCENE.split("[effects.white")[0] + "[effects.lock_in]\ntau_us = 100\norder = 2\n"
+    scene = Scene.from_toml(scene_file(filtered))
+    off = np.abs(dataclasses.replace(scene, fidelity="carrier").simulate().response - scene.simulate().response)
+    # (1/(2 omega tau))^2 of the image at twice the carrier is left; a filter of samples, 16 a period, is not quite one of time
+    assert np.max(off) < size * (1.1 / (2 * Q) + 1 / (4 * np.pi * 32300 * 1e-4) ** 2 + 0.01)
+
+
+def test_rows_closer_than_two_periods_are_refused(scene_file):
+    scene = dataclasses.replace(Scene.from_toml(scene_file()), rate=40e3, fidelity="carrier")
+    with pytest.raises(SceneError, match="closer than two periods"):
+        scene.simulate()
+
+
 def test_a_carrier_that_aliases_is_refused(scene_file):
     with pytest.raises(SceneError, match=r"found 60000 samples a second, expected more than 2.2 times"):
         next(waveform(Scene.from_toml(scene_file()), 6e4))

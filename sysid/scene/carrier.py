@@ -15,6 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sysid.lockin import lock_in, low_pass
+from sysid.scene import engine
 from sysid.scene.effects import FrequencyResolution, LockIn, PhaseReset, Quantisation, Saturation
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
@@ -59,6 +61,53 @@ def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
             for e in recorder:
                 response = np.asarray(e.noise(jnp.asarray(response, complex), None, None, None)[0]).real
         yield Samples(time, (1j * drive * turn).real, response, phase)
+
+
+PER_PERIOD = 16  # samples, of the carrier that a lock-in is given
+MOST = 50_000_000  # samples
+
+
+def behind_lock_in(scene: Scene, seed: int = 0) -> dict[str, np.ndarray | None]:
+    """Columns of the scene's rows from its carrier, by the scene's lock-in or by one that looks at two periods before each row.
+
+    The carrier of a plate that is switched holds a free decay, up to 1/(2Q) of the step, that depends on the phase at the switch
+    and that no envelope has. Raises SceneError when rows are closer than two periods, or too many samples were needed.
+    """
+    frequency = _made(scene).values
+    each = int(np.ceil(PER_PERIOD * np.max(frequency) / scene.rate))
+    n = int(np.ceil(2 * each * scene.rate / np.min(frequency)))
+    if scene.rows * each > MOST:
+        raise SceneError(f"{scene.name}: found {scene.rows * each} samples of a carrier, expected {MOST} at most")
+    if (filtered := scene.find(LockIn)) is None and n > each:
+        most = scene.rate * each / n
+        raise SceneError(f"{scene.name}: found rows closer than two periods of the carrier, expected a rate below {most:g} Hz")
+    quiet = dataclasses.replace(scene, effects=tuple(e for e in scene.effects if e.kind != "noise"), fidelity="exact")
+    parts = list(waveform(quiet, scene.rate * each))
+    signal, phase = (np.concatenate([getattr(p, name) for p in parts]) for name in ("response", "phase"))
+    if filtered is not None:
+        response = low_pass(signal, phase, float(filtered.tau) * scene.rate * each, filtered.order)[::each]
+    else:
+        response = np.append(0.0, _ends(signal, phase, each * np.arange(1, scene.rows), n))
+    with jax.enable_x64(True):
+        key = jax.random.key(seed)
+        states = engine.start("exact", scene.plant, scene.effects, key).noise
+        response = np.asarray(engine.noisy(scene.effects, jnp.asarray(response), states, key, 0, 1 / scene.rate)[0])
+    time = np.arange(scene.rows) / scene.rate
+    return {
+        "time": time,
+        **scene._inputs(time, commanded=True),
+        "response": np.abs(response) if scene.amplitude_only else response,
+    }
+
+
+def _ends(signal: np.ndarray, phase: np.ndarray, last: np.ndarray, n: int) -> np.ndarray:
+    """W at the samples `last`, each from the `n` samples up to it."""
+    found = np.empty(len(last), complex)
+    end, mean = (n - 1) / (2 * n), (n**2 - 1) / (12 * n**2)
+    for k in np.array_split(np.arange(len(last)), max(len(last) * n // 1_000_000, 1)):
+        block = last[k, None] + np.arange(1 - n, 1)
+        found[k] = lock_in(signal[block], phase[block]) @ np.array([1.0, end, end**2 - mean])
+    return found
 
 
 def write_waveform(scene: Scene, rate: float, seed: int, path: str | Path) -> Iterator[int]:

@@ -145,11 +145,17 @@ def advance(
     """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time between rows."""
     response, state = _plate(plant, effects, state, chunk, rung, reference)
     response = _sensed(effects[len(_before_filter(effects)) :], response, chunk.rows)
+    response, drawn = noisy(effects, response, state.noise, key, count, spacing)
+    return response, state._replace(noise=drawn)
+
+
+def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Leaf, spacing: Leaf) -> tuple[Array, tuple]:
+    """Rows with the noise of chunk `count` on them, and what the recorder makes of them; and the noise's states after it."""
     drawn = []
-    for e, before in zip((e for e in effects if e.kind == "noise"), state.noise, strict=True):
+    for e, before in zip((e for e in effects if e.kind == "noise"), states, strict=True):
         response, after = e.noise(response, _key(key, e, count + 1), spacing, before)
         drawn.append(after)
-    return response, state._replace(noise=tuple(drawn))
+    return response, tuple(drawn)
 
 
 def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf) -> tuple[Array, State]:

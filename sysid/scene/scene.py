@@ -46,7 +46,7 @@ from sysid.scene.effects import (
 )
 from sysid.scene.profile import Profile
 
-FIDELITIES = (*engine.RUNGS, "auto")
+FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 LANES = 65536  # intervals of a chunk
 SPARE = 256  # of them, for changes between rows
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
@@ -59,8 +59,9 @@ class SceneError(ValueError):
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC) and
-    "force" (N). `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "auto" is the
-    cheapest, with the largest time step, whose error stays below `tolerance` times the largest response.
+    "force" (N). `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
+    samples behind a lock-in; "auto" is the cheapest envelope, with the largest time step, whose error stays below `tolerance`
+    times the largest response.
 
     Raises SceneError for what cannot be combined.
     """
@@ -118,6 +119,11 @@ class Scene:
 
     def _stream(self, seed: int) -> Iterator[dict[str, np.ndarray | None]]:
         scene = self.resolved()
+        if scene.fidelity == "carrier":
+            from sysid.scene.carrier import behind_lock_in
+
+            yield behind_lock_in(scene, seed)
+            return
         with jax.enable_x64(True):
             key = jax.random.key(seed)
             state = engine.start(scene.fidelity, scene.plant, scene.effects, key)
