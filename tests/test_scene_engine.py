@@ -216,6 +216,15 @@ def test_a_delay_shows_earlier_rows_and_nothing_before_the_scene():
     assert not np.any(never)
 
 
+def test_the_last_row_is_read_however_many_changes_there_are():
+    rows = 64
+    for changes in (256, 257, 258, 300):  # 63 + 257 intervals are what such a chunk is padded to
+        times = np.linspace(0, (rows - 1) / 1e4, changes + 2)[1:-1] + 1e-7
+        inputs = constant(temperature=24.0, force=0.0) | {"drive": Profile(times, 100 + 5.0 * (np.arange(changes) % 7))}
+        scene = Scene(PLATE, inputs, rows, 1e4, fidelity="envelope")
+        np.testing.assert_allclose(scene.simulate().response[-1], rows_of(scene, rows=70)[rows - 1], rtol=1e-13)
+
+
 def test_one_row_is_a_row():
     assert rows_of(random_scene(0, plant=PLATE), rows=1).tolist() == [0]
     settled = Scene(PLATE, constant(), 1, 1e4, kind="steady").simulate().response

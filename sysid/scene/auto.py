@@ -15,7 +15,7 @@ from sysid.scene import engine
 from sysid.scene.effects import LockIn, PhaseReset
 from sysid.scene.scene import Scene, SceneError
 
-MOST = 64  # steps between two rows
+MOST = 256  # steps between two rows
 PILOT = 16384  # rows of a long scene that are tried, about
 POINTS = 65536  # at which a long scene is looked at, to find them
 FORGOTTEN = 20.0  # time constants after which nothing is left of how a stretch began
@@ -27,15 +27,18 @@ def choose(scene: Scene) -> Scene:
     truth, steps, left = _converged(scene, stretches)
     size = max(float(np.max(np.abs(rows))) for rows in truth)
     allowed = scene.tolerance * size - left
-    rungs = engine.RUNGS[-1:] if scene.find(PhaseReset) else engine.RUNGS
     moving = any(hasattr(e, "feels") or e.name in ("lock_in", "delay") for e in scene.effects)
+    rungs = [*engine.RUNGS[-1:]] if scene.find(PhaseReset) else [*engine.RUNGS[moving:]]
+    before: dict[str, float] = {}
     substeps = 1
     while substeps <= steps:
-        for rung in rungs:
-            if rung == "steady" and (moving or substeps > 1):
-                continue
-            if _error(scene, stretches, truth, rung, substeps) <= allowed:
+        for rung in tuple(rungs):
+            error = _error(scene, stretches, truth, rung, substeps)
+            if error <= allowed:
                 return dataclasses.replace(scene, fidelity=rung, substeps=substeps)
+            if rung == "steady" or (rung != "exact" and error > 0.7 * before.get(rung, np.inf)):
+                rungs.remove(rung)  # what is left is the error of the model: smaller steps do not mend it
+            before[rung] = error
         substeps *= 2
     raise SceneError(f"{scene.name}: found no fidelity within tolerance {scene.tolerance:g}, expected a larger one: the error"
                      f" that is left at {steps} steps between rows is {left / max(size, 1e-300):.2g}")  # fmt: skip

@@ -175,7 +175,7 @@ class Scene:
         knots, span = self._knots(read, np.maximum(near, -begin), begin)
         middle = 0.5 * (span[1:] + span[:-1]) + begin
         padded = size * self.substeps + SPARE
-        padded += -(-max(len(middle) - padded, 0) // 4096) * 4096
+        padded += -(-max(len(span) - padded, 0) // 4096) * 4096  # one more than the intervals: the last row is read after them
         fill = padded - len(middle)
         chunk = engine.Chunk(
             duration=np.pad(np.diff(span), (0, fill)),
