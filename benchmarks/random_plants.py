@@ -14,7 +14,6 @@ import runpy
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -221,9 +220,8 @@ def main() -> None:
     seeds, outcomes = range(given.seed, given.seed + given.plants), []
     with tempfile.TemporaryDirectory() as folder:
         # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 240 plants.
-        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=60)
-        with workers:
-            for o in track(workers.map(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
+        with get_context("spawn").Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers:
+            for o in track(workers.imap(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
                 outcomes.append(o)
                 if o.informed and (o.verdict != "found" or o.result != "successful"):
                     print(o.text, flush=True)

@@ -12,7 +12,7 @@ from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
 from sysid.plant import Hold
 
-NUISANCES = ("rotation", "background", "offset", "start")
+NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 
@@ -26,18 +26,22 @@ class Trial:
     inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
     count: np.ndarray = field(repr=False)  # (n,) rows of the file that each row is the mean of
     nuisances: tuple[str, ...] = NUISANCES
+    spacing: float = 0.0  # s, from row to row of the file
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
+    late: float = 0.0  # s, by which the response of an amplitude log is late
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
         """A log as it is read at first: nothing known of its noise."""
         short, inputs, count = prepare(log, kind)
-        return cls(short, kind, inputs, count, nuisances)
+        steps = np.zeros(0) if log.time is None else np.diff(log.time)
+        spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        return cls(short, kind, inputs, count, nuisances, spacing)
 
     @property
     def steady(self) -> bool:
@@ -164,6 +168,15 @@ class Trial:
         """Standard deviation of the prior of what the bench adds: ten times the response."""
         return 10.0 * self.scale
 
+    @property
+    def lateness(self) -> float:
+        """Standard deviation (s) of how late the response may be: a row, or a radian of the carrier where that is longer.
+        0 where it is known or nothing depends on it."""
+        if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
+            return 0.0
+        radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
+        return radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian))
+
     def span(self, keep: slice | np.ndarray = slice(None)) -> tuple[np.ndarray, np.ndarray]:
         """Orthonormal basis (n + K, K) of the whitened columns, each with its prior's row, and the triangle R that made it."""
         now, before = (v[keep] for v in self.whitening())
@@ -266,7 +279,8 @@ def _experiment(
     own_gain = driven and (search or trial.log.drive is None)
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
-    layout = Layout(amplitude, own_gain, moving and low_q and not carrier, carrier, trial.steady, rows, intervals)
+    late = not (search or trial.steady or carrier)
+    layout = Layout(amplitude, own_gain, moving and low_q and not carrier, carrier, late, trial.steady, rows, intervals)
     if search:
         trial = replace(trial, noise_time=0.0)
     now, before = (v[keep] for v in trial.whitening())
@@ -286,8 +300,10 @@ def _experiment(
         freedom=np.asarray(freedom(trial)),
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
+        lateness=np.asarray(trial.lateness / trial.looseness),
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
+        late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
         start_free=np.asarray(float(trial.start_free)),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
     )
@@ -309,10 +325,10 @@ def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: i
 
 def freedom(trial: Trial) -> float:
     """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
-    columns = len(trial.columns)
+    columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady), 1))
-    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances)
+        return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
+    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + 2 * late
     return float(max(2 * len(trial.log) - taken, 1))
 
 

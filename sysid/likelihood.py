@@ -2,14 +2,16 @@
 
 For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it,
 
-    y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: offset, feedthrough, slope; free decay from the unknown start
+    y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: offset, feedthrough, slope; free decay from the unknown start;
+                                                                  -G dh/dt of a response that is late
 
-with h the plant's response per unit G. The nu_c are projected out (variable projection; Golub & Pereyra, SIAM J. Numer. Anal.
+with h the plant's response per unit G. Late covers, to first order, a trigger, a demodulator's filter and, as nu is complex,
+the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub & Pereyra, SIAM J. Numer. Anal.
 10, 413, 1973): the columns that do not depend on the plant once and for all, the free decay at each plant; phi by its
 closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has a zero-mean normal
 prior ten times as wide as the log's response, which enters as one more row; it keeps columns apart that a log cannot separate.
 An amplitude log, w = sqrt(|G h + nu_1 e|^2 + nu_2), is linear in its nuisances only about their current values, which the fit
-updates.
+updates. How late a response is has a prior of one row, or of one radian of the carrier where that is longer.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
 log p = -sum_logs (degrees of freedom / 2) log S.
@@ -24,9 +26,9 @@ import jax.export
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Hold, Leaf, respond, steady
+from sysid.plant import Hold, Leaf, Response, respond, steady
 
-OWN = 3  # rows of an experiment, its last, for the priors of what depends on the plant
+OWN = 4  # rows of an experiment, its last, for the priors of what depends on the plant
 
 
 class Layout(NamedTuple):
@@ -36,6 +38,7 @@ class Layout(NamedTuple):
     own_gain: bool  # no drive recorded: a gain of its own
     both_modes: bool  # low Q
     carrier: bool  # its phase is known where the inputs change
+    late: bool  # a transient, by an unknown time
     steady: bool  # settled points
     rows: int
     intervals: int
@@ -48,7 +51,8 @@ class Experiment(NamedTuple):
     the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N): orthonormal, of the whitened
     columns that do not depend on the plant, with a row for each one's prior. `tightness`: one over the standard deviation of
     the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
-    `rotated` 1 when the demodulator's phase is unknown; `start` and `floor` the amplitude log's nu_1 (complex) and nu_2,
+    `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
+    over that of the other nuisances; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3,
     `start_free` and `floor_free` 1 when they are to be found.
     """
 
@@ -61,19 +65,23 @@ class Experiment(NamedTuple):
     freedom: Leaf
     rounding: Leaf
     rotated: Leaf
+    lateness: Leaf
     start: Leaf
     floor: Leaf
+    late: Leaf
     start_free: Leaf
     floor_free: Leaf
 
 
 class Residual(NamedTuple):
-    """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values."""
+    """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values;
+    `late` in units of `lateness`."""
 
     rows: Array
     driven: Array
     start: Array
     floor: Array
+    late: Array
     gain: Array
 
 
@@ -87,13 +95,13 @@ def parameters(theta: Array) -> tuple[Array, Array, Array, Array]:
     return jnp.exp(theta[0]), jnp.exp(theta[1]), 2 * jnp.pi * theta[2], 2 * jnp.pi * theta[3]
 
 
-def basis(theta: Array, hold: Hold, layout: Layout) -> tuple[Array, Array]:
-    """The plant's response per unit G, and its free decay from a unit start: two (N,) complex arrays."""
+def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
+    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex arrays."""
     _, tau, shift, drift = parameters(theta)
     detuning = hold.offset + shift + drift * hold.warming
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)
-        return forced, jnp.zeros_like(forced)
+        return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))
     return respond(tau, detuning, hold, layout.both_modes, layout.carrier)
 
 
@@ -125,43 +133,53 @@ def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, C
     return found, lambda step: -off(_whiten(change(step), x))
 
 
-def _shapes(theta: Array, x: Experiment, layout: Layout) -> tuple[Array, Array]:
-    """Response to the drive and free decay; without G where the log has a gain of its own."""
-    forced, free = basis(theta, x.hold, layout)
-    if not layout.own_gain:
-        forced = jnp.exp(theta[0]) * forced
-    elif layout.amplitude:  # the shape |h| is all there is
-        forced, free = jnp.abs(forced), jnp.abs(free)
-    return forced, x.start_free * free
+def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
+    """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
+    forced, rate, free = basis(theta, x.hold, layout)
+    if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
+        forced, rate, free = jnp.abs(forced), jnp.zeros_like(rate), jnp.abs(free)
+    gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
+    return Response(gain * forced, -gain * x.lateness * rate, x.start_free * free)
 
 
-def _modelled(shapes: tuple[Array, Array], nuisances: tuple[Array, Array], layout: Layout) -> Array:
-    """Rows that the plant drives: turn h + start e, or sqrt(|h + start e|^2 + floor)."""
-    forced, free = shapes
-    first, second = nuisances
-    if layout.amplitude and not layout.own_gain:
-        w = forced + first * free
-        return jnp.sqrt(w.real**2 + w.imag**2 + second)
-    return first * forced + second * free
+def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
+    """Rows that the plant drives: turn h + start e + late h', or sqrt(|h + start e + late h'|^2 + floor)."""
+    turn, start, late, *floor = nuisances
+    w = turn * shapes.forced + start * shapes.free
+    w = w + late * shapes.rate if layout.late else w
+    return jnp.sqrt(w.real**2 + w.imag**2 + floor[0]) if floor else w
 
 
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
     """The residual, the nuisances at their optimum, and what takes from a vector all that nuisances can make of it."""
     shapes = _shapes(theta, x, layout)
     if layout.amplitude and not layout.own_gain:
-        return _amplitude(*shapes, jnp.exp(theta[0]), x, layout)
-    return _own_gain(*shapes, x, layout) if layout.own_gain else _turned(*shapes, jnp.exp(theta[0]), x, layout)
+        return _amplitude(shapes, jnp.exp(theta[0]), x, layout)
+    return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, jnp.exp(theta[0]), x, layout)
 
 
-def _turned(forced: Array, free: Array, gain: Array, x: Experiment, layout: Layout):
+def _own(shapes: Response, layout: Layout) -> tuple[Array, ...]:
+    """The columns of a d/q log that depend on the plant."""
+    if layout.steady:
+        return ()
+    return (shapes.free, shapes.rate) if layout.late else (shapes.free,)
+
+
+def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
+    """Start and lateness of the weights that `_own` was given."""
+    zero = jnp.zeros((), weights.dtype)
+    return (zero if layout.steady else weights[0]), (weights[1] if layout.late else zero)
+
+
+def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done."""
-    span = _Span(() if layout.steady else (_held(free, 0, x),))
-    white = _off(_whiten(forced, x), x)
+    span = _Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
+    white = _off(_whiten(shapes.forced, x), x)
     left, shape = span.off(x.response), span.off(white)
     overlap = jnp.vdot(shape, left)
     safe = jnp.where(overlap == 0, 1.0, overlap)
     turn = jnp.where((x.rotated > 0) & (overlap != 0), safe / jnp.hypot(safe.real, safe.imag), 1.0)
-    decay = jnp.zeros((), free.dtype) if layout.steady else span.weights(x.response - turn * white)[0]
+    nuisances = (turn, *_filled(span.weights(x.response - turn * white), layout))
     phase = 1j * turn * shape  # what a little more rotation adds
     share = x.rotated / jnp.maximum(jnp.sum(shape.real**2 + shape.imag**2), 1e-300)
 
@@ -169,35 +187,41 @@ def _turned(forced: Array, free: Array, gain: Array, x: Experiment, layout: Layo
         v = span.off(_off(v, x))
         return v - share * jnp.vdot(phase, v).real * phase
 
-    driven = _modelled((forced, free), (turn, decay), layout)
-    return Residual(left - turn * shape, driven, x.start, x.floor, gain), (turn, decay), off
+    driven = _modelled(shapes, nuisances, layout)
+    late = (nuisances[2] * jnp.conj(turn)).real
+    return Residual(left - turn * shape, driven, x.start, x.floor, late, gain), nuisances, off
 
 
-def _own_gain(forced: Array, free: Array, x: Experiment, layout: Layout):
+def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    own = (forced,) if layout.steady else (forced, free)
+    own = (shapes.forced, *_own(shapes, layout))
     span = _Span([_held(c, i, x) for i, c in enumerate(own)])
     weights = span.weights(x.response)
-    turn, decay = weights[0], jnp.zeros_like(weights[0]) if layout.steady else weights[1]
-    driven = _modelled((forced, free), (turn, decay), layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, jnp.abs(turn))
-    return found, (turn, decay), lambda v: span.off(_off(v, x))
+    nuisances = (weights[0], *_filled(weights[1:], layout))
+    driven = _modelled(shapes, nuisances, layout)
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]))
+    return found, nuisances, lambda v: span.off(_off(v, x))
 
 
-def _amplitude(forced: Array, free: Array, gain: Array, x: Experiment, layout: Layout):
-    """An amplitude log, linear in its start and its floor about their present values."""
-    now = (x.start, x.floor)
-    size = _modelled((forced, free), now, layout)
+def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
+    """An amplitude log, linear in its start, its floor and its lateness about their present values."""
+    now = (jnp.ones(()), x.start, x.late, x.floor)
+    size = _modelled(shapes, now, layout)
     if layout.steady:
-        return Residual(x.response - _whiten(size, x), size, *now, gain), now, lambda v: v
-    along = jnp.conj(forced + x.start * free) * free / size
+        return Residual(x.response - _whiten(size, x), size, x.start, x.floor, x.late, gain), now, lambda v: v
+    towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
+    along = towards * shapes.free
     scale = 1 / x.tightness
-    own = (along.real, -along.imag, 0.5 / size * x.floor_free * scale)
-    values = (x.start.real, x.start.imag, x.floor / scale)
+    own = [along.real, -along.imag, 0.5 / size * x.floor_free * scale]
+    values = [x.start.real, x.start.imag, x.floor / scale]
+    free = [x.start_free, x.start_free, x.floor_free]
+    if layout.late:
+        own, values, free = [*own, (towards * shapes.rate).real], [*values, x.late], [*free, jnp.ones(())]
     span = _Span([_held(c, i, x) for i, c in enumerate(own)])
     target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
-    found = jnp.where(jnp.stack([x.start_free, x.start_free, x.floor_free]) > 0, span.weights(target), jnp.stack(values))
-    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, gain), now, span.off
+    found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
+    late = found[3] if layout.late else x.late
+    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, late, gain), now, span.off
 
 
 def _held(column: Array, i: int, x: Experiment) -> Array:

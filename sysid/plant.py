@@ -85,8 +85,16 @@ class Hold(NamedTuple):
     turn: Leaf
 
 
-def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False) -> tuple[Array, Array]:
-    """Response of each row to the drive from rest, per unit G, and the free decay of a unit start: two (N,) arrays.
+class Response(NamedTuple):
+    """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a unit start."""
+
+    forced: Array
+    rate: Array
+    free: Array
+
+
+def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False) -> Response:
+    """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
@@ -95,9 +103,9 @@ def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, car
     push = s.gain * hold.drive
     ripple = jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)
     kick = -jnp.diff(ripple, prepend=ripple[:1]).conj() * hold.turn if carrier else None
-    forced, free = _propagate(s.slow, push, hold, kick)
-    rest = _propagate(s.fast, -push, hold)[0] if both_modes else ripple[hold.interval]
-    return forced + rest, free
+    slow = _propagate(s.slow, push, hold, kick)
+    rest = _propagate(s.fast, -push, hold).forced if both_modes else ripple[hold.interval]
+    return slow._replace(forced=slow.forced + rest)
 
 
 def _over(real: Array, z: Array) -> Array:
@@ -146,7 +154,7 @@ def carried(growth: Array, target: Array, kick: Array | None = None) -> tuple[tu
     return (forced.T.reshape(count), free.T.reshape(count)), last
 
 
-def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) -> tuple[Array, Array]:
+def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) -> Response:
     """Exact response of Z' = pole Z + push over held inputs, from rest, kicked as each begins; and the decay of a unit start.
 
     Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
@@ -159,7 +167,8 @@ def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) 
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
     grown = expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
-    return forced + grown * (forced + target), free + grown * free
+    forced = forced + grown * (forced + target)
+    return Response(forced, pole * (forced + target), free + grown * free)
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["G", "tau", "f0", "k_T"], meta_fields=["reference_temperature"])
@@ -203,8 +212,8 @@ class Plant:
         time = np.asarray(time, float)
         hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
         detuning = 2 * jnp.pi * self._resonance(hold.warming) + hold.offset
-        forced, free = respond(self.tau, detuning, hold, both_modes=both_modes)
-        return _plain(self._gain * forced + start * free)
+        found = respond(self.tau, detuning, hold, both_modes=both_modes)
+        return _plain(self._gain * found.forced + start * found.free)
 
     @property
     def _gain(self):

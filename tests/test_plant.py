@@ -181,7 +181,7 @@ def test_a_delay_is_a_response_that_comes_later():
     drive = np.where(time < 0.95e-3, 0.0, 1.0)
     hold = hold_inputs(time, drive, delay=delay)
     with jax.enable_x64(True):
-        forced, _ = respond(tau, np.zeros(len(hold.drive)), hold)
+        forced = respond(tau, np.zeros(len(hold.drive)), hold).forced
     since = np.maximum(time - 1e-3 - delay, 0)
     np.testing.assert_allclose(forced, 1 - np.exp(-since / tau), atol=1e-15)  # the step's closed form
 
