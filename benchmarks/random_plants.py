@@ -218,15 +218,15 @@ def main() -> None:
         print(outcome(given.replay).text)
         return
     seeds, outcomes = range(given.seed, given.seed + given.plants), []
-    with tempfile.TemporaryDirectory() as folder:
-        # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 240 plants.
-        with get_context("spawn").Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers:
-            for o in track(workers.imap(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
-                outcomes.append(o)
-                if o.informed and (o.verdict != "found" or o.result != "successful"):
-                    print(o.text, flush=True)
-                if len(outcomes) % 500 == 0:
-                    write(outcomes, given)
+    # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 240 plants.
+    spawn = get_context("spawn")
+    with tempfile.TemporaryDirectory() as folder, spawn.Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers:
+        for o in track(workers.imap(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
+            outcomes.append(o)
+            if o.informed and (o.verdict != "found" or o.result != "successful"):
+                print(o.text, flush=True)
+            if len(outcomes) % 500 == 0:
+                write(outcomes, given)
     print(write(outcomes, given).split("\n\nNot found")[0])
 
 

@@ -5,13 +5,13 @@ For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it
     y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: offset, feedthrough, slope; free decay from the unknown start;
                                                                   -G dh/dt of a response that is late
 
-with h the plant's response per unit G. Late covers, to first order, a trigger, a demodulator's filter and, as nu is complex,
-the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub & Pereyra, SIAM J. Numer. Anal.
-10, 413, 1973): the columns that do not depend on the plant once and for all, the free decay at each plant; phi by its
-closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has a zero-mean normal
-prior ten times as wide as the log's response, which enters as one more row; it keeps columns apart that a log cannot separate.
-An amplitude log, w = sqrt(|G h + nu_1 e|^2 + nu_2), is linear in its nuisances only about their current values, which the fit
-updates. How late a response is has a prior of one row, or of one radian of the carrier where that is longer.
+with h the plant's response per unit G. Lateness covers, to first order, a trigger and a demodulator's filter and, as nu is
+complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub &
+Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
+plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has
+a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where
+that is longer; it enters as one more row and keeps columns apart that a log cannot separate. An amplitude log,
+w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
 log p = -sum_logs (degrees of freedom / 2) log S.
