@@ -10,6 +10,7 @@ from sysid.experiment import LEAST_WARMING, NUISANCES, Trial
 from sysid.guess import candidates
 from sysid.log import Log
 from sysid.minimise import NAMES, Minimiser, State
+from sysid.misfit import Found, misfits
 from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.result import Parameter, Result
@@ -110,11 +111,12 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     known = {n: float(values[n]) if n in free else None for n in NAMES}
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
-    described, logs = _described(best)
-    warnings = warnings + described
+    found = misfits(best, reference, free) if best.converged else []
+    described, doubts = _described(best, found)
+    warnings = warnings + doubts + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
-        plant, {}, free, covariance, result, at, logs, tuple(warnings), units, tuple(states), reference
+        plant, {}, free, covariance, result, at, _fitted(best), tuple(warnings), units, tuple(states), reference
     )  # fmt: skip
     parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in NAMES}
     if result is Result.successful and not usable(parameters, best.trials):
@@ -174,18 +176,32 @@ def _units(log: Log) -> dict[str, str]:
     return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
 
 
-def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
-    """Each log beside its model; and, for every log that the model does not describe, a sentence."""
-    misfits, fitted = [], []
-    tau, std = float(np.exp(state.theta[1])), float(np.exp(state.theta[1]) * np.sqrt(state.covariance[1, 1]))
+NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
+
+
+def _described(state: State, found: Sequence[Found]) -> tuple[list[str], list[str]]:
+    """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning."""
+    said, named = [], False
+    for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
+        model = model.real if trial.log.amplitude_only else model
+        named = any(f.harmful and f.log in (i, None) for f in found)
+        sure = identify.touched(trial) or identify.clipped(trial)
+        left = None if named else identify.misfit(trial, model, trial.log.response - model, float(np.exp(state.theta[1])))
+        said += [f"{trial.log.name}: {what}" for what in (sure or left,) if what]
+    harmful = [f for f in found if f.harmful]
+    if harmful:
+        likely = {f.name: f.sentence for f in reversed(harmful) if f.worth >= harmful[0].worth - NEARLY}
+        return [*said, "; or else ".join(reversed(likely.values()))], []
+    return said, [f"{f.sentence} (no parameter moves by its error)" for f in found[:1]]
+
+
+def _fitted(state: State) -> tuple[FittedLog, ...]:
+    """Each log beside its model."""
+    fitted = []
     for trial, model in zip(state.trials, state.models, strict=True):
         model = model.real if trial.log.amplitude_only else model
         left = trial.log.response - model
-        said = identify.touched(trial) or identify.misfit(trial, model, left, tau) or identify.filtered(trial, tau, std)
-        if said:
-            misfits.append(f"{trial.log.name}: {said}")
         centred = trial.log.response - np.mean(trial.log.response)
-        nrmse = 100 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(centred)), 1e-300)
         fitted.append(
             FittedLog(
                 log=trial.log,
@@ -193,13 +209,13 @@ def _described(state: State) -> tuple[list[str], tuple[FittedLog, ...]]:
                 rows=int(trial.count.sum()),
                 response=model,
                 residual=left,
-                nrmse_percent=nrmse,
+                nrmse_percent=100 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(centred)), 1e-300),
                 noise_std=trial.noise_std,
                 noise_time=trial.noise_time,
                 description=identify.describe(trial),
             )
         )
-    return misfits, tuple(fitted)
+    return tuple(fitted)
 
 
 def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:

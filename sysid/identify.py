@@ -189,15 +189,20 @@ def _warm(trial: Trial) -> bool:
     return trial.log.temperature is not None
 
 
-def filtered(trial: Trial, tau: float, std: float) -> str | None:
-    """A sentence when a lock-in's filter, which is not modelled, lengthens tau by more than its error; else None."""
-    delay = trial.log.bench.get("lockin_tau_s", 0.0) * trial.log.bench.get("lockin_order", 1.0)
-    if trial.steady or delay <= std:
-        return None
-    return (
-        f"its lock-in's filter ({_seconds(delay)} of delay) is not modelled and makes tau too long by about as much;"
-        f" record with a filter faster than {_seconds(std)}, or fit sweeps alone"
-    )
+CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
+
+
+def clipped(trial: Trial) -> str | None:
+    """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
+    y = trial.log.response
+    for channel in (y.real,) if trial.log.amplitude_only else (y.real, y.imag, np.abs(y)):
+        values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
+        for end in (0, -1):
+            beyond = values[end] != 0 and count[end] > max(CLIPPED * len(channel), 4)
+            if beyond and len(values) > 20 and count[end] > 5 * np.median(count) and not np.all(trial.count > 1):
+                at = values[end] * trial.scale
+                return f"saturated: {count[end]} rows lie exactly at {at:.4g}; record it again within the range"
+    return None
 
 
 def touched(trial: Trial) -> str | None:

@@ -253,7 +253,8 @@ def _update(trials, members, found, round_: int):
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
             models[i] = trials[i].completed(detail.driven[k][: len(trials[i].log)])
-            new = _renew(trials[i], models[i], *(v[k] for v in (detail.start, detail.floor, detail.late)), round_)
+            own = complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
+            new = _renew(trials[i], models[i], *own, round_)
             cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
             moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
@@ -275,7 +276,7 @@ def _renew(trial: Trial, model: np.ndarray, start: complex, floor: float, late: 
     std, time = estimate(left * trial.weight, trial.clock, freedom(trial))
     if round_ > 2 and time > 0 and trial.noise_time > 0:
         time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
-    new = replace(with_noise(trial, std, time), late=float(late) * trial.lateness / trial.looseness)
+    new = replace(with_noise(trial, std, time), late=late * trial.lateness / trial.looseness)
     if trial.log.relative_noise and round_ < 10:  # held after a while: a weight that follows the fit may circle
         new = replace(new, level=np.abs(model))
     if trial.signed:
@@ -283,4 +284,4 @@ def _renew(trial: Trial, model: np.ndarray, start: complex, floor: float, late: 
     # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
     free = new.floor_free and not trial.steady and floor > 0
     held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
-    return replace(new, start=complex(start), floor=float(floor) if free else held, floor_free=bool(free))
+    return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))

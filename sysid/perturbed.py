@@ -1,0 +1,157 @@
+"""What a small change of the physics adds to a log: shapes for the tests of `sysid.misfit`. Plain numpy, no compilation.
+
+Near the fitted plant the slow mode obeys Z' = a Z + b V. A change of the physics that adds epsilon(t) to the right-hand side adds
+
+    dZ(t) = integral of e^{a (t - s)} epsilon(s) ds,        settled: dZ = -epsilon/a
+
+to the response: epsilon = j |Z|^2 Z for a resonance that moves with the amplitude, j t Z for one that drifts, and so on. The
+derivatives by tau, f0 and k_T are such changes too. Between two rows epsilon is taken as a straight line.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from sysid.experiment import Trial
+from sysid.plant import Hold
+
+BLOCK = 30.0  # e-folds of decay that are summed at once: more would underflow
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The course of one log at theta = (log G, log tau, f0 - reference, k_T), per unit rotation; arrays over its rows (n,)."""
+
+    trial: Trial
+    hold: Hold = field(repr=False)
+    theta: np.ndarray
+
+    @cached_property
+    def gain(self) -> float:
+        """G; 1 for a log whose own gain is free."""
+        return 1.0 if self.trial.log.drive is None else float(np.exp(self.theta[0]))
+
+    @cached_property
+    def tau(self) -> float:
+        return float(np.exp(self.theta[1]))
+
+    @cached_property
+    def _poles(self) -> np.ndarray:
+        """(M,) slow pole of each interval; at resonance where no frequency is recorded."""
+        detuning = self.hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * self.hold.warming)
+        return -1 / self.tau + 1j * np.where(np.isfinite(self.hold.omega), detuning, 0.0)
+
+    @property
+    def pole(self) -> np.ndarray:
+        """Slow pole over the step that ends at each row."""
+        return self._poles[self.hold.interval]
+
+    @property
+    def push(self) -> np.ndarray:
+        """b V over the step that ends at each row."""
+        return self.gain / self.tau * self.hold.drive[self.hold.interval]
+
+    @cached_property
+    def forced(self) -> np.ndarray:
+        """Response to the drive from rest."""
+        return self.forced_at(self._poles)
+
+    def forced_at(self, poles: np.ndarray, delay: float = 0.0) -> np.ndarray:
+        """Response from rest of a mode with other poles (M,), by `delay` (s) later."""
+        hold, push = self.hold, self.gain / self.tau * self.hold.drive
+        if self.trial.steady:
+            return (-push / poles)[hold.interval]
+        target = push / poles
+        grown = np.expm1(poles * hold.duration)
+        after = _accumulated(poles * hold.duration, grown * target)
+        before = np.concatenate([[0.0], after[:-1]])[hold.interval]
+        elapsed = hold.elapsed - delay
+        late = elapsed < 0  # still in the interval before: one is enough for a delay shorter than an interval
+        if np.any(late):
+            row = np.maximum(hold.interval - 1, 0)
+            begin = np.concatenate([[0.0], after[:-1]])[row]
+            since = np.maximum(hold.duration[row] + elapsed, 0.0)
+            earlier = np.where(hold.interval > 0, begin + np.expm1(poles[row] * since) * (begin + target[row]), 0.0)
+        z = before + np.expm1(poles[hold.interval] * np.maximum(elapsed, 0.0)) * (before + target[hold.interval])
+        return np.where(late, earlier, z) if np.any(late) else z
+
+    @cached_property
+    def free(self) -> np.ndarray:
+        """Decay of a unit start at the beginning of the first interval."""
+        if self.trial.steady:
+            return np.zeros(len(self.trial.log), complex)
+        begun = np.concatenate([[0.0], np.cumsum(self._poles * self.hold.duration)[:-1]])
+        return np.exp(begun[self.hold.interval] + self.pole * self.hold.elapsed)
+
+    @property
+    def rate(self) -> np.ndarray:
+        """Rate of change of `forced`, 1/s."""
+        return self.pole * self.forced + self.push
+
+    @cached_property
+    def _steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Exponent a h of the step to each row after the first, and what the step's first and last epsilon weigh."""
+        h = np.diff(self.trial.log.time)
+        z = self.pole[1:] * h
+        first, second = _phi(z)
+        return z, h * (first - second), h * second
+
+    def response_to(self, begin: np.ndarray, end: np.ndarray | None = None) -> np.ndarray:
+        """What epsilon adds: (n,) its value at each row or, where it jumps, at the `begin` and `end` of the step to each row."""
+        if self.trial.steady:
+            return -begin / self.pole
+        first, last = (begin[:-1], begin[1:]) if end is None else (begin[1:], end[1:])
+        z, weigh_first, weigh_last = self._steps
+        return np.concatenate([[0.0], _accumulated(z, weigh_first * first + weigh_last * last)])
+
+    def filtered(self, response: np.ndarray, tau: float, order: int) -> np.ndarray:
+        """A response behind a lock-in's low-pass of `order` poles of `tau` seconds."""
+        h = np.diff(self.trial.log.time)
+        z = np.asarray(-h / tau, complex)
+        first, second = _phi(z)
+        for _ in range(order):
+            push = h / tau * ((first - second) * response[:-1] + second * response[1:])
+            start = response[0]
+            response = _accumulated(z, np.concatenate([[push[0] + np.exp(z[0]) * start], push[1:]]))
+            response = np.concatenate([[start], response])
+        return response
+
+    def derivatives(self, response: np.ndarray) -> np.ndarray:
+        """(n, 4) of the plant's part of the `response` by log G, log tau, f0 (Hz) and k_T (Hz/degC); `response` is turned by
+        the same angle as `push` is here, zero."""
+        warming = self.hold.warming[self.hold.interval]
+        turning = 2j * np.pi * response
+        slower = self.response_to(response / self.tau) - self._pushed(self.push)
+        own = np.zeros_like(self.forced) if self.trial.log.drive is None else self.forced
+        if not self.trial.resonant:
+            return np.stack([own, slower, 0 * slower, 0 * slower], axis=1)
+        return np.stack([own, slower, self.response_to(turning), self.response_to(turning * warming)], axis=1)
+
+    def _pushed(self, push: np.ndarray) -> np.ndarray:
+        return self.response_to(push, push)
+
+
+def _phi(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(e^z - 1)/z and (e^z - 1 - z)/z^2."""
+    near = np.abs(z) < 1e-2
+    safe = np.where(near, 1.0, z)
+    first = np.where(near, 1 + z / 2 + z**2 / 6 + z**3 / 24, np.expm1(safe) / safe)
+    return first, np.where(near, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (first - 1) / safe)
+
+
+def _accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
+    """z after each step of z+ = e^exponent z + push from zero, by cumulative sums over stretches that do not underflow."""
+    found = np.empty(len(push), complex)
+    total = np.cumsum(exponent)
+    z, begin, behind = 0j, 0, 0j
+    while begin < len(push):
+        end = int(np.searchsorted(-total.real, BLOCK - behind.real, side="right"))
+        end = max(end, begin + 1)
+        if end == begin + 1:
+            found[begin] = np.exp(exponent[begin]) * z + push[begin]
+        else:
+            grown = total[begin:end] - behind
+            found[begin:end] = np.exp(grown) * (z + np.cumsum(push[begin:end] * np.exp(-grown)))
+        z, behind, begin = found[end - 1], total[end - 1], end
+    return found
