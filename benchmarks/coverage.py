@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
@@ -262,6 +263,11 @@ def cases() -> Iterator[Case]:
     yield Case("hurried sweep, dwell 1 tau, with its times", (hurried(TAU),))
 
 
+@cache
+def every_case() -> tuple[Case, ...]:
+    return tuple(cases())
+
+
 def with_bench(case: Case, what: str, level: float, free: Sequence[str]) -> Case:
     """The case with one nuisance present in each log that can have it, at `level` of its Cramer-Rao standard deviation when all
     of `free` is."""
@@ -433,7 +439,7 @@ def chunks(chosen: Sequence[Case], given: argparse.Namespace) -> list[tuple[str,
 
 def work(chunk: tuple[str, int, int, int]) -> list[Outcome]:
     name, first, last, sampled = chunk
-    case = next(case for case in cases() if case.name == name)
+    case = next(case for case in every_case() if case.name == name)
     return [outcome(case, seed, seed - first < sampled) for seed in range(first, last)]
 
 
@@ -449,7 +455,7 @@ def main() -> None:
     parser.add_argument("--case", default="")
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
-    chosen = [case for case in cases() if given.case in case.name]
+    chosen = [case for case in every_case() if given.case in case.name]
     todo, outcomes = chunks(chosen, given), []
     command = f"python benchmarks/coverage.py --seeds {given.seeds} --posterior {given.posterior} --seed {given.seed}"
     with tempfile.TemporaryDirectory() as folder:
