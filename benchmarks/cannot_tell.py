@@ -204,7 +204,7 @@ CAUSES = {
         "tau", ("longest log covers|window",), lambda b: [b.step(b.rng.uniform(0.1, 0.5) * b.plant.tau)], longer
     ),
     "amplitude of a step at resonance": Cause(
-        "f0", ("amplitude", "near resonance|at resonance"), lambda b: [b.step(amplitude_only=True)], and_sweep
+        "f0", ("amplitude",), lambda b: [b.step(amplitude_only=True)], and_sweep
     ),
     "amplitude of a step off resonance": Cause(
         "f0",
@@ -213,7 +213,7 @@ CAUSES = {
         as_dq,
     ),
     "rotation or f0": Cause("f0", ("rotation|phase",), settled, and_sweep),
-    "fixed frequency while it warms": Cause("tau", ("product|k_T.{0,5}tau|k_T and",), warming, and_step),
+    "fixed frequency while it warms": Cause("k_T", ("product|k_T.{0,5}tau|k_T and",), warming, and_step),
     "sweep too narrow": Cause("tau", ("sweep", "width"), lambda b: [b.sweep(b.rng.uniform(0.1, 0.5) * b.half_bandwidth)], wider),
     "rows coarser than the transient": Cause(
         "tau", ("rows are", "settles between"), lambda b: [b.step(b.rng.uniform(3, 10) * b.plant.tau * (ROWS - 1 - EARLY))], closer
