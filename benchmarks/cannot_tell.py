@@ -12,6 +12,7 @@ which shares no code with the package. Writes cannot_tell.md beside itself.
 """
 
 import argparse
+import os
 import re
 import runpy
 import tempfile
@@ -364,6 +365,7 @@ def main() -> None:
         return
     seeds = [s for s in range(given.seed, given.seed + given.logs) if given.cause in bench(s)[0]]
     chunks, outcomes = [seeds[i : i + CHUNK] for i in range(0, len(seeds), CHUNK)], []
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
     with tempfile.TemporaryDirectory() as folder:
         # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
         workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=10)

@@ -11,6 +11,7 @@ with the package; the noise, and the Cramer-Rao bounds, are made here. Writes co
 """
 
 import argparse
+import os
 import re
 import runpy
 import tempfile
@@ -458,6 +459,7 @@ def main() -> None:
     chosen = [case for case in every_case() if given.case in case.name]
     todo, outcomes = chunks(chosen, given), []
     command = f"python benchmarks/coverage.py --seeds {given.seeds} --posterior {given.posterior} --seed {given.seed}"
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
     with tempfile.TemporaryDirectory() as folder:
         # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
         workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=10)
