@@ -18,7 +18,6 @@ import runpy
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -61,7 +60,9 @@ class Bench:
         """The resonance at a temperature, Hz."""
         return self.plant.f0 + self.plant.k_T * (temperature - DEGC)
 
-    def log(self, name: str, drive, frequency, temperature=None, time=None, amplitude_only: bool = False, rest: bool = True) -> Log:
+    def log(
+        self, name: str, drive, frequency, temperature=None, time=None, amplitude_only: bool = False, rest: bool = True
+    ) -> Log:
         """A noisy record of these inputs (n,); `rest` False: settled at the first row's inputs before."""
         n = len(drive)
         frequency = np.broadcast_to(np.asarray(frequency, float), n)
@@ -204,9 +205,7 @@ CAUSES = {
     "window of 0.1 to 0.5 tau": Cause(
         "tau", ("longest log covers|window",), lambda b: [b.step(b.rng.uniform(0.1, 0.5) * b.plant.tau)], longer
     ),
-    "amplitude of a step at resonance": Cause(
-        "f0", ("amplitude",), lambda b: [b.step(amplitude_only=True)], and_sweep
-    ),
+    "amplitude of a step at resonance": Cause("f0", ("amplitude",), lambda b: [b.step(amplitude_only=True)], and_sweep),
     "amplitude of a step off resonance": Cause(
         "f0",
         ("amplitude", "side|sign"),
@@ -217,12 +216,17 @@ CAUSES = {
     "fixed frequency while it warms": Cause("k_T", ("product|k_T.{0,5}tau|k_T and",), warming, and_step),
     "sweep too narrow": Cause("tau", ("sweep", "width"), lambda b: [b.sweep(b.rng.uniform(0.1, 0.5) * b.half_bandwidth)], wider),
     "rows coarser than the transient": Cause(
-        "tau", ("rows are", "settles between"), lambda b: [b.step(b.rng.uniform(3, 10) * b.plant.tau * (ROWS - 1 - EARLY))], closer
+        "tau",
+        ("rows are", "settles between"),
+        lambda b: [b.step(b.rng.uniform(3, 10) * b.plant.tau * (ROWS - 1 - EARLY))],
+        closer,
     ),
     "noise hides the transient": Cause("tau", ("noise",), lambda b: [loud(b).step()], larger),
     "no drive recorded": Cause("G", ("no drive is recorded",), lambda b: [replace(b.step(), drive=None)], column("drive")),
     "drive zero throughout": Cause("G", ("drive is zero",), lambda b: [ring_down(b)], and_step),
-    "no frequency": Cause("f0", ("no frequency is recorded",), lambda b: [replace(b.step(), frequency=None)], column("frequency")),
+    "no frequency": Cause(
+        "f0", ("no frequency is recorded",), lambda b: [replace(b.step(), frequency=None)], column("frequency")
+    ),
     "no temperature": Cause("k_T", ("no temperature is recorded",), lambda b: [b.step(), b.sweep()], two_temperatures),
 }
 
@@ -255,15 +259,16 @@ class Outcome:
     text: str = ""
 
 
-def outcome(seed: int) -> Outcome:
-    """Fit the logs of one seed; then, where its sentence asks for a record, with that record. A fit that raises is named."""
+def outcome(seed: int, follow: bool = True) -> Outcome:
+    """Fit the logs of one seed; then (`follow`), where its sentence asks for a record, with that record. A fit that raises is
+    named."""
     name, made = bench(seed)
     cause = CAUSES[name]
     logs = cause.logs(made)
     try:
         found = fit(logs)
         why = found.parameters[cause.parameter].why
-        after = fit(more) if why and (more := cause.advised(made, logs, why)) else None
+        after = fit(more) if follow and why and (more := cause.advised(made, logs, why)) else None
     except Exception as error:
         return Outcome(seed, name, "raised", False, False, np.inf, f"{type(error).__name__}: {error}")
     return Outcome(
@@ -292,7 +297,9 @@ def farthest(made: Bench, found: Fit) -> float:
 def described(seed: int, made: Bench, name: str, found: Fit, after: Fit | None) -> str:
     """A paragraph about one seed: its plant, its logs, what was said, before and after."""
     t = made.plant
-    lines = [f"seed {seed}: {name}; G {t.G:.4g}, tau {t.tau:.4g} s, Q {np.pi * t.f0 * t.tau:.4g}, noise {made.noise / t.G:.2g} of G V"]
+    lines = [
+        f"seed {seed}: {name}; G {t.G:.4g}, tau {t.tau:.4g} s, Q {np.pi * t.f0 * t.tau:.4g}, noise {made.noise / t.G:.2g} of G V"
+    ]
     for title, one in (("", found), ("with what was asked for: ", after)):
         if one is not None:
             lines.append(f"    {title}{one.result.name}; {'; '.join(log.log.name for log in one.logs)}")
@@ -309,7 +316,9 @@ def described(seed: int, made: Bench, name: str, found: Fit, after: Fit | None) 
 def table(outcomes: Sequence[Outcome], command: str) -> str:
     """The study as Markdown."""
     lines = ["# Logs that cannot tell", "", f"Made by `{command}`.", "", INTRODUCTION]
-    lines += ["| cause | parameter | logs | undetermined | cause named | silently wrong | advised | then determined | then wrong |"]
+    lines += [
+        "| cause | parameter | logs | undetermined | cause named | silently wrong | advised | then determined | then wrong |"
+    ]
     lines += ["|---|---|---|---|---|---|---|---|---|"]
     for name, cause in CAUSES.items():
         if of := [o for o in outcomes if o.cause == name]:
@@ -366,12 +375,11 @@ def main() -> None:
     seeds = [s for s in range(given.seed, given.seed + given.logs) if given.cause in bench(s)[0]]
     chunks, outcomes = [seeds[i : i + CHUNK] for i in range(0, len(seeds), CHUNK)], []
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
-    with tempfile.TemporaryDirectory() as folder:
-        # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
-        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=10)
-        with workers:
-            for found in track(workers.map(work, chunks), total=len(chunks), console=Console(stderr=True)):
-                outcomes += found
+    # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
+    pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 10}
+    with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
+        for found in track(workers.imap(work, chunks), total=len(chunks), console=Console(stderr=True)):
+            outcomes += found
     text = table(outcomes, f"python benchmarks/cannot_tell.py --logs {given.logs} --seed {given.seed}")
     if not given.cause:
         (HERE / "cannot_tell.md").write_text(text, encoding="utf-8")

@@ -17,7 +17,6 @@ import runpy
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache
 from multiprocessing import get_context
@@ -191,9 +190,7 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
         parts.append({(i if name not in NAMES else -1, name): _real(v, z, weight, case.noise.memory, inputs)
                       for name, v in rows.items()})  # fmt: skip
         labels += [label for label in parts[-1] if label not in labels]
-    jacobian = np.concatenate(
-        [np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts]
-    )
+    jacobian = np.concatenate([np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts])
     size = np.linalg.norm(jacobian, axis=0)
     seen = size > 1e-9 * size.max()  # what no row depends on
     unit = jacobian[:, seen] / size[seen]
@@ -464,14 +461,13 @@ def main() -> None:
     todo, outcomes = chunks(chosen, given), []
     command = f"python benchmarks/coverage.py --seeds {given.seeds} --posterior {given.posterior} --seed {given.seed}"
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
-    with tempfile.TemporaryDirectory() as folder:
-        # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
-        workers = ProcessPoolExecutor(given.jobs, get_context("spawn"), _begin, (folder,), max_tasks_per_child=10)
-        with workers:
-            for found in track(workers.map(work, todo), total=len(todo), console=Console(stderr=True)):
-                outcomes += found
-                if not given.case and sum(o.case == found[0].case for o in outcomes[-given.seeds :]) == given.seeds:
-                    (HERE / "coverage.md").write_text(table(outcomes, chosen, command), encoding="utf-8")
+    # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
+    pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 10}
+    with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
+        for found in track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)):
+            outcomes += found
+            if not given.case and sum(o.case == found[0].case for o in outcomes[-given.seeds :]) == given.seeds:
+                (HERE / "coverage.md").write_text(table(outcomes, chosen, command), encoding="utf-8")
     print(table(outcomes, chosen, command))
 
 
