@@ -1,0 +1,48 @@
+"""A short version of the study benchmarks/coverage.py: three of its cases, 60 seeds each, fixed before they were run."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+STUDY = Path(__file__).parents[1] / "benchmarks" / "coverage.py"
+CASES = ("white, step", "white, sweep", "amplitude, sweep, noise 1 %")
+SEEDS = 60
+CHANCE = 1e-3  # of each bound below, if the intervals are true
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    spec = importlib.util.spec_from_file_location("coverage_study", STUDY)  # not by its name: a package has the same
+    study = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(study)
+    chosen = [case for case in study.every_case() if case.name in CASES]
+    yield [study.outcome(case, seed) for case in chosen for seed in range(SEEDS)]
+    del sys.modules[spec.name]
+
+
+def bounds(seeds):
+    """Limits of the share of covered intervals: the three parameters of a seed count as one, for their errors are related."""
+    return binom.ppf(CHANCE, seeds, 0.95) / seeds, binom.ppf(1 - CHANCE, seeds, 0.95) / seeds
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(outcomes):
+    assert len(outcomes) == len(CASES) * SEEDS
+    assert all(o.result == "successful" for o in outcomes), {o.said for o in outcomes}
+    held = [h for o in outcomes for h in o.held.values()]
+    assert len(held) == 3 * len(outcomes)
+    low, high = bounds(len(outcomes))
+    assert low <= np.mean(held) <= high
+    scores = np.array([list(o.scores.values()) for o in outcomes])
+    assert np.mean(np.abs(scores) < 0.7 * 1.96) < low  # this test sees intervals that are 30 % too narrow
+
+
+def test_stated_errors_are_those_of_the_estimates(outcomes):
+    scores = np.array([list(o.scores.values()) for o in outcomes])
+    # The standard deviation of n scores is known to 1/sqrt(2 n), their mean to 1/sqrt(n); 3.3 of these are CHANCE.
+    n = len(outcomes)
+    assert abs(np.std(scores) - 1) < 3.3 / np.sqrt(2 * n)
+    assert np.all(np.abs(scores.mean(axis=0)) < 3.3 / np.sqrt(n))
