@@ -48,8 +48,8 @@ class State(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs,
-    and the turn of the frame at the beginning of an interval (None: the phase goes on).
+    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs
+    (None: nothing asks for them), and the turn of the frame at the beginning of an interval (None: the phase goes on).
 
     Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is transposed.
     """
@@ -57,7 +57,7 @@ class Chunk(NamedTuple):
     duration: Leaf
     inputs: Inputs
     take: Leaf
-    rows: Inputs
+    rows: Inputs | None
     turn: Leaf
 
 
@@ -66,7 +66,8 @@ def folded(chunk: Chunk) -> Chunk:
     steps = len(chunk.duration) // _lanes_of(len(chunk.duration))
     lanes = len(chunk.duration) // steps
     duration, inputs, turn = jax.tree.map(lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn))
-    return Chunk(duration, inputs, chunk.take % steps * lanes + chunk.take // steps, chunk.rows, turn)
+    lane = chunk.take // steps
+    return Chunk(duration, inputs, (chunk.take - lane * steps) * lanes + lane, chunk.rows, turn)
 
 
 def _lanes_of(count: int) -> int:

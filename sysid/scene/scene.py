@@ -159,6 +159,11 @@ class Scene:
         most = (LANES - SPARE) // self.substeps
         return min(most, 1 << (max(self.rows, 64) - 1).bit_length())
 
+    @property
+    def _asks_for_rows(self) -> bool:
+        """Whether what is read depends on the inputs at a row, beside those of the intervals."""
+        return self.fidelity == "steady" or any(hasattr(e, "sense") for e in self.effects)
+
     def find(self, kind: Any) -> Any:
         """The scene's effect of a kind, or None."""
         return next((e for e in self.effects if isinstance(e, kind)), None)
@@ -181,7 +186,7 @@ class Scene:
             duration=np.pad(np.diff(span), (0, fill)),
             inputs=self._held(self._inputs(middle), fill),
             take=np.pad(np.searchsorted(knots, read[1:]) * self.substeps, (0, size - count), mode="edge"),
-            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count),
+            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count) if self._asks_for_rows else None,
             turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
         recorded = self._inputs(time, commanded=True)
@@ -260,6 +265,9 @@ class Scene:
         return turn
 
     def _log(self, columns: dict[str, np.ndarray | None]) -> Log:
+        for values in columns.values():
+            if values is not None:
+                values.flags.writeable = False  # they are the log's alone, which then need not copy them
         bench = {}
         if lock_in := self.find(LockIn):
             bench = {"lockin_tau_s": float(lock_in.tau), "lockin_order": float(lock_in.order)}
