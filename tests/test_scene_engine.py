@@ -401,6 +401,7 @@ def test_one_program_serves_all_chunks_and_scenes_of_a_shape():
 WRAPPERS = ("pjit", "jit", "closed_call", "custom_jvp_call")
 # What only moves numbers: it follows their shapes, and the way in which intervals are joined.
 MOVES = ("broadcast_in_dim", "convert_element_type", "slice", "squeeze", "stack", "transpose", "reshape", "iota", "eq", "scan")
+MOVES += ("complex",)
 
 
 def equations(jaxpr):
@@ -471,17 +472,18 @@ def test_an_effect_adds_its_equations_and_changes_no_other(name):
         arithmetic = [n for n in more if n not in MOVES]
         assert len(arithmetic) > len([n for n in less if n not in MOVES])
     with jax.enable_x64(True):
-        # its numbers (and its finger's), what it keeps from chunk to chunk, and what a phase needs to turn
+        # its numbers (and its finger's), what it keeps from chunk to chunk, what a phase needs to turn, and the rows' own drive,
+        # frequency and offset for what acts on rows
         fx = Scene(PLATE, constant(**inputs), 5, 1e4, made(*NEEDS.get(name, ()), name)).effects
         own = len(jax.tree.leaves(fx)) - len(NEEDS.get(name, ())) * 3
         kept = len(jax.tree.leaves(engine.start("exact", PLATE, fx, jax.random.key(0)))) - 2
-    assert leaves - fewer == own + kept + (name == "phase_reset")
+    assert leaves - fewer == own + kept + (name == "phase_reset") + 3 * hasattr(EFFECTS[name], "sense")
 
 
 def test_inputs_that_a_scene_lacks_are_not_in_its_program():
     bare, leaves = program(())
     warm, more = program((), temperature=25.0)
-    assert more == leaves + 2  # of the intervals and of the rows
+    assert more == leaves + 1  # of the intervals; of the rows where something asks for theirs
     assert len(warm) > len(bare)
     assert program((), force=1.0)[0] == bare  # nothing feels it
 
