@@ -49,7 +49,8 @@ class State(NamedTuple):
 
 class Chunk(NamedTuple):
     """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs
-    (None: nothing asks for them), and the turn of the frame at the beginning of an interval (None: the phase goes on).
+    (None: nothing asks for them), the turn of the frame at the beginning of an interval (None: the phase goes on), and the
+    carrier's phase theta at each row (None: rows are those of the frame, not samples of a carrier).
 
     Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is transposed.
     """
@@ -59,6 +60,7 @@ class Chunk(NamedTuple):
     take: Leaf
     rows: Inputs | None
     turn: Leaf
+    theta: Leaf = None
 
 
 def folded(chunk: Chunk) -> Chunk:
@@ -67,7 +69,8 @@ def folded(chunk: Chunk) -> Chunk:
     lanes = len(chunk.duration) // steps
     duration, inputs, turn = jax.tree.map(lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn))
     lane = chunk.take // steps
-    return Chunk(duration, inputs, (chunk.take - lane * steps) * lanes + lane, chunk.rows, turn)
+    take = (chunk.take - lane * steps) * lanes + lane
+    return chunk._replace(duration=duration, inputs=inputs, take=take, turn=turn)
 
 
 def _lanes_of(count: int) -> int:
@@ -178,9 +181,22 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
     if lock_in is not None:
         filtered, stages = _filtered(lock_in, found, effects, state.filter, chunk)
         return filtered.ravel()[chunk.take], state._replace(filter=stages)
-    response = _together([sum(before).ravel()[chunk.take] for before, _ in found], effects)
+    response = _together([_read(before, steps, chunk) for before, steps in found], effects)
     # A row is read just before its inputs act, so before the frame turns.
     return response if chunk.turn is None else response * chunk.turn.ravel()[chunk.take].conj(), state
+
+
+def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
+    """Response at each row of one resonance, from that of its modes at the beginning of each interval.
+
+    In samples of a carrier the free part U of the fast mode, Re[U e^{j theta}], has a positive frequency as
+    conj(U) e^{-2j theta}: what a sensor's phase shift turns.
+    """
+    if chunk.theta is None:
+        return sum(before).ravel()[chunk.take]
+    (slow, fast), settled = before, -steps.targets[1]
+    turns = (slow + settled).ravel()[chunk.take]
+    return turns + (fast - settled).ravel()[chunk.take].conj() * jnp.exp(-2j * chunk.theta)
 
 
 def _before_filter(effects: tuple) -> tuple:

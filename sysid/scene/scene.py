@@ -19,7 +19,7 @@ std_nm = 20
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -47,6 +47,7 @@ from sysid.scene.effects import (
 from sysid.scene.profile import Profile
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
+Phase = Callable[[int, int], np.ndarray]
 LANES = 65536  # intervals of a chunk
 SPARE = 256  # of them, for changes between rows
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
@@ -117,7 +118,9 @@ class Scene:
         """The log in successive pieces, in bounded memory."""
         return (self._log(columns) for columns in self._stream(seed))
 
-    def _stream(self, seed: int) -> Iterator[dict[str, np.ndarray | None]]:
+    def _stream(self, seed: int, theta: Phase | None = None) -> Iterator[dict[str, np.ndarray | None]]:
+        """Columns in successive pieces; with the carrier's phase `theta`, as a function of first row and count, rows are what
+        samples of the carrier hold."""
         scene = self.resolved()
         if scene.fidelity == "carrier":
             from sysid.scene.carrier import behind_lock_in
@@ -132,6 +135,8 @@ class Scene:
             with jax.enable_x64(True):
                 count = min(scene._chunk_rows, scene.rows - done)
                 chunk, columns = scene._chunk(done, count)
+                if theta:
+                    chunk = chunk._replace(theta=theta(done, len(chunk.take)))
                 response, state = engine.advance(
                     _numbers(scene.plant), scene.effects, state, chunk, key, jnp.asarray(done // scene._chunk_rows),
                     1 / scene.rate, scene.fidelity, scene._reference,
