@@ -19,6 +19,7 @@ std_nm = 20
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -165,6 +166,12 @@ class Scene:
         return min(most, 1 << (max(self.rows, 64) - 1).bit_length())
 
     @property
+    def _chunk_intervals(self) -> int:
+        """Intervals that a chunk is padded to; of few sizes where steps are tried out, as each size is a program of its own."""
+        wanted = self._chunk_rows * self.substeps + SPARE
+        return wanted if self.substeps == 1 else 4 ** math.ceil(math.log(wanted, 4) - 1e-9)
+
+    @property
     def _asks_for_rows(self) -> bool:
         """Whether what is read depends on the inputs at a row, beside those of the intervals."""
         return self.fidelity == "steady" or any(hasattr(e, "sense") for e in self.effects)
@@ -184,14 +191,15 @@ class Scene:
         near = np.append(float(Fraction(before - first) / exact), np.arange(count) / self.rate) - late
         knots, span = self._knots(read, np.maximum(near, -begin), begin)
         middle = 0.5 * (span[1:] + span[:-1]) + begin
-        padded = size * self.substeps + SPARE
+        padded = self._chunk_intervals
         padded += -(-max(len(span) - padded, 0) // 4096) * 4096  # one more than the intervals: the last row is read after them
         fill = padded - len(middle)
+        rows = self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count) if self._asks_for_rows else None
         chunk = engine.Chunk(
             duration=np.pad(np.diff(span), (0, fill)),
             inputs=self._held(self._inputs(middle), fill),
             take=np.pad(np.searchsorted(knots, read[1:]) * self.substeps, (0, size - count), mode="edge"),
-            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count) if self._asks_for_rows else None,
+            rows=rows,
             turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
         recorded = self._inputs(time, commanded=True)
