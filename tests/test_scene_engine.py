@@ -10,6 +10,7 @@ import carrier
 import jax
 import jax.numpy as jnp
 import numpy as np
+import programs
 import pytest
 from carrier import PLATE, random_scene
 from mpmath import mp
@@ -398,33 +399,14 @@ def test_one_program_serves_all_chunks_and_scenes_of_a_shape():
 
 # --- no effect, no equation ----------------------------------------------------------------------------------------------
 
-WRAPPERS = ("pjit", "jit", "closed_call", "custom_jvp_call")
 # What only moves numbers: it follows their shapes, and the way in which intervals are joined.
 MOVES = ("broadcast_in_dim", "convert_element_type", "slice", "squeeze", "stack", "transpose", "reshape", "iota", "eq", "scan")
 MOVES += ("complex",)
 
 
-def equations(jaxpr):
-    """Names of a program's equations in order, those of inner programs in their place."""
-    names = []
-    for equation in jaxpr.eqns:
-        names += [] if equation.primitive.name in WRAPPERS else [equation.primitive.name]
-        for value in equation.params.values():
-            if hasattr(value, "eqns") or hasattr(value, "jaxpr"):
-                names += equations(getattr(value, "jaxpr", value))
-    return names
-
-
 def program(effects, rung="exact", **inputs):
-    """(equations, number of leaves that go in) of the program that advances a scene."""
-    scene = Scene(PLATE, constant(**inputs), 60, 1e4, effects, fidelity=rung)
-    with jax.enable_x64(True):
-        key, plant = jax.random.key(0), jax.tree.map(float, PLATE)
-        state, (chunk, _) = engine.start(rung, plant, scene.effects, key), scene._chunk(0, 60)
-        traced = jax.make_jaxpr(engine.advance, static_argnums=7)(
-            plant, scene.effects, state, chunk, key, jnp.asarray(0), 1e-4, rung, PLATE.f0
-        )
-    return equations(traced.jaxpr), len(traced.jaxpr.invars)
+    """`programs.program` of a scene of 60 rows."""
+    return programs.program(Scene(PLATE, constant(**inputs), 60, 1e4, effects, fidelity=rung))
 
 
 def bare_envelope(plant, chunk, mode, reference):
@@ -452,7 +434,7 @@ def test_a_scene_without_effects_is_the_bare_resonator(rung):
         zero = jnp.zeros((), complex)
         alone = bare_envelope if rung == "envelope" else bare_exact
         bare = jax.make_jaxpr(alone)(jax.tree.map(float, PLATE), chunk, engine.Mode(zero, zero), PLATE.f0)
-    assert program((), rung)[0] == equations(bare.jaxpr)
+    assert program((), rung)[0] == programs.equations(bare.jaxpr)
 
 
 ON_INPUTS = ("inverter", "amplifier_limit", "frequency_resolution", "delay")  # act where inputs are made, before the program
