@@ -395,6 +395,16 @@ def test_a_rotation_leaves_the_gain_of_a_ring_down_s_samples(tmp_path):
 # --- files -----------------------------------------------------------------------------------------------------------------
 
 
+def test_a_demodulated_log_reads_back_with_its_carrier_s_phase(save, tmp_path):
+    (log,) = read_logs(save(*samples(PLATE, [(0, 0, 32290.0), (1e-3, 100.0, 32290.0)], 5e-3)))
+    sysid.write_log(log, tmp_path / "rows.csv")
+    (read,) = read_logs(tmp_path / "rows.csv")
+    for column in ("time", "drive", "frequency", "theta", "response"):
+        np.testing.assert_array_equal(getattr(read, column), getattr(log, column))
+    assert (read.kind, read.sampling, read.bench) == (log.kind, log.sampling, log.bench)
+    assert not any("kept out" in note for note in read.notes)
+
+
 def test_sample_rate_instead_of_time(save, tmp_path):
     time, v, w = samples(PLATE, [(0.0, 50.0, 32290.0)], 0.01)
     expected = read_logs(save(time, v, w))[0]
