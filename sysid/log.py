@@ -129,7 +129,8 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
     """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
 
-    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`. `append`: further rows of the log that the file holds.
+    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
+    `append`: further rows of the log that the file holds.
     """
     columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
     columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}

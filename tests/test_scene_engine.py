@@ -232,6 +232,7 @@ def test_one_row_is_a_row():
     np.testing.assert_allclose(settled, PLATE.steady(100.0, 32290.0), rtol=1e-14)
 
 
+@jax.disable_jit()  # eight sets of effects on a few settled rows: eight programs would take longer than the arithmetic
 def test_the_sensor_s_closed_forms():
     sweep = Profile(np.arange(64) / 1e4, np.linspace(31800, 32800, 64), held=False)
     scene = Scene(PLATE, constant() | {"frequency": sweep}, 64, 1e4, kind="steady")

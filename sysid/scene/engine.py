@@ -193,7 +193,8 @@ def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
     conj(U) e^{-2j theta}: what a sensor's phase shift turns.
     """
     if chunk.theta is None:
-        return sum(before).ravel()[chunk.take]
+        total: Any = sum(before)
+        return total.ravel()[chunk.take]
     (slow, fast), settled = before, -steps.targets[1]
     turns = (slow + settled).ravel()[chunk.take]
     return turns + (fast - settled).ravel()[chunk.take].conj() * jnp.exp(-2j * chunk.theta)

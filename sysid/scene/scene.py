@@ -128,23 +128,26 @@ class Scene:
 
             yield behind_lock_in(scene, seed)
             return
+        for columns in scene._chunks(seed, 0, scene.rows, theta):
+            yield columns | {"response": np.abs(columns["response"]) if scene.amplitude_only else columns["response"]}
+
+    def _chunks(self, seed: int, first: int, last: int, theta: Phase | None = None) -> Iterator[dict[str, np.ndarray]]:
+        """Columns of the rows from `first` up to `last`, chunk by chunk; the plate is at rest at `first`."""
+        plant = jax.tree.map(float, self.plant)  # an integer would be another program
         with jax.enable_x64(True):
             key = jax.random.key(seed)
-            state = engine.start(scene.fidelity, scene.plant, scene.effects, key)
-        done = 0
-        while done < scene.rows:
+            state = engine.start(self.fidelity, plant, self.effects, key)
+        for at in range(first, last, self._chunk_rows):
+            count = min(self._chunk_rows, last - at)
             with jax.enable_x64(True):
-                count = min(scene._chunk_rows, scene.rows - done)
-                chunk, columns = scene._chunk(done, count)
+                chunk, columns = self._chunk(at, count)
                 if theta:
-                    chunk = chunk._replace(theta=theta(done, len(chunk.take)))
+                    chunk = chunk._replace(theta=theta(at, len(chunk.take)))
                 response, state = engine.advance(
-                    _numbers(scene.plant), scene.effects, state, chunk, key, jnp.asarray(done // scene._chunk_rows),
-                    1 / scene.rate, scene.fidelity, scene._reference,
+                    plant, self.effects, state, chunk, key, jnp.asarray(at // self._chunk_rows), 1 / self.rate, self.fidelity,
+                    self._reference,
                 )  # fmt: skip
-            response = np.asarray(response)[:count]
-            yield columns | {"response": np.abs(response) if scene.amplitude_only else response}
-            done += count
+            yield columns | {"response": np.asarray(response)[:count]}
 
     def resolved(self) -> "Scene":
         """This scene with its fidelity chosen: "auto" replaced by a rung and a number of steps between rows."""
@@ -304,11 +307,6 @@ class Scene:
 
 
 INPUTS = ("drive", "frequency", "temperature", "force")
-
-
-def _numbers(plant: Plant) -> Plant:
-    """The plant as float64 leaves: an integer would be another program."""
-    return jax.tree.map(float, plant)
 
 
 def _contradictions(scene: Scene) -> Iterator[str]:
