@@ -264,8 +264,8 @@ simulates. The truth is the matrix exponential from row to row. The exact envelo
 
 One second at 100 kHz of a scene in which drive, frequency, temperature and force change twice, exact envelope, as a log in memory. Equations are those
 of the compiled program, inner programs included, over the scene without the effect ("finger_detuning": over "finger_damping"). "In the full
-scene": all effects but this one (and what needs it), and then with it. "duffing" and "self_heating" take one interval after the other, which the
-first of them pays for. Differences of times are known to a few ms.
+scene": all effects but this one (and what needs it), and then with it. "duffing" and "self_heating" take one interval after the other. On a busy
+machine the differences alone are known to ten ms or so, those in the full scene to a hundred or two: what is below zero there says so.
 
 {effects}
 """
