@@ -10,10 +10,8 @@ matrix exponentials (`tests/carrier.py`), numbers of forty digits. Writes scene_
 import argparse
 import dataclasses
 import math
-import resource
 import sys
 import tempfile
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -238,25 +236,6 @@ def told(outcomes: list[Outcome]) -> str:
 # --- long times ----------------------------------------------------------------------------------------------------------
 
 
-def memory_table() -> str:
-    """A day, streamed: what the process holds on to."""
-    quartz = Plant(0.3, 1e6 / (np.pi * 5e6), 5e6, -3.0)
-    lines = ["| simulated | rows | time s | growth of the peak memory, MB |", "|---|---|---|---|"]
-    minutes = np.arange(0.0, 86400, 60.0) + 0.0123
-    drift = Profile(minutes, 24 + 3 * np.sin(2 * np.pi * minutes / 86400))
-    constants = {"drive": Profile.constant(2.0), "frequency": Profile.constant(5e6 + 3)}
-    for rate, hours in ((100.0, 1), (100.0, 24)):
-        scene = Scene(quartz, constants | {"temperature": drift}, int(3600 * hours * rate) + 1, rate)
-        for _ in dataclasses.replace(scene, rows=200_000).stream():
-            pass
-        before, begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
-        for _ in scene.stream():
-            pass
-        grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-        lines.append(f"| {hours} h at {rate:g} rows a second | {scene.rows} | {time.perf_counter() - begun:.1f} | {grown:.1f} |")
-    return "\n".join(lines)
-
-
 def phase_table() -> str:
     """1e4 s, a billion samples at 100 kHz, in intervals of 1000 s."""
     from mpmath import mp
@@ -278,24 +257,10 @@ def phase_table() -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=200)
-    parser.add_argument("--long", type=int, default=20)
-    parser.add_argument("--replay", type=int)
-    given = parser.parse_args()
-    if given.replay is not None:
-        print(outcome(given.replay))
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        keep_programs(Path(folder))
-        memory = memory_table()
-        exact = exact_table()
-        outcomes = [outcome(seed) for seed in track(range(given.scenes), "automatic")]
-        long = [long_outcome(seed) for seed in track(range(given.long), "long")]
-        text = f"""# Scenes against the truth
+def report(exact: str, outcomes: list[Outcome], long: list[Outcome], phase: str) -> str:
+    return f"""# Scenes against the truth
 
-Made by `python benchmarks/scene_truth.py --scenes {given.scenes} --long {given.long}`. Errors are the largest deviation of a row over the
+Made by `python benchmarks/scene_truth.py --scenes {len(outcomes)} --long {len(long)}`. Errors are the largest deviation of a row over the
 largest response.
 
 ## The exact envelope
@@ -308,7 +273,7 @@ What is left is rounding; on the right also the integrator's tolerance, 1e-12 a 
 
 ## Automatic fidelity
 
-{given.scenes} random scenes of 60 rows, 0.02 to 50 time constants apart, Q from 8 to 2000 and the plate's own, inputs held, ramped and
+{len(outcomes)} random scenes of 60 rows, 0.02 to 50 time constants apart, Q from 8 to 2000 and the plate's own, inputs held, ramped and
 constant, effects of {len(SETS)} sets. The truth is the exact envelope at 1024 steps between rows, and where a scene has fewer than {PERIODS}
 periods of the carrier also the carrier.
 
@@ -316,7 +281,7 @@ periods of the carrier also the carrier.
 
 {told(outcomes)}
 
-{given.long} long ones: 40 000 rows, of which automatic fidelity tries some; the truth is the exact envelope at 64 steps, the error that
+{len(long)} long ones: 40 000 rows, of which automatic fidelity tries some; the truth is the exact envelope at 64 steps, the error that
 of all rows.
 
 {automatic_table(long)}
@@ -325,15 +290,31 @@ of all rows.
 
 ## Long times
 
-{memory}
-
 A resonance of 1 MHz and tau = 5000 s, driven aside of it from rest, after 1e4 s (a billion samples at 100 kHz) against 60 digits.
 The phase is a product of rounded numbers: four roundings of 1.1e-16 of it.
 
-{phase_table()}
+{phase}
 """
-    (HERE / "scene_truth.md").write_text(text, encoding="utf-8")
-    print(text)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--long", type=int, default=20)
+    parser.add_argument("--replay", type=int)
+    given = parser.parse_args()
+    if given.replay is not None:
+        print(outcome(given.replay))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        keep_programs(Path(folder))
+        exact, phase = exact_table(), phase_table()
+        long = [long_outcome(seed) for seed in track(range(given.long), "long")]
+        outcomes = []
+        for seed in track(range(given.scenes), "automatic"):
+            outcomes.append(outcome(seed))
+            if len(outcomes) % 10 == 0 or len(outcomes) == given.scenes:  # what stands so far
+                (HERE / "scene_truth.md").write_text(report(exact, outcomes, long, phase), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -127,12 +127,13 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns, and theta, aside).
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
 
+    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
     `append`: further rows of the log that the file holds.
     """
     columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
-    columns |= {"temperature_degC": log.temperature, "force_N": log.force}
+    columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}
     if log.amplitude_only:
         columns[_label(log.response_unit, "w")] = log.response
     else:
@@ -206,6 +207,8 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         column = plan.sources["time"].column
         refuse_cell(head, body, row, column or 0, "a time not below the one before")
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
+    if "carrier" in arrays:
+        inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
     fields: dict[str, Any] = {"drive": drive, **inputs, "bench": _bench(head, plan.metadata), "notes": plan.notes}
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}

@@ -11,10 +11,10 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1"}
+INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1", "carrier": "rad"}
 REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
 AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response")  # these may be rms or peak to peak
-QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "voltage", "drive", "wd", "wq", "w", "response")
+QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "carrier", "voltage", "drive", "wd", "wq", "w", "response")
 PEAK = {"peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}  # peak = factor * value, for a sine
 
 _USUAL = {
@@ -23,6 +23,7 @@ _USUAL = {
     "temperature": ("degC", "K", "degF"),
     "force": ("N", "mN", "uN"),
     "duty": ("1", "%"),
+    "carrier": ("rad", "deg"),
     "voltage": ("V", "mV", "kV", "uV"),
 }
 _PLAIN = ("um", "nm", "mm", "m", "m/s", "mm/s", "um/s", "V", "mV", "uV", "A", "mA", "uA", "S", "C", "degC", "1", "%")

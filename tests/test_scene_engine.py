@@ -10,6 +10,7 @@ import carrier
 import jax
 import jax.numpy as jnp
 import numpy as np
+import programs
 import pytest
 from carrier import PLATE, random_scene
 from mpmath import mp
@@ -231,6 +232,7 @@ def test_one_row_is_a_row():
     np.testing.assert_allclose(settled, PLATE.steady(100.0, 32290.0), rtol=1e-14)
 
 
+@jax.disable_jit()  # eight sets of effects on a few settled rows: eight programs would take longer than the arithmetic
 def test_the_sensor_s_closed_forms():
     sweep = Profile(np.arange(64) / 1e4, np.linspace(31800, 32800, 64), held=False)
     scene = Scene(PLATE, constant() | {"frequency": sweep}, 64, 1e4, kind="steady")
@@ -398,32 +400,14 @@ def test_one_program_serves_all_chunks_and_scenes_of_a_shape():
 
 # --- no effect, no equation ----------------------------------------------------------------------------------------------
 
-WRAPPERS = ("pjit", "jit", "closed_call", "custom_jvp_call")
 # What only moves numbers: it follows their shapes, and the way in which intervals are joined.
 MOVES = ("broadcast_in_dim", "convert_element_type", "slice", "squeeze", "stack", "transpose", "reshape", "iota", "eq", "scan")
-
-
-def equations(jaxpr):
-    """Names of a program's equations in order, those of inner programs in their place."""
-    names = []
-    for equation in jaxpr.eqns:
-        names += [] if equation.primitive.name in WRAPPERS else [equation.primitive.name]
-        for value in equation.params.values():
-            if hasattr(value, "eqns") or hasattr(value, "jaxpr"):
-                names += equations(getattr(value, "jaxpr", value))
-    return names
+MOVES += ("complex",)
 
 
 def program(effects, rung="exact", **inputs):
-    """(equations, number of leaves that go in) of the program that advances a scene."""
-    scene = Scene(PLATE, constant(**inputs), 60, 1e4, effects, fidelity=rung)
-    with jax.enable_x64(True):
-        key, plant = jax.random.key(0), jax.tree.map(float, PLATE)
-        state, (chunk, _) = engine.start(rung, plant, scene.effects, key), scene._chunk(0, 60)
-        traced = jax.make_jaxpr(engine.advance, static_argnums=7)(
-            plant, scene.effects, state, chunk, key, jnp.asarray(0), 1e-4, rung, PLATE.f0
-        )
-    return equations(traced.jaxpr), len(traced.jaxpr.invars)
+    """`programs.program` of a scene of 60 rows."""
+    return programs.program(Scene(PLATE, constant(**inputs), 60, 1e4, effects, fidelity=rung))
 
 
 def bare_envelope(plant, chunk, mode, reference):
@@ -451,7 +435,7 @@ def test_a_scene_without_effects_is_the_bare_resonator(rung):
         zero = jnp.zeros((), complex)
         alone = bare_envelope if rung == "envelope" else bare_exact
         bare = jax.make_jaxpr(alone)(jax.tree.map(float, PLATE), chunk, engine.Mode(zero, zero), PLATE.f0)
-    assert program((), rung)[0] == equations(bare.jaxpr)
+    assert program((), rung)[0] == programs.equations(bare.jaxpr)
 
 
 ON_INPUTS = ("inverter", "amplifier_limit", "frequency_resolution", "delay")  # act where inputs are made, before the program
@@ -471,17 +455,18 @@ def test_an_effect_adds_its_equations_and_changes_no_other(name):
         arithmetic = [n for n in more if n not in MOVES]
         assert len(arithmetic) > len([n for n in less if n not in MOVES])
     with jax.enable_x64(True):
-        # its numbers (and its finger's), what it keeps from chunk to chunk, and what a phase needs to turn
+        # its numbers (and its finger's), what it keeps from chunk to chunk, what a phase needs to turn, and the rows' own drive,
+        # frequency and offset for what acts on rows
         fx = Scene(PLATE, constant(**inputs), 5, 1e4, made(*NEEDS.get(name, ()), name)).effects
         own = len(jax.tree.leaves(fx)) - len(NEEDS.get(name, ())) * 3
         kept = len(jax.tree.leaves(engine.start("exact", PLATE, fx, jax.random.key(0)))) - 2
-    assert leaves - fewer == own + kept + (name == "phase_reset")
+    assert leaves - fewer == own + kept + (name == "phase_reset") + 3 * hasattr(EFFECTS[name], "sense")
 
 
 def test_inputs_that_a_scene_lacks_are_not_in_its_program():
     bare, leaves = program(())
     warm, more = program((), temperature=25.0)
-    assert more == leaves + 2  # of the intervals and of the rows
+    assert more == leaves + 1  # of the intervals; of the rows where something asks for theirs
     assert len(warm) > len(bare)
     assert program((), force=1.0)[0] == bare  # nothing feels it
 

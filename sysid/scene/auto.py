@@ -7,7 +7,6 @@ compared with the exact envelope at steps so small that halving them changes not
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from sysid.plant import steady
@@ -96,17 +95,6 @@ def _rows(scene: Scene, stretches: list[tuple[int, int, int]], rung: str, subste
     quiet = dataclasses.replace(scene, effects=plate, fidelity=rung, substeps=substeps, rows=longest)
     found = []
     for first, counts, last in stretches:
-        rows, at = [], first
-        with jax.enable_x64(True):
-            state = engine.start(rung, quiet.plant, quiet.effects, jax.random.key(0))
-            while at < last:
-                count = min(quiet._chunk_rows, last - at)
-                chunk, _ = quiet._chunk(at, count)
-                response, state = engine.advance(
-                    jax.tree.map(float, quiet.plant), quiet.effects, state, chunk, jax.random.key(0), jnp.asarray(0),
-                    1 / quiet.rate, rung, quiet._reference,
-                )  # fmt: skip
-                rows.append(np.asarray(response)[:count])
-                at += count
-        found.append(np.concatenate(rows)[counts - first :])
+        rows = np.concatenate([columns["response"] for columns in quiet._chunks(0, first, last)])
+        found.append(rows[counts - first :])
     return found

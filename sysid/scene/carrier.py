@@ -2,12 +2,14 @@
 
     v(t) = Re[jV e^{j theta}]        w(t) = Re[(Wd + j Wq) e^{j theta}]        theta' = omega
 
-The envelope is the exact one, so the samples are exact too; theta is counted in whole turns from the beginning of each chunk.
+The envelope is the exact one, so the samples are exact too; what turns a phase, a sensor's or a demodulator's, turns the response
+and not the drive; theta is counted in whole turns from the beginning of each chunk.
 """
 
 import dataclasses
 from collections.abc import Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,20 +49,19 @@ def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
     rest = tuple(e for e in scene.effects if not isinstance(e, Saturation | Quantisation | LockIn))
     count = int(np.floor(scene.duration * rate * (1 + 1e-12))) + 1
     fast = dataclasses.replace(
-        scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False, tolerance=scene.tolerance
+        scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False
     )
-    frequency, first = _made(scene), 0
-    for columns in fast._stream(seed):
+    theta, first = partial(_phase, fast, _made(scene)), 0
+    for columns in fast._stream(seed, theta):
         time = columns["time"]
-        phase = _phase(fast, frequency, first, len(time))
+        phase = theta(first, len(time))
         first += len(time)
         drive = fast._inputs(time)["drive"]
-        turn = np.exp(1j * phase)
-        response = (columns["response"] * turn).real
+        response = (columns["response"] * np.exp(1j * phase)).real
         with jax.enable_x64(True):
             for e in recorder:
                 response = np.asarray(e.noise(jnp.asarray(response, complex), None, None, None)[0]).real
-        yield Samples(time, (1j * drive * turn).real, response, phase)
+        yield Samples(time, -drive * np.sin(phase), response, phase)
 
 
 PER_PERIOD = 16  # samples, of the carrier that a lock-in is given

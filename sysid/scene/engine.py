@@ -48,8 +48,9 @@ class State(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs,
-    and the turn of the frame at the beginning of an interval (None: the phase goes on).
+    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs
+    (None: nothing asks for them), the turn of the frame at the beginning of an interval (None: the phase goes on), and the
+    carrier's phase theta at each row (None: rows are those of the frame, not samples of a carrier).
 
     Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is transposed.
     """
@@ -57,8 +58,9 @@ class Chunk(NamedTuple):
     duration: Leaf
     inputs: Inputs
     take: Leaf
-    rows: Inputs
+    rows: Inputs | None
     turn: Leaf
+    theta: Leaf = None
 
 
 def folded(chunk: Chunk) -> Chunk:
@@ -66,7 +68,9 @@ def folded(chunk: Chunk) -> Chunk:
     steps = len(chunk.duration) // _lanes_of(len(chunk.duration))
     lanes = len(chunk.duration) // steps
     duration, inputs, turn = jax.tree.map(lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn))
-    return Chunk(duration, inputs, chunk.take % steps * lanes + chunk.take // steps, chunk.rows, turn)
+    lane = chunk.take // steps
+    take = (chunk.take - lane * steps) * lanes + lane
+    return chunk._replace(duration=duration, inputs=inputs, take=take, turn=turn)
 
 
 def _lanes_of(count: int) -> int:
@@ -177,9 +181,23 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
     if lock_in is not None:
         filtered, stages = _filtered(lock_in, found, effects, state.filter, chunk)
         return filtered.ravel()[chunk.take], state._replace(filter=stages)
-    response = _together([sum(before).ravel()[chunk.take] for before, _ in found], effects)
+    response = _together([_read(before, steps, chunk) for before, steps in found], effects)
     # A row is read just before its inputs act, so before the frame turns.
     return response if chunk.turn is None else response * chunk.turn.ravel()[chunk.take].conj(), state
+
+
+def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
+    """Response at each row of one resonance, from that of its modes at the beginning of each interval.
+
+    In samples of a carrier the free part U of the fast mode, Re[U e^{j theta}], has a positive frequency as
+    conj(U) e^{-2j theta}: what a sensor's phase shift turns.
+    """
+    if chunk.theta is None:
+        total: Any = sum(before)
+        return total.ravel()[chunk.take]
+    (slow, fast), settled = before, -steps.targets[1]
+    turns = (slow + settled).ravel()[chunk.take]
+    return turns + (fast - settled).ravel()[chunk.take].conj() * jnp.exp(-2j * chunk.theta)
 
 
 def _before_filter(effects: tuple) -> tuple:
@@ -220,28 +238,15 @@ def _lanes(steps: Step, mode: Mode, chunk: Chunk) -> tuple[tuple[Array, ...], Mo
             raise ValueError("a phase that is reset needs the exact envelope")
         alone, end = _gathered(growths[0], steps.targets[0], mode.response)
         return (alone,), Mode(end, mode.velocity)
-    (z, u), last = _affine(_transition(steps, growths, chunk.turn), mode)
-    if chunk.turn is not None:
-        z, u = z * chunk.turn, u * chunk.turn
-    return _split(z, u, steps.still), Mode(*last)
+    return _gathered_modes(Interval(growths, steps.targets, steps.still, chunk.turn), mode)
 
 
 def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[Array, Array]:
-    """(Z1, Z2) of (Z, U)."""
+    """(Z1, Z2) of (Z, U). The poles of the plate differ by 2j wd, without a real part."""
     slow, fast = still
-    first = (velocity - fast * response) / (slow - fast)
+    turned = (velocity - fast * response) * (1 / (slow.imag - fast.imag))
+    first = jax.lax.complex(turned.imag, -turned.real)
     return first, response - first
-
-
-def _transition(steps: Step, growths: tuple[Array, ...], turn: Array | None) -> tuple[Array, ...]:
-    """a, b, c, d, p, q of each interval: Z+ = a Z + b U + p, U+ = c Z + d U + q."""
-    (slow, fast), (g1, g2) = steps.still, growths
-    mixed = (g1 - g2) / (slow - fast)
-    matrix = [1 + g1 - slow * mixed, mixed, -slow * fast * mixed, 1 + g2 + slow * mixed]
-    c1, c2 = g1 * steps.targets[0], g2 * steps.targets[1]
-    if turn is not None:
-        matrix = [m * turn for m in matrix]
-    return (*matrix, c1 + c2, slow * c1 + fast * c2)
 
 
 def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]:
@@ -267,23 +272,41 @@ def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]
     return jax.lax.scan(along, begins, (growth, target))[1], last
 
 
-def _affine(steps: tuple[Array, ...], mode: Mode) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-    """As `_gathered`, of Z+ = a Z + b U + p, U+ = c Z + d U + q: (Z, U)."""
+class Interval(NamedTuple):
+    """What both modes do over an interval: growth e^{s t} - 1, the response they settle at, negated (None: not driven), poles of
+    the plate, and the turn of the frame as it begins."""
+
+    growths: tuple[Array, ...]
+    targets: tuple[Array, ...] | None
+    still: tuple[Array, ...]
+    turn: Array | None
+
+    def over(self, mode: Mode) -> tuple[Mode, tuple[Array, ...]]:
+        """The state after the interval, and each mode's response as it begins."""
+        mode = mode if self.turn is None else Mode(*(v * self.turn for v in mode))
+        parts = _split(*mode, self.still)
+        away = parts if self.targets is None else [z + t for z, t in zip(parts, self.targets, strict=True)]
+        first, second = (g * z for g, z in zip(self.growths, away, strict=True))
+        slow, fast = self.still
+        return Mode(mode.response + (first + second), mode.velocity + (slow * first + fast * second)), parts
+
+
+def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], Mode]:
+    """As `_gathered`, of both modes, which change into one another where the resonance itself changes: (Z1, Z2)."""
 
     def whole(done, now):
-        a, b, c, d, p, q = now
-        by_z, by_u, offset = ((a * z + b * u, c * z + d * u) for z, u in done)
-        return (by_z, by_u, (offset[0] + p, offset[1] + q)), None
+        by_response, by_velocity, offset = done
+        free = now._replace(targets=None)
+        return (free.over(by_response)[0], free.over(by_velocity)[0], now.over(offset)[0]), None
 
-    def along(state, now):
-        z, u = state
-        a, b, c, d, p, q = now
-        return (a * z + b * u + p, c * z + d * u + q), state
+    def join(mode, lane):
+        (a, c), (b, d), (p, q) = lane
+        return Mode(a * mode.response + b * mode.velocity + p, c * mode.response + d * mode.velocity + q), mode
 
-    one, zero = jnp.ones(steps[0].shape[1], complex), jnp.zeros(steps[0].shape[1], complex)
-    ((a, c), (b, d), (p, q)), _ = jax.lax.scan(whole, ((one, zero), (zero, one), (zero, zero)), steps)
-    last, begins = jax.lax.scan(along, tuple(mode), (a, b, c, d, p, q))
-    return jax.lax.scan(along, begins, steps)[1], last
+    one, zero = (fill(interval.growths[0].shape[1], complex) for fill in (jnp.ones, jnp.zeros))
+    lanes, _ = jax.lax.scan(whole, (Mode(one, zero), Mode(zero, one), Mode(zero, zero)), interval)
+    last, begins = jax.lax.scan(join, mode, lanes)
+    return jax.lax.scan(lambda mode, now: now.over(mode), begins, interval)[1], last
 
 
 def _one_by_one(

@@ -40,6 +40,8 @@ class Profile:
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Values at `time` (n,) s; at a step, those after it."""
+        if self.is_constant:
+            return np.full(len(time), self.values[0])
         if not self.held:
             return np.interp(time, self.times, self.values)
         return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]

@@ -19,7 +19,8 @@ std_nm = 20
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -47,6 +48,7 @@ from sysid.scene.effects import (
 from sysid.scene.profile import Profile
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
+Phase = Callable[[int, int], np.ndarray]
 LANES = 65536  # intervals of a chunk
 SPARE = 256  # of them, for changes between rows
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
@@ -117,28 +119,35 @@ class Scene:
         """The log in successive pieces, in bounded memory."""
         return (self._log(columns) for columns in self._stream(seed))
 
-    def _stream(self, seed: int) -> Iterator[dict[str, np.ndarray | None]]:
+    def _stream(self, seed: int, theta: Phase | None = None) -> Iterator[dict[str, np.ndarray | None]]:
+        """Columns in successive pieces; with the carrier's phase `theta`, as a function of first row and count, rows are what
+        samples of the carrier hold."""
         scene = self.resolved()
         if scene.fidelity == "carrier":
             from sysid.scene.carrier import behind_lock_in
 
             yield behind_lock_in(scene, seed)
             return
+        for columns in scene._chunks(seed, 0, scene.rows, theta):
+            yield columns | {"response": np.abs(columns["response"]) if scene.amplitude_only else columns["response"]}
+
+    def _chunks(self, seed: int, first: int, last: int, theta: Phase | None = None) -> Iterator[dict[str, np.ndarray]]:
+        """Columns of the rows from `first` up to `last`, chunk by chunk; the plate is at rest at `first`."""
+        plant = jax.tree.map(float, self.plant)  # an integer would be another program
         with jax.enable_x64(True):
             key = jax.random.key(seed)
-            state = engine.start(scene.fidelity, scene.plant, scene.effects, key)
-        done = 0
-        while done < scene.rows:
+            state = engine.start(self.fidelity, plant, self.effects, key)
+        for at in range(first, last, self._chunk_rows):
+            count = min(self._chunk_rows, last - at)
             with jax.enable_x64(True):
-                count = min(scene._chunk_rows, scene.rows - done)
-                chunk, columns = scene._chunk(done, count)
+                chunk, columns = self._chunk(at, count)
+                if theta:
+                    chunk = chunk._replace(theta=theta(at, len(chunk.take)))
                 response, state = engine.advance(
-                    _numbers(scene.plant), scene.effects, state, chunk, key, jnp.asarray(done // scene._chunk_rows),
-                    1 / scene.rate, scene.fidelity, scene._reference,
+                    plant, self.effects, state, chunk, key, jnp.asarray(at // self._chunk_rows), 1 / self.rate, self.fidelity,
+                    self._reference,
                 )  # fmt: skip
-            response = np.asarray(response)[:count]
-            yield columns | {"response": np.abs(response) if scene.amplitude_only else response}
-            done += count
+            yield columns | {"response": np.asarray(response)[:count]}
 
     def resolved(self) -> "Scene":
         """This scene with its fidelity chosen: "auto" replaced by a rung and a number of steps between rows."""
@@ -159,6 +168,17 @@ class Scene:
         most = (LANES - SPARE) // self.substeps
         return min(most, 1 << (max(self.rows, 64) - 1).bit_length())
 
+    @property
+    def _chunk_intervals(self) -> int:
+        """Intervals that a chunk is padded to; of few sizes where steps are tried out, as each size is a program of its own."""
+        wanted = self._chunk_rows * self.substeps + SPARE
+        return wanted if self.substeps == 1 else 4 ** math.ceil(math.log(wanted, 4) - 1e-9)
+
+    @property
+    def _asks_for_rows(self) -> bool:
+        """Whether what is read depends on the inputs at a row, beside those of the intervals."""
+        return self.fidelity == "steady" or any(hasattr(e, "sense") for e in self.effects)
+
     def find(self, kind: Any) -> Any:
         """The scene's effect of a kind, or None."""
         return next((e for e in self.effects if isinstance(e, kind)), None)
@@ -174,14 +194,15 @@ class Scene:
         near = np.append(float(Fraction(before - first) / exact), np.arange(count) / self.rate) - late
         knots, span = self._knots(read, np.maximum(near, -begin), begin)
         middle = 0.5 * (span[1:] + span[:-1]) + begin
-        padded = size * self.substeps + SPARE
+        padded = self._chunk_intervals
         padded += -(-max(len(span) - padded, 0) // 4096) * 4096  # one more than the intervals: the last row is read after them
         fill = padded - len(middle)
+        rows = self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count) if self._asks_for_rows else None
         chunk = engine.Chunk(
             duration=np.pad(np.diff(span), (0, fill)),
             inputs=self._held(self._inputs(middle), fill),
             take=np.pad(np.searchsorted(knots, read[1:]) * self.substeps, (0, size - count), mode="edge"),
-            rows=self._held(self._felt(time if self.kind == "steady" else read[1:]), size - count),
+            rows=rows,
             turn=self._turns(knots, padded) if self.find(PhaseReset) else None,
         )
         recorded = self._inputs(time, commanded=True)
@@ -260,6 +281,9 @@ class Scene:
         return turn
 
     def _log(self, columns: dict[str, np.ndarray | None]) -> Log:
+        for values in columns.values():
+            if values is not None:
+                values.flags.writeable = False  # they are the log's alone, which then need not copy them
         bench = {}
         if lock_in := self.find(LockIn):
             bench = {"lockin_tau_s": float(lock_in.tau), "lockin_order": float(lock_in.order)}
@@ -283,11 +307,6 @@ class Scene:
 
 
 INPUTS = ("drive", "frequency", "temperature", "force")
-
-
-def _numbers(plant: Plant) -> Plant:
-    """The plant as float64 leaves: an integer would be another program."""
-    return jax.tree.map(float, plant)
 
 
 def _contradictions(scene: Scene) -> Iterator[str]:

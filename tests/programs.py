@@ -1,0 +1,31 @@
+"""The program that a scene compiles to, as names of equations."""
+
+import jax
+import jax.numpy as jnp
+
+from sysid.scene import engine
+
+WRAPPERS = ("pjit", "jit", "closed_call", "custom_jvp_call")
+
+
+def equations(jaxpr):
+    """Names of a program's equations in order, those of inner programs in their place."""
+    names = []
+    for equation in jaxpr.eqns:
+        names += [] if equation.primitive.name in WRAPPERS else [equation.primitive.name]
+        for value in equation.params.values():
+            if hasattr(value, "eqns") or hasattr(value, "jaxpr"):
+                names += equations(getattr(value, "jaxpr", value))
+    return names
+
+
+def program(scene):
+    """(equations, number of leaves that go in) of the program that advances a scene."""
+    rung = scene.fidelity
+    with jax.enable_x64(True):
+        key, plant = jax.random.key(0), jax.tree.map(float, scene.plant)
+        state, (chunk, _) = engine.start(rung, plant, scene.effects, key), scene._chunk(0, scene.rows)
+        traced = jax.make_jaxpr(engine.advance, static_argnums=7)(
+            plant, scene.effects, state, chunk, key, jnp.asarray(0), 1 / scene.rate, rung, scene.plant.f0
+        )
+    return equations(traced.jaxpr), len(traced.jaxpr.invars)
