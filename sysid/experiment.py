@@ -34,6 +34,9 @@ class Trial:
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response of an amplitude log is late
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
+    spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
+    efficiency: float = 1.0  # information of a row over that of one whose noise is normal and of the same level
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -122,6 +125,8 @@ class Trial:
             # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
+        weight = weight if self.spread is None else weight / self.spread
+        weight = weight if self.tail is None else weight * np.sqrt(self.tail)
         if not self.log.relative_noise:
             return weight
         level = np.abs(self.log.response) if self.level is None else self.level
@@ -297,7 +302,7 @@ def _experiment(
         before=_pad(before, rows),
         basis=basis,
         tightness=np.asarray(1 / trial.looseness),
-        freedom=np.asarray(freedom(trial)),
+        freedom=np.asarray(trial.efficiency * freedom(trial)),
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),

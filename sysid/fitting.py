@@ -181,18 +181,20 @@ NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are b
 
 def _described(state: State, found: Sequence[Found]) -> tuple[list[str], list[str]]:
     """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning."""
-    said, named = [], False
+    best = [f for f in found if f.worth >= found[0].worth - NEARLY]  # what is worth less may be a shadow of what is worth more
+    harmful = any(f.harmful for f in best)
+    named = {f.log for f in best} if harmful else set()
+    said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         model = model.real if trial.log.amplitude_only else model
-        named = any(f.harmful and f.log in (i, None) for f in found)
-        sure = identify.touched(trial) or identify.clipped(trial)
-        left = None if named else identify.misfit(trial, model, trial.log.response - model, float(np.exp(state.theta[1])))
-        said += [f"{trial.log.name}: {what}" for what in (sure or left,) if what]
-    harmful = [f for f in found if f.harmful]
+        what = identify.touched(trial) or identify.clipped(trial)
+        if not what and not named & {i, None}:
+            what = identify.misfit(trial, model, trial.log.response - model, float(np.exp(state.theta[1])))
+        said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
-        likely = {f.name: f.sentence for f in reversed(harmful) if f.worth >= harmful[0].worth - NEARLY}
+        likely = {f.name: f.sentence for f in reversed(best)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
-    return said, [f"{f.sentence} (no parameter moves by its error)" for f in found[:1]]
+    return said, [f"{f.sentence} (no parameter leaves its interval)" for f in best[:1]]
 
 
 def _fitted(state: State) -> tuple[FittedLog, ...]:

@@ -1,5 +1,6 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,7 +11,8 @@ import optimistix as optx
 
 from sysid.experiment import LEAST_WARMING, Trial, freedom, group, with_noise
 from sysid.likelihood import linearised, rows
-from sysid.noise import estimate
+from sysid.noise import estimate, rice_spread, tails
+from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import compiled
 from sysid.start import Search, joint, local
@@ -21,6 +23,7 @@ SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
+HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
 
 
@@ -124,13 +127,17 @@ class Minimiser:
             grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
-            trials, models, cost, moved = _update(trials, members, found, round_=k)
+            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+            trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
             change, last = abs(last - cost), cost
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             step = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
             if converged and max(change, 0.0 if step is None else left) < 1e-7 + 1e-13 * abs(cost):
                 break
-        shares = (np.concatenate([x.freedom for x in arrays]), np.concatenate(grams))
+        efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=True)])
+        count = np.concatenate([x.freedom[: len(logs)] for x, logs in zip(arrays, members, strict=True)])
+        shares = (count, np.array(efficient)[:, None, None] * held)
         covariance = directions @ _invert(_informed(*shares, inverse)) @ directions.T
         return State(theta, covariance, trials, models, float(cost), converged, low_q)
 
@@ -139,7 +146,8 @@ class Minimiser:
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         parts = jax.device_get(_linearise(theta, directions, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
-        trials, models, cost, _ = _update(trials, members, [found for *_, found in parts], round_=0)
+        courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+        trials, models, cost, _ = _update(trials, members, [found for *_, found in parts], courses, round_=0)
         covariance = RUNAWAY**2 * directions @ directions.T
         return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
 
@@ -246,7 +254,7 @@ def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np
     return np.einsum("l,lpq->pq", left, grams)
 
 
-def _update(trials, members, found, round_: int):
+def _update(trials, members, found, courses: Sequence[Course], round_: int):
     """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
     relative move."""
     updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
@@ -254,7 +262,7 @@ def _update(trials, members, found, round_: int):
         for k, i in enumerate(logs):
             models[i] = trials[i].completed(detail.driven[k][: len(trials[i].log)])
             own = complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
-            new = _renew(trials[i], models[i], *own, round_)
+            new = _renew(trials[i], models[i], courses[i], *own, round_)
             cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
             moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
@@ -265,19 +273,31 @@ def _update(trials, members, found, round_: int):
 def _cost(trial: Trial, total: float) -> float:
     """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
     channels = 1 if trial.log.amplitude_only else 2
-    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(trial.weight))
+    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(replace(trial, tail=None).weight))
     dof = freedom(trial)
     return float(0.5 * dof * np.log(total / dof + trial.rounding) + dof * np.log(trial.noise_std) + channels * shrink)
 
 
-def _renew(trial: Trial, model: np.ndarray, start: complex, floor: float, late: float, round_: int) -> Trial:
+def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
-    left = trial.log.response - (model.real if trial.log.amplitude_only else model)
-    std, time = estimate(left * trial.weight, trial.clock, freedom(trial))
+    model = model.real if trial.log.amplitude_only else model
+    if trial.steady and not trial.signed:
+        trial = replace(trial, spread=rice_spread(model / np.sqrt(floor)))
+    plain = replace(trial, tail=None)
+    left, counted = (trial.log.response - model) * plain.weight, freedom(trial)
+    std, time = estimate(left, trial.clock, counted, lambda: course.design(model) * plain.weight[:, None])
     if round_ > 2 and time > 0 and trial.noise_time > 0:
         time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
-    new = replace(with_noise(trial, std, time), late=late * trial.lateness / trial.looseness)
-    if trial.log.relative_noise and round_ < 10:  # held after a while: a weight that follows the fit may circle
+    weight, efficiency = np.ones(len(left)), 1.0
+    if time == 0 and 0 < round_ < HELD:
+        weight, efficiency = tails(left)
+    elif time == 0 and trial.tail is not None:
+        weight, efficiency = trial.tail, trial.efficiency
+    if efficiency < 1:
+        std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
+    new = replace(with_noise(plain, std, time), late=late * trial.lateness / trial.looseness, efficiency=efficiency)
+    new = replace(new, tail=weight if efficiency < 1 else None)
+    if trial.log.relative_noise and round_ < HELD:
         new = replace(new, level=np.abs(model))
     if trial.signed:
         return new

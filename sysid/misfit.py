@@ -3,7 +3,7 @@
 For a term with shapes A, its coefficients are fitted beside the plant's parameters and the nuisances of every log (white
 weights), the noise of the logs is estimated anew from what is then left, and the gain in log-likelihood is what the term is
 worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried. It makes the
-fit a misfit when including it would move G, tau or f0 by more than their standard deviation; else it is a warning.
+fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning.
 
 Cook & Weisberg, Residuals and Influence in Regression (1982), added variables and one-step influence.
 """
@@ -23,7 +23,7 @@ from sysid.perturbed import Course
 ENOUGH = 5.0  # log-likelihood: one of a hundred good fits is doubted
 UNCHANGED = 0.01  # sum of squares in units of the noise
 LATE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
-MOVES = 1.0  # standard deviations of G, tau or f0
+MOVES = 2.0  # standard deviations of G, tau or f0
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
 
 
@@ -228,7 +228,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from _drift(i, view)
-    yield from _too_fast(i, view) if trial.steady else _later(i, view)
+    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else _later(i, view)
 
 
 def _term(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
@@ -242,9 +242,10 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     for beside in (*-BESIDE, *BESIDE):
         shape = c.forced_at(c._poles + 2j * np.pi * beside * half_bandwidth)
         shapes = view.observed(np.stack([shape, 1j * shape])).T
+        size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
 
-        def say(value: np.ndarray, view: View, beside: float = beside) -> str:
-            share = 100 * np.hypot(*value)
+        def say(value: np.ndarray, view: View, beside: float = beside, size: float = size) -> str:
+            share = 100 * size * np.hypot(*value)
             return (
                 f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
                 f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; leave its frequencies out"
@@ -289,6 +290,25 @@ def _too_fast(i: int, view: View) -> Iterator[Term]:
 
     shape = view.observed((np.gradient(view.plate) / c.pole)[None])[0]
     yield Term("swept too fast", {i: shape[:, None]}, say, i)
+
+
+def _background(i: int, view: View) -> Iterator[Term]:
+    """What lies in parallel to the resonance or behind it, over a sweep: a cable's delay, a background that bends."""
+    log = view.trial.log
+    if log.frequency is None or np.ptp(log.frequency) == 0 or not view.trial.signed:
+        return
+    x = (log.frequency - np.mean(log.frequency)) / np.ptp(log.frequency)
+
+    def late(value: np.ndarray, _: View) -> str:
+        seconds = -value[0] / (2 * np.pi * np.ptp(log.frequency))
+        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; take that out of the phase"
+
+    def bent(value: np.ndarray, _: View) -> str:
+        return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
+
+    yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
+    shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
+    yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
 
 
 def _later(i: int, view: View) -> Iterator[Term]:

@@ -117,6 +117,20 @@ class Course:
             response = np.concatenate([[start], response])
         return response
 
+    def design(self, model: np.ndarray) -> np.ndarray:
+        """(n, K) what the fit can make of this log, to first order: plant and nuisances, with coefficients of the log's kind."""
+        trial = self.trial
+        if trial.steady:
+            shapes = [self.forced, self.response_to(self.forced)]
+        else:
+            shapes = [self.forced, self.response_to(self.forced), self.rate]
+            shapes += [self.free] if trial.start_free else []
+        if trial.signed:
+            return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
+        plate = self.forced + trial.start * self.free
+        along = np.conj(plate) / np.maximum(np.abs(model), 1e-300)
+        return np.stack([(along * s * turn).real for s in shapes for turn in (1, 1j)], axis=1)
+
     def derivatives(self, response: np.ndarray) -> np.ndarray:
         """(n, 4) of the plant's part of the `response` by log G, log tau, f0 (Hz) and k_T (Hz/degC); `response` is turned by
         the same angle as `push` is here, zero."""

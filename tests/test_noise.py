@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sysid.noise import estimate, innovate
+from sysid.noise import _whitened, estimate
 
 ROWS = 400
 
@@ -80,7 +80,7 @@ def test_equal_time_stamps_and_tiny_inputs_stay_finite():
 def test_whitening_undoes_the_recursion():
     rng = np.random.default_rng(3)
     clock = irregular(rng)
-    total, shrink = innovate(ornstein_uhlenbeck(clock, 1.0, 3.0, rng), np.diff(clock), 3.0)
+    white, shrink = _whitened(ornstein_uhlenbeck(clock, 1.0, 3.0, rng), np.diff(clock), 3.0)
     # a sum of 2 * 400 squares of unit normals: 800 +- 40
-    assert abs(total - 2 * ROWS) < 4 * np.sqrt(4 * ROWS)
+    assert abs(np.sum(np.abs(white) ** 2) - 2 * ROWS) < 4 * np.sqrt(4 * ROWS)
     np.testing.assert_allclose(shrink, 1 - np.exp(-2 * np.diff(clock) / 3.0), rtol=1e-9, atol=1e-15)
