@@ -142,7 +142,11 @@ def and_warm_sweep(b: Bench, logs: list[Log], sentence: str) -> list[Log]:
 
 
 def two_temperatures(b: Bench, logs: list[Log], sentence: str) -> list[Log]:
-    return [*logs, b.sweep(temperature=DEGC), b.sweep(temperature=DEGC + 10)]
+    return [b.sweep(temperature=DEGC), b.sweep(temperature=DEGC + 10)]
+
+
+def and_step_and_sweeps(b: Bench, logs: list[Log], sentence: str) -> list[Log]:
+    return [*logs, b.step(temperature=DEGC), b.sweep(temperature=DEGC), b.sweep(temperature=DEGC + 10)]
 
 
 def longer(b: Bench, logs: list[Log], sentence: str) -> list[Log] | None:
@@ -213,7 +217,7 @@ CAUSES = {
         as_dq,
     ),
     "rotation or f0": Cause("f0", ("rotation|phase",), settled, and_sweep),
-    "fixed frequency while it warms": Cause("k_T", ("product|k_T.{0,5}tau|k_T and",), warming, and_step),
+    "fixed frequency while it warms": Cause("k_T", ("product",), warming, and_step_and_sweeps),
     "sweep too narrow": Cause("tau", ("sweep", "width"), lambda b: [b.sweep(b.rng.uniform(0.1, 0.5) * b.half_bandwidth)], wider),
     "rows coarser than the transient": Cause(
         "tau",

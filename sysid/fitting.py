@@ -134,9 +134,10 @@ def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
 def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
     """The estimate of one parameter, or why there is none."""
     state = fit.modes[0]
-    if not state.converged:
-        return Parameter(None, None, None, fit.units[name], False, "cannot tell, because the fit did not converge")
     G, tau = np.exp(state.theta[:2])
+    if not state.converged:
+        said = identify.why(name, state.trials, tau, fit.names, 1)
+        return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
     modes = _modes(fit, name)
     if name in fit.names and np.isfinite(value) and not modes and std <= identify.limits(G, tau)[name]:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)

@@ -8,6 +8,7 @@ A parameter is determined when its interval is finite, comes from the data, belo
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from sysid.guess import phase_falls
 RELATIVE = 0.2
 WARMING = 10.0
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
+BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 LEAST_FORCE = 0.01  # N; less is a force sensor's own
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 
@@ -38,6 +40,32 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
             " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
         )
     return {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}[name](trials, tau, free)
+
+
+def _one_frequency(trials: Sequence[Trial]) -> bool:
+    """All that has a frequency was recorded at the same one, settled: a level, and no transient."""
+    resonant = [t for t in trials if t.resonant]
+    level = all(t.steady or (t.one_level and not t.from_rest) for t in resonant)
+    return bool(resonant) and level and np.ptp(np.concatenate([t.log.frequency for t in resonant])) == 0
+
+
+def _buried(trial: Trial) -> bool:
+    """Neighbouring rows differ about as much as any two: noise, and little else."""
+    y = trial.log.response
+    apart = np.mean(np.abs(np.diff(y)) ** 2) / 2
+    return bool(len(y) > 8 and apart > BURIED * np.mean(np.abs(y - np.mean(y)) ** 2))
+
+
+def _settles_between(trial: Trial) -> bool:
+    """After every change of the inputs the first row is already where the next change, or the end, finds the response."""
+    y, hold = trial.log.response, trial.inputs
+    edges = np.append(np.flatnonzero(np.diff(hold.interval) > 0), len(y) - 1)
+    stretches = [(a, b) for a, b in pairwise(edges) if b > a + 2]
+    if not stretches or not trial.driven:
+        return False
+    left = [np.abs(y[a + 1] - np.mean(y[(a + b) // 2 : b + 1])) for a, b in stretches]
+    moved = [np.abs(y[a] - np.mean(y[(a + b) // 2 : b + 1])) for a, b in stretches]
+    return bool(np.max(moved) > 5 * trial.noise_std and np.max(left) < 0.3 * np.max(moved))
 
 
 def _drifts_along(trial: Trial) -> bool:
@@ -78,26 +106,36 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because settled points at one frequency hold no time constant; record a voltage step or a sweep"
             " across the resonance"
         )
-    if moving:
+    hidden = "cannot tell, because noise hides the transient; record a larger step, or the average of several"
+    if _one_frequency(trials):
+        return (
+            "cannot tell, because one frequency at a constant drive holds no time constant; record a voltage step or a sweep"
+            " across the resonance"
+        )
+    if moving and not swept:
         window = max(t.log.time[-1] - t.log.time[0] for t in moving)
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
-        if window < 2 * tau:
-            return (
-                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {_seconds(5 * window)} or more"
-                " after a voltage step"
-            )
-        if step > tau:
+        if all(_buried(t) for t in moving):
+            return hidden
+        if all(_settles_between(t) for t in moving):
             return (
                 f"cannot tell, because rows are {_seconds(step)} apart and the response settles between two of them;"
                 f" record rows {_seconds(step / 20)} apart or closer"
             )
+        if window < 4 * tau:
+            return (
+                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {_seconds(10 * window)} or more"
+                " after a voltage step"
+            )
     if swept and not moving:
         span = max(np.ptp(t.log.frequency) for t in swept)
+        if all(_buried(t) for t in swept):
+            return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several sweeps"
         return (
             f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep over at least"
-            f" {max(span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more across it"
+            f" {max(10 * span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more across it"
         )
-    return "cannot tell, because noise hides the transient; record a larger step, or the average of several"
+    return hidden
 
 
 def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
@@ -108,6 +146,11 @@ def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because the amplitude of a step near resonance does not depend on the detuning; record wd and wq,"
             " or a sweep across the resonance"
         )
+    if _one_frequency(trials):
+        return (
+            "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance beside the drive look"
+            " alike; record a sweep across the resonance"
+        )
     return f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz wide or more"
 
 
@@ -116,12 +159,20 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if "f0" not in free:
         return "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
     if not warm:
-        return "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC apart"
+        return (
+            "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC apart, and fit those"
+            " instead"
+        )
     lowest, highest = min(w.min() for w in warm), max(w.max() for w in warm)
     if "k_T" not in free:
         return (
             f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC); record a sweep"
             " 10 degC away from it"
+        )
+    if _one_frequency(trials):
+        return (
+            "cannot tell, because at one frequency only the product of k_T and tau follows from how the response changes with the"
+            " temperature; record a voltage step, and a sweep at each of two temperatures 10 degC apart"
         )
     return (
         f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the resonance;"
