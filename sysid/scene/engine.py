@@ -182,6 +182,19 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
     return response if chunk.turn is None else response * chunk.turn.ravel()[chunk.take].conj(), state
 
 
+def seen(effects: tuple, state: State, inputs: Inputs) -> Array:
+    """What the sensor shows of a state, before noise; `inputs` are those that have held until now."""
+    response = state.filter[-1] if state.filter else _together([mode.response for mode in state.modes], effects)
+    return _sensed(effects[len(_before_filter(effects)) :], response, inputs)
+
+
+def held(plant: Plant, effects: tuple, state: State, inputs: Inputs, duration: Array, turn: Any, rung: str, reference: Leaf) -> State:
+    """The state after `inputs`, scalars, have been held for `duration` s: one interval of a chunk."""
+    duration, inputs, turn = jax.tree.map(lambda v: jnp.reshape(v, (1, 1)), (duration, inputs, turn))
+    rows = jax.tree.map(jnp.ravel, inputs)
+    return _plate(plant, effects, state, Chunk(duration, inputs, jnp.zeros(1, int), rows, turn), rung, reference)[1]
+
+
 def _before_filter(effects: tuple) -> tuple:
     """The effects in front of the lock-in's filter; none where there is no filter."""
     return effects[: next((i for i, e in enumerate(effects) if isinstance(e, LockIn)), 0)]

@@ -1,0 +1,316 @@
+"""The closed loop: a sampled controller against the continuous plate of a scene, in one compiled scan.
+
+Time is cut where something happens: where the sensor is sampled, a command takes effect, or an input of the scene changes. Over
+each piece the plate moves exactly as it does in an open-loop scene of the same effects (`sysid.scene.engine`). The controller
+runs every `sample_time`; what it is told is the sensor's reading of then (or of the sensor's delay before), what it asks for
+takes effect `latency` later, and holds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from controller.dq import Command
+from sysid.scene import engine
+from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset, Quantisation, Saturation
+from sysid.scene.profile import Profile
+from sysid.scene.scene import Scene, SceneError
+
+NEAR = 1e-6  # of a sample time: events as near as that happen at once
+RECORDER = (Saturation, Quantisation)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and what the controller
+    was told, `measured`, in the response unit; the command V (drive unit) and f (Hz); the `reference` that was asked for."""
+
+    time: np.ndarray
+    Wd: np.ndarray
+    Wq: np.ndarray
+    V: np.ndarray
+    f: np.ndarray
+    reference: np.ndarray
+    measured: np.ndarray = field(repr=False)
+
+    @property
+    def W(self) -> np.ndarray:
+        """Peak amplitude |Wd + j Wq|."""
+        return np.hypot(self.Wd, self.Wq)
+
+
+def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
+    """The scene with `loop` (a `Loop`) in place of its drive and its frequency.
+
+    `reference`: the amplitude that is asked for; by default what the scene's drive makes of the plate of the design, G V, so that
+    one scene serves both open and closed. A loop without a tracker takes the frequency of the scene. The same seed gives the same
+    noise, one value for each sample of the controller. Raises SceneError for a scene that has no time of its own.
+    """
+    return closed_loops(loop, [scene], reference, [seed])[0]
+
+
+def closed_loops(
+    loop: Any, scenes: Sequence[Scene], reference: Profile | float | None = None, seeds: Sequence[int] | None = None
+) -> list[Trace]:
+    """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
+    lengths may differ. `loop` may be one, or one for each scene, of one kind."""
+    scenes = [_playable(scene) for scene in scenes]
+    loops = list(loop) if isinstance(loop, list | tuple) and not hasattr(loop, "control") else [loop] * len(scenes)
+    seeds = range(len(scenes)) if seeds is None else seeds
+    runs = [_Run.of(one, scene, reference) for one, scene in zip(loops, scenes, strict=True)]
+    count = _rounded(max(len(r.knots) for r in runs))
+    rung = scenes[0].fidelity
+    with jax.enable_x64(True):
+        schedules = [r.schedule(count, seed) for r, seed in zip(runs, seeds, strict=True)]
+        given = [(_leaves(r.loop.control), _leaves(r.scene.plant), _leaves(r.scene.effects), r.scene._reference, s)
+                 for r, s in zip(runs, schedules, strict=True)]  # fmt: skip
+        depth = (max(r.depths[0] for r in runs), max(r.depths[1] for r in runs))
+        alike = {jax.tree.structure(g) for g in given}
+        if len(alike) > 1:
+            raise SceneError(f"{scenes[0].name}: found scenes or loops of different kinds, expected the same effects in all")
+        together = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
+        rows = jax.tree.map(np.asarray, _play(together, depth, rung))
+    return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
+
+
+class Schedule(NamedTuple):
+    """What happens at the beginning of each piece (M,), and what holds over it. `reads`: the sensor is sampled; `runs`: the
+    controller runs, with the reading of `reading` samples before and the scene's numbers; `acting`: which command holds,
+    counted back from the latest."""
+
+    duration: Any
+    reads: Any
+    runs: Any
+    reading: Any
+    acting: Any
+    warming: Any
+    force: Any
+    reference: Any
+    frequency: Any
+    temperature: Any
+    noise: Any  # (offset, share) of each reading, None without noise
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One scene, cut at its events: `knots` (M,) s, and which of them are samples."""
+
+    loop: Any
+    scene: Scene
+    reference: Any
+    time: np.ndarray
+    knots: np.ndarray
+    sample: np.ndarray  # index of the knot of each sample
+    marks: tuple[np.ndarray, np.ndarray, np.ndarray]  # samples run, readings taken, commands in force, counted up to each knot
+    early: int  # readings from before the scene began
+    depths: tuple[int, int]  # readings and commands that are on their way at most
+
+    @classmethod
+    def of(cls, loop: Any, scene: Scene, reference: Any) -> "_Run":
+        Ts = loop.sample_time
+        late = delay.time if (delay := scene.find(Delay)) else 0.0
+        time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
+        end = time[-1] if len(time) else 0.0
+        events = [time, time - late, time + loop.latency]
+        events += [p.edges(0.0, end) for name, p in scene.inputs.items() if name in ("temperature", "force")]
+        at = np.concatenate(events) / Ts
+        whole = np.round(at)
+        at = np.where(np.abs(at - whole) < NEAR, whole, at)  # a shared instant is one, whatever rounding made of it
+        knots = np.unique(at[(at >= 0) & (at <= end / Ts * (1 + 1e-15))])
+        if scene.substeps > 1 and len(knots) > 1:
+            share = np.arange(scene.substeps) / scene.substeps
+            knots = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
+        n = len(time)
+        instants = np.split(at[: 3 * n], 3)
+        marks = [np.searchsorted(i, knots, side="right") for i in instants]
+        ran, read, acted = marks
+        depths = int(np.max(read - ran)) + 1, int(np.max(ran - acted)) + 1
+        sample = np.searchsorted(knots, instants[0])
+        early = int(np.searchsorted(instants[1], 0.0))
+        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths)
+
+    def schedule(self, count: int, seed: int) -> Schedule:
+        """The pieces, filled up to `count` with some in which nothing happens."""
+        scene, (ran, read, acted) = self.scene, self.marks
+        duration = np.diff(self.knots, append=self.knots[-1])
+        inputs = scene._inputs(self.knots + 0.5 * duration, commanded=True)
+        asked = scene._inputs(self.time)
+        latest = np.maximum(ran - 1, 0)
+        warming = None
+        if inputs["temperature"] is not None:
+            warming = inputs["temperature"] - scene.plant.reference_temperature
+        noise = self._noise(seed)
+        held = Schedule(
+            duration=duration,
+            reads=np.diff(read, prepend=self.early) > 0,
+            runs=np.diff(ran, prepend=0) > 0,
+            reading=read - ran,
+            acting=ran - acted,
+            warming=warming,
+            force=inputs["force"],
+            reference=self._asked(asked["drive"])[latest],
+            frequency=asked["frequency"][latest],
+            temperature=None if asked["temperature"] is None else asked["temperature"][latest],
+            noise=None if noise is None else tuple(v[latest] for v in noise),
+        )
+        fill = count - len(duration)
+        quiet = held._replace(duration=0 * duration, reads=held.reads & False, runs=held.runs & False)
+        return jax.tree.map(lambda v, w: np.append(v, np.repeat(w[-1:], fill)), held, quiet)
+
+    def _asked(self, drive: np.ndarray) -> np.ndarray:
+        if self.reference is None:
+            return self.loop.G * drive
+        profile = self.reference if isinstance(self.reference, Profile) else Profile.constant(self.reference)
+        return profile.at(self.time)
+
+    def _noise(self, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear in it."""
+        effects = tuple(e for e in self.scene.effects if e.kind == "noise" and not isinstance(e, RECORDER))
+        if not effects:
+            return None
+        key = jax.random.key(seed)
+        states = engine.start("envelope", self.scene.plant, effects, key).noise
+
+        def made(value: float) -> np.ndarray:
+            rows = jnp.full(len(self.time), value, complex)
+            return np.asarray(engine.noisy(effects, rows, states, key, 0, self.loop.sample_time)[0])
+
+        offset = made(0.0)
+        return offset, np.round((made(1.0) - offset).real)
+
+    def trace(self, rows: tuple) -> Trace:
+        motion, measured, voltage, frequency = (v[self.sample] for v in rows)
+        reference = self._asked(self.scene._inputs(self.time)["drive"])
+        return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured)
+
+
+def _playable(scene: Scene) -> Scene:
+    if scene.kind == "steady" or scene.fidelity == "steady":
+        raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time")
+    if scene.fidelity == "carrier":
+        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {', '.join(engine.RUNGS[1:])} or auto")
+    if scene.find(Inverter):
+        raise SceneError(f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit")
+    return scene.resolved()
+
+
+def _rounded(count: int) -> int:
+    """The next of few lengths, so that scenes of about the same length share a compiled program."""
+    step = max(1 << (count - 1).bit_length() - 3, 64)
+    return -(-count // step) * step
+
+
+def _leaves(tree: Any) -> Any:
+    """Numbers as float64 leaves: an integer would be another program."""
+    return jax.tree.map(float, tree)
+
+
+class _Carry(NamedTuple):
+    plate: engine.State
+    control: Any
+    commands: tuple  # (depth,) voltages and frequencies, the latest first
+    readings: Any  # (depth,) the latest first
+    before: Inputs  # what has held until now
+    cycles: Any  # of the drive since its phase was last reset
+
+
+@partial(jax.jit, static_argnames=("depth", "rung"))
+def _play(given: tuple, depth: tuple[int, int], rung: str) -> Any:
+    """(M, runs) of motion, measurement and command at the beginning of each piece."""
+    control, plant, effects, reference, schedule = given
+    carry = jax.vmap(lambda c, p, e, r, s: _begin(c, p, e, r, s, depth, rung))(control, plant, effects, reference, schedule)
+
+    def body(carry, now):
+        one = jax.vmap(lambda *a: _piece(*a, rung))
+        return one(carry, now, control, plant, effects, reference)
+
+    return jax.lax.scan(body, carry, jax.tree.map(lambda v: jnp.swapaxes(v, 0, 1), schedule))[1]
+
+
+def _begin(control: Any, plant: Any, effects: tuple, reference: Any, schedule: Schedule, depth: tuple[int, int], rung: str) -> _Carry:
+    state = jax.tree.map(lambda v: jnp.asarray(v, float), control.init())
+    still, first = jnp.zeros(()), schedule.frequency[0]
+    start = control.rest().frequency
+    frequency = _made(effects, first if start is None else jnp.asarray(start, float))
+    inputs = _inputs(plant, effects, reference, Command(still, frequency), schedule, 0)
+    plate = _at_rest(rung, plant, effects)
+    readings = jnp.full(depth[0], engine.seen(effects, plate, inputs))
+    commands = (jnp.zeros(depth[1]), jnp.full(depth[1], frequency))
+    return _Carry(plate, state, commands, readings, inputs, still)
+
+
+def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
+    quiet = tuple(e for e in effects if e.kind != "noise")
+    return engine.start(rung, plant, quiet, jax.random.key(0))
+
+
+def _piece(carry: _Carry, now: Schedule, control: Any, plant: Any, effects: tuple, reference: Any, rung: str) -> tuple:
+    """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
+    effect; then the piece."""
+    readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
+    measured = _recorded(effects, readings[now.reading], now.noise)
+    state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
+    frequency = now.frequency if command.frequency is None else command.frequency
+    state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)
+    asked = (command.voltage, _made(effects, frequency))
+    commands = tuple(_pushed(now.runs, old, new) for old, new in zip(carry.commands, asked, strict=True))
+    inputs = _inputs(plant, effects, reference, Command(*(c[now.acting] for c in commands)), now, None)
+    turn, cycles = _turn(effects, carry, inputs, now.duration)
+    motion = sum(mode.response for mode in carry.plate.modes)
+    plate = engine.held(plant, effects, carry.plate, inputs, now.duration, turn, rung, reference)
+    after = _Carry(plate, state, commands, readings, inputs, cycles)
+    return after, (motion, measured, commands[0][0], commands[1][0])
+
+
+def _pushed(happens: Any, line: Any, value: Any) -> Any:
+    """`value` at the head of a line of the latest values, where it happens."""
+    return jnp.where(happens, jnp.concatenate([jnp.reshape(value, 1), line[:-1]]), line)
+
+
+def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule, row: int | None) -> Inputs:
+    warming, force = (v if v is None or row is None else v[row] for v in (now.warming, now.force))
+    omega = 2 * jnp.pi * command.frequency
+    inputs = Inputs(command.voltage, omega, 2 * jnp.pi * (reference - command.frequency), warming, force)
+    for e in effects:
+        if hasattr(e, "drive"):
+            inputs = e.drive(inputs)
+    return inputs
+
+
+def _made(effects: tuple, frequency: Any) -> Any:
+    """The frequency that the source makes."""
+    steps = next((e.step for e in effects if isinstance(e, FrequencyResolution)), None)
+    return frequency if steps is None else steps * jnp.round(frequency / steps)
+
+
+def _recorded(effects: tuple, response: Any, noise: Any) -> Any:
+    response = response if noise is None else noise[0] + noise[1] * response
+    for e in effects:
+        if isinstance(e, RECORDER):
+            response = e.noise(response, None, None, None)[0]
+    return response
+
+
+def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple[Any, Any]:
+    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles since then."""
+    if not any(isinstance(e, PhaseReset) for e in effects):
+        return None, carry.cycles
+    changed = inputs.omega != carry.before.omega
+    turn = jnp.where(changed, jnp.exp(2j * jnp.pi * carry.cycles), 1.0)
+    since = jnp.where(changed, 0.0, carry.cycles) + inputs.omega / (2 * jnp.pi) * duration
+    return turn, since - jnp.floor(since)
+
+
+def settling_time(time: np.ndarray, W: np.ndarray, target: float, tolerance: float = 0.05) -> float:
+    """The first time, s from `time[0]`, after which W stays within `tolerance` of `target`; inf when the last row is not."""
+    outside = np.flatnonzero(~(np.abs(W - target) <= tolerance * abs(target)))
+    if not len(outside):
+        return 0.0
+    return float(time[outside[-1] + 1] - time[0]) if outside[-1] + 1 < len(time) else float("inf")
+
+
