@@ -6,7 +6,9 @@ runs every `sample_time`; what it is told is the sensor's reading of then (or of
 takes effect `latency` later, and holds.
 """
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -21,6 +23,7 @@ from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, Ph
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 
+LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
 RECORDER = (Saturation, Quantisation)
 
@@ -60,21 +63,27 @@ def closed_loops(
     """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
     lengths may differ. `loop` may be one, or one for each scene, of one kind."""
     scenes = [_playable(scene) for scene in scenes]
-    loops = list(loop) if isinstance(loop, list | tuple) and not hasattr(loop, "control") else [loop] * len(scenes)
+    loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
-    runs = [_Run.of(one, scene, reference) for one, scene in zip(loops, scenes, strict=True)]
+    runs = [_Run.of(one, scene, reference, seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
     count = _rounded(max(len(r.knots) for r in runs))
-    rung = scenes[0].fidelity
+    shape = _Shape(*map(max, *(r.depths for r in runs), (1, 1)), _rounded(max(len(r.time) for r in runs)), scenes[0].fidelity)
+    size = min(len(runs), LANES)
+    groups = [runs[k : k + size] for k in range(0, len(runs), size)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [trace for traces in pool.map(lambda group: _side_by_side(group, size, count, shape), groups) for trace in traces]
+
+
+def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") -> list[Trace]:
+    """The traces of `runs`, filled up to `size` of them."""
+    filled = runs + runs[:1] * (size - len(runs))
     with jax.enable_x64(True):
-        schedules = [r.schedule(count, seed) for r, seed in zip(runs, seeds, strict=True)]
-        given = [(_leaves(r.loop.control), _leaves(r.scene.plant), _leaves(r.scene.effects), r.scene._reference, s)
-                 for r, s in zip(runs, schedules, strict=True)]  # fmt: skip
-        depth = (max(r.depths[0] for r in runs), max(r.depths[1] for r in runs))
-        alike = {jax.tree.structure(g) for g in given}
-        if len(alike) > 1:
-            raise SceneError(f"{scenes[0].name}: found scenes or loops of different kinds, expected the same effects in all")
-        together = jax.tree.map(lambda *leaves: np.stack(leaves), *given)
-        rows = jax.tree.map(np.asarray, _play(together, depth, rung))
+        given = [(r.loop.control, r.scene.plant, r.scene.effects, r.scene._reference, r.loop.sample_time) for r in filled]
+        if len({jax.tree.structure(g) for g in given}) > 1:
+            raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
+        numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
+        schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(r.schedule(count) for r in filled))
+        rows = jax.tree.map(np.asarray, _play(numbers, schedule, np.array([r.seed for r in filled]), shape))
     return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
 
 
@@ -86,6 +95,7 @@ class Schedule(NamedTuple):
     duration: Any
     reads: Any
     runs: Any
+    latest: Any  # sample
     reading: Any
     acting: Any
     warming: Any
@@ -93,7 +103,15 @@ class Schedule(NamedTuple):
     reference: Any
     frequency: Any
     temperature: Any
-    noise: Any  # (offset, share) of each reading, None without noise
+
+
+class _Shape(NamedTuple):
+    """What decides which program it is: readings and commands that may be on their way, samples, fidelity."""
+
+    readings: int
+    commands: int
+    samples: int
+    rung: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +121,7 @@ class _Run:
     loop: Any
     scene: Scene
     reference: Any
+    seed: int
     time: np.ndarray
     knots: np.ndarray
     sample: np.ndarray  # index of the knot of each sample
@@ -111,7 +130,7 @@ class _Run:
     depths: tuple[int, int]  # readings and commands that are on their way at most
 
     @classmethod
-    def of(cls, loop: Any, scene: Scene, reference: Any) -> "_Run":
+    def of(cls, loop: Any, scene: Scene, reference: Any, seed: int) -> "_Run":
         Ts = loop.sample_time
         late = delay.time if (delay := scene.find(Delay)) else 0.0
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
@@ -132,9 +151,9 @@ class _Run:
         depths = int(np.max(read - ran)) + 1, int(np.max(ran - acted)) + 1
         sample = np.searchsorted(knots, instants[0])
         early = int(np.searchsorted(instants[1], 0.0))
-        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths)
+        return cls(loop, scene, reference, seed, time, knots * Ts, sample, (ran, read, acted), early, depths)
 
-    def schedule(self, count: int, seed: int) -> Schedule:
+    def schedule(self, count: int) -> Schedule:
         """The pieces, filled up to `count` with some in which nothing happens."""
         scene, (ran, read, acted) = self.scene, self.marks
         duration = np.diff(self.knots, append=self.knots[-1])
@@ -144,11 +163,11 @@ class _Run:
         warming = None
         if inputs["temperature"] is not None:
             warming = inputs["temperature"] - scene.plant.reference_temperature
-        noise = self._noise(seed)
         held = Schedule(
             duration=duration,
             reads=np.diff(read, prepend=self.early) > 0,
             runs=np.diff(ran, prepend=0) > 0,
+            latest=latest,
             reading=read - ran,
             acting=ran - acted,
             warming=warming,
@@ -156,7 +175,6 @@ class _Run:
             reference=self._asked(asked["drive"])[latest],
             frequency=asked["frequency"][latest],
             temperature=None if asked["temperature"] is None else asked["temperature"][latest],
-            noise=None if noise is None else tuple(v[latest] for v in noise),
         )
         fill = count - len(duration)
         quiet = held._replace(duration=0 * duration, reads=held.reads & False, runs=held.runs & False)
@@ -167,21 +185,6 @@ class _Run:
             return self.loop.G * drive
         profile = self.reference if isinstance(self.reference, Profile) else Profile.constant(self.reference)
         return profile.at(self.time)
-
-    def _noise(self, seed: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear in it."""
-        effects = tuple(e for e in self.scene.effects if e.kind == "noise" and not isinstance(e, RECORDER))
-        if not effects:
-            return None
-        key = jax.random.key(seed)
-        states = engine.start("envelope", self.scene.plant, effects, key).noise
-
-        def made(value: float) -> np.ndarray:
-            rows = jnp.full(len(self.time), value, complex)
-            return np.asarray(engine.noisy(effects, rows, states, key, 0, self.loop.sample_time)[0])
-
-        offset = made(0.0)
-        return offset, np.round((made(1.0) - offset).real)
 
     def trace(self, rows: tuple) -> Trace:
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
@@ -205,11 +208,6 @@ def _rounded(count: int) -> int:
     return -(-count // step) * step
 
 
-def _leaves(tree: Any) -> Any:
-    """Numbers as float64 leaves: an integer would be another program."""
-    return jax.tree.map(float, tree)
-
-
 class _Carry(NamedTuple):
     plate: engine.State
     control: Any
@@ -219,29 +217,45 @@ class _Carry(NamedTuple):
     cycles: Any  # of the drive since its phase was last reset
 
 
-@partial(jax.jit, static_argnames=("depth", "rung"))
-def _play(given: tuple, depth: tuple[int, int], rung: str) -> Any:
+@partial(jax.jit, static_argnames="shape")
+def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     """(M, runs) of motion, measurement and command at the beginning of each piece."""
-    control, plant, effects, reference, schedule = given
-    carry = jax.vmap(lambda c, p, e, r, s: _begin(c, p, e, r, s, depth, rung))(control, plant, effects, reference, schedule)
+    control, plant, effects, reference, sample_time = numbers
+    first = jax.tree.map(lambda v: v[0], schedule)
+    carry = jax.vmap(partial(_begin, shape=shape))(control, plant, effects, reference, first)
+    noise = jax.vmap(partial(_noise, samples=shape.samples))(effects, seeds, sample_time)
+    noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
 
     def body(carry, now):
-        one = jax.vmap(lambda *a: _piece(*a, rung))
-        return one(carry, now, control, plant, effects, reference)
+        return jax.vmap(partial(_piece, rung=shape.rung))(carry, *now, control, plant, effects, reference)
 
-    return jax.lax.scan(body, carry, jax.tree.map(lambda v: jnp.swapaxes(v, 0, 1), schedule))[1]
+    return jax.lax.scan(body, carry, (schedule, noise))[1]
 
 
-def _begin(control: Any, plant: Any, effects: tuple, reference: Any, schedule: Schedule, depth: tuple[int, int], rung: str) -> _Carry:
+def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[Any, Any] | None:
+    """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear in it."""
+    drawn = tuple(e for e in effects if e.kind == "noise" and not isinstance(e, RECORDER))
+    if not drawn:
+        return None
+    key = jax.random.key(seed)
+    states = tuple(e.init(engine._key(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
+
+    def made(value: float) -> Any:
+        return engine.noisy(drawn, jnp.full(samples, value, complex), states, key, 0, sample_time)[0]
+
+    offset = made(0.0)
+    return offset, jnp.round((made(1.0) - offset).real)
+
+
+def _begin(control: Any, plant: Any, effects: tuple, reference: Any, first: Schedule, shape: _Shape) -> _Carry:
     state = jax.tree.map(lambda v: jnp.asarray(v, float), control.init())
-    still, first = jnp.zeros(()), schedule.frequency[0]
     start = control.rest().frequency
-    frequency = _made(effects, first if start is None else jnp.asarray(start, float))
-    inputs = _inputs(plant, effects, reference, Command(still, frequency), schedule, 0)
-    plate = _at_rest(rung, plant, effects)
-    readings = jnp.full(depth[0], engine.seen(effects, plate, inputs))
-    commands = (jnp.zeros(depth[1]), jnp.full(depth[1], frequency))
-    return _Carry(plate, state, commands, readings, inputs, still)
+    frequency = _made(effects, first.frequency if start is None else jnp.asarray(start, float))
+    inputs = _inputs(plant, effects, reference, Command(jnp.zeros(()), frequency), first)
+    plate = _at_rest(shape.rung, plant, effects)
+    readings = jnp.full(shape.readings, engine.seen(effects, plate, inputs))
+    commands = (jnp.zeros(shape.commands), jnp.full(shape.commands, frequency))
+    return _Carry(plate, state, commands, readings, inputs, jnp.zeros(()))
 
 
 def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
@@ -249,17 +263,17 @@ def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
     return engine.start(rung, plant, quiet, jax.random.key(0))
 
 
-def _piece(carry: _Carry, now: Schedule, control: Any, plant: Any, effects: tuple, reference: Any, rung: str) -> tuple:
+def _piece(carry: _Carry, now: Any, noise: Any, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:
     """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
     effect; then the piece."""
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
-    measured = _recorded(effects, readings[now.reading], now.noise)
+    measured = _recorded(effects, readings[now.reading], noise)
     state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
     frequency = now.frequency if command.frequency is None else command.frequency
     state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)
     asked = (command.voltage, _made(effects, frequency))
     commands = tuple(_pushed(now.runs, old, new) for old, new in zip(carry.commands, asked, strict=True))
-    inputs = _inputs(plant, effects, reference, Command(*(c[now.acting] for c in commands)), now, None)
+    inputs = _inputs(plant, effects, reference, Command(*(c[now.acting] for c in commands)), now)
     turn, cycles = _turn(effects, carry, inputs, now.duration)
     motion = sum(mode.response for mode in carry.plate.modes)
     plate = engine.held(plant, effects, carry.plate, inputs, now.duration, turn, rung, reference)
@@ -272,10 +286,9 @@ def _pushed(happens: Any, line: Any, value: Any) -> Any:
     return jnp.where(happens, jnp.concatenate([jnp.reshape(value, 1), line[:-1]]), line)
 
 
-def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule, row: int | None) -> Inputs:
-    warming, force = (v if v is None or row is None else v[row] for v in (now.warming, now.force))
-    omega = 2 * jnp.pi * command.frequency
-    inputs = Inputs(command.voltage, omega, 2 * jnp.pi * (reference - command.frequency), warming, force)
+def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
+    offset = 2 * jnp.pi * (reference - command.frequency)
+    inputs = Inputs(command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force)
     for e in effects:
         if hasattr(e, "drive"):
             inputs = e.drive(inputs)

@@ -188,7 +188,7 @@ def seen(effects: tuple, state: State, inputs: Inputs) -> Array:
     return _sensed(effects[len(_before_filter(effects)) :], response, inputs)
 
 
-def held(plant: Plant, effects: tuple, state: State, inputs: Inputs, duration: Array, turn: Any, rung: str, reference: Leaf) -> State:
+def held(plant: Plant, effects: tuple, state: State, inputs: Inputs, duration: Leaf, turn: Any, rung: str, reference: Leaf):
     """The state after `inputs`, scalars, have been held for `duration` s: one interval of a chunk."""
     duration, inputs, turn = jax.tree.map(lambda v: jnp.reshape(v, (1, 1)), (duration, inputs, turn))
     rows = jax.tree.map(jnp.ravel, inputs)
