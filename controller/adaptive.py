@@ -28,7 +28,8 @@ class AdaptiveState(NamedTuple):
 
 
 class AdaptiveInfo(NamedTuple):
-    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the design's, the resonance in Hz."""
+    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the design's, and `resonance`
+    in Hz."""
 
     missing: Any
     saturated: Any
@@ -39,10 +40,11 @@ class AdaptiveInfo(NamedTuple):
 class Adaptive(NamedTuple):
     """The controller of a plate with  b T = `push` (response per drive),  T/tau = `damping`, from the frequency `start` (Hz).
 
-    `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time
-    constant) along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect `len(delay)` whole samples after they were asked for. Voltage,
-    slew limits and window, quantum and temperature as in `PI` and `Tracker`; `sweep` is the most that the frequency moves in a
-    sample. The pole is held unless reference > 0 and |Z| > gate * reference.
+    `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time constant)
+    along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect
+    `len(delay)` whole samples after they were asked for. Voltage, slew limits and window, quantum and temperature as in `PI` and
+    `Tracker`; `sweep` is the most that the frequency moves in a sample. The pole is held unless reference > 0 and
+    |Z| > gate * reference.
     """
 
     push: float

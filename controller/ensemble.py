@@ -25,10 +25,12 @@ class Ensemble(NamedTuple):
         draws = {name: np.ravel(values) for name, values in getattr(source, "draws", {}).items()}
         draws = {name: values[np.linspace(0, len(values) - 1, COUNT).astype(int)] for name, values in draws.items()}
 
-        def drawn(name: str) -> np.ndarray:
-            return draws.get(name, np.full(COUNT, means.get(name) or 0.0))
+        alone = not draws and finger == 0.0 and warming[0] == warming[1]
+        k = np.zeros(1) if alone else np.arange(COUNT)
 
-        k = np.arange(COUNT)
+        def drawn(name: str) -> np.ndarray:
+            return draws.get(name, np.full(len(k), means.get(name) or 0.0))
+
         # Two fractions that fill the square evenly (Kronecker sequence of the plastic number), stretched to reach its edges.
         u, v = (np.clip(1.02 * ((k * a) % 1.0) - 0.01, 0.0, 1.0) for a in (0.7548776662466927, 0.5698402909980532))
         shift = drawn("f0") - (means.get("f0") or 0.0) + drawn("k_T") * (warming[0] + v * (warming[1] - warming[0]))

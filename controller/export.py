@@ -1,7 +1,7 @@
 """A Loop for other programs: a C99 header with the same arithmetic, sample for sample, and controller.json."""
 
 import re
-import sys
+from controller.scalar import NO_LIMIT
 from pathlib import Path
 from typing import Any
 
@@ -131,8 +131,8 @@ def as_dict(loop: Loop) -> dict[str, Any]:
 
     Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
     """
-    limited = loop.pi.voltage_limit < sys.float_info.max
-    gains = {"Kp": loop.pi.Kp, "Ki_Ts": loop.pi.Ki_Ts}
+    limited = loop.control.amplitude.voltage_limit < sys.float_info.max
+    gains = {"Kp": loop.control.amplitude.Kp, "Ki_Ts": loop.control.amplitude.Ki_Ts}
     return {
         "schema": SCHEMA,
         "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
@@ -143,8 +143,8 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "bandwidth_bound": loop.bandwidth_bound,
         "gains": {"d": gains, "q": dict(gains)},
         "continuous": {"Kp": loop.Kp_continuous, "Ti_s": loop.Ti},
-        "anti_windup": loop.pi.anti_windup,
-        "voltage_limit": loop.pi.voltage_limit if limited else None,
+        "anti_windup": loop.control.amplitude.anti_windup,
+        "voltage_limit": loop.control.amplitude.voltage_limit if limited else None,
         "tracker": _tracker_dict(loop),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
@@ -152,7 +152,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
 
 
 def _tracker_dict(loop: Loop) -> dict[str, float] | None:
-    t = loop.tracker
+    t = loop.control.tracker
     if t is None:
         return None
     numbers = {"gain_Hz": t.gain, "max_step_Hz": t.max_step, "start_Hz": t.start, "gate": t.gate}
@@ -160,15 +160,15 @@ def _tracker_dict(loop: Loop) -> dict[str, float] | None:
 
 
 def _pi_numbers(loop: Loop) -> dict[str, str]:
-    pi = loop.pi
+    pi = loop.control.amplitude
     numbers = {"sample_time": loop.sample_time, "Kp": pi.Kp, "Ki_Ts": pi.Ki_Ts, "anti_windup": pi.anti_windup}
     texts = {name: _number(value) for name, value in numbers.items()}
-    no_limit = "" if pi.voltage_limit < sys.float_info.max else " (none was given)"
-    return texts | {"limit": _number(pi.voltage_limit), "no_limit": no_limit}
+    no_limit = "" if pi.highest < NO_LIMIT else " (none was given)"
+    return texts | {"limit": _number(pi.highest), "no_limit": no_limit}
 
 
 def _tracker_text(loop: Loop, units: dict[str, str]) -> str:
-    t = loop.tracker
+    t = loop.control.tracker
     if t is None:
         return ""
     numbers = {name: _number(getattr(t, name)) for name in ("gain", "max_step", "start", "gate")}

@@ -12,7 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.adaptive import AdaptiveState
+from controller.dq import DQ
 from controller.ensemble import Ensemble
+from controller.pi import PIState
+from controller.scalar import NO_LIMIT
 
 POINTS = 400  # frequencies
 
@@ -50,7 +54,7 @@ def plant(plants: Ensemble, T: float, delay: float, z: np.ndarray) -> np.ndarray
 def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.ndarray:
     """C(z) = -V/Wd, (n, m) or (1, m) where it is the same for all plants."""
     z = np.exp(1j * angle)
-    A, B, C, D = control.linearised(plants.rate * T)
+    A, B, C, D = linearised(control, plants.rate * T)
     values, vectors = np.linalg.eig(A)
     # Modes, unless two coincide: then the resolvent itself.
     if np.all(np.linalg.cond(vectors) < 1e8):
@@ -59,6 +63,33 @@ def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.
     n = A.shape[-1]
     solved = np.linalg.solve(z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex))[..., 0]
     return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
+
+
+def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, s, s), B (n, s), C (n, s), D (n,) of Wd -> V about a settled amplitude of one, without limits, at resonance.
+
+    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,), which it has learnt.
+    """
+    if isinstance(control, DQ):
+        pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT)
+
+        def step(state: tuple, W: Any) -> tuple[tuple, Any]:
+            after, voltage, _ = pi.step(PIState(state[0], 0.0), 1.0, W, np)
+            return (after.integral,), voltage
+
+        return differences(step, (np.zeros(1),), np.ones(1, complex), 1e-3)
+    free = control._replace(lowest_voltage=-NO_LIMIT, highest_voltage=NO_LIMIT, slew=NO_LIMIT)
+    one, zero = np.ones_like(damping), np.zeros_like(damping)
+    sent = len(control.delay) + 1
+
+    def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
+        d, now, *voltages = state
+        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(voltages), (zero,) * sent)
+        after, command, _ = free.step(before, 1.0, W, None, np)
+        return (after.d, after.damping, *after.voltages), command.voltage
+
+    settled = (one, damping, *[damping / control.push] * sent)
+    return differences(adaptive, settled, one + 0j, 1e-5)
 
 
 def _read(L: np.ndarray, angle: np.ndarray, T: float) -> Margins:
