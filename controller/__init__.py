@@ -7,15 +7,17 @@ from importlib import import_module
 
 from controller.adaptive import Adaptive
 from controller.design import Loop, design
+from controller.document import as_dict
 from controller.dq import DQ, Command
-from controller.export import as_dict, export_c
+from controller.export import export_c
+from controller.guard import Guard
 from controller.pi import PI
 from controller.rig import Rig, RigError, Sensor
 from controller.tracker import SignTracker, Tracker
 
 _LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
 __all__ = [
-    "DQ", "PI", "Adaptive", "Command", "Loop", "Rig", "RigError", "Sensor", "SignTracker", "Trace", "Tracker",
+    "DQ", "PI", "Adaptive", "Command", "Guard", "Loop", "Rig", "RigError", "Sensor", "SignTracker", "Trace", "Tracker",
     "as_dict", "closed_loop", "closed_loops", "design", "export_c", "settling_time",
 ]  # fmt: skip
 

@@ -19,6 +19,7 @@ import numpy as np
 from controller.adaptive import Adaptive
 from controller.dq import DQ
 from controller.ensemble import Ensemble
+from controller.guard import Guard
 from controller.limits import Limits, amplitude_of, limits_of
 from controller.pi import PI
 from controller.plate import Plate, plate_of, positive, units_of
@@ -26,9 +27,11 @@ from controller.promise import Promise, promise, settling
 from controller.rig import Calibrated, Rig
 from controller.tracker import SignTracker, Tracker
 
+PREDICTED_SHARE, PREDICTED_K = 0.1, 0.5  # the same where the delay is predicted, and the largest K there: disk margin 0.8
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 BETA = 0.3  # share of the detuning that one tracker update removes
 TRACKER_PERIOD = 1e-3  # s, the shortest time between two updates
+FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
 OBSERVER = 5e-4, 2.5e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 Bound = Literal["stated", "plant", "delay", "posterior", "settling"]
@@ -38,7 +41,8 @@ Method = Literal["pi", "paper", "adaptive"]
 @final
 @dataclass(frozen=True)
 class Loop:
-    """A designed controller. `control` is what runs (`init`, `step`); the rest says what it was made of, and for.
+    """A designed controller. `control` is what runs (`init`, `step`): the `law` behind its sensor's correction and its guard. The
+    rest says what it was made of, and for.
 
     A `DQ` has no tracker when f0 is not determined; `notes` then says why. `bandwidth_bound` is what decided the bandwidth:
     "stated" by the caller, "settling" that was asked for, "plant" (a closed loop of 0.3 tau), "delay" (no oscillation with the
@@ -48,7 +52,9 @@ class Loop:
     units are None when nobody stated them.
     """
 
-    control: DQ | Adaptive | Calibrated
+    control: DQ | Adaptive | Calibrated | Guard
+    law: DQ | Adaptive
+    method: Method
     G: float
     tau: float
     f0: float | None
@@ -69,6 +75,7 @@ class Loop:
     response_unit: str | None = None
     reference_temperature: float | None = None
     notes: tuple[str, ...] = ()
+    logs: tuple[str, ...] = ()  # sha256
 
 
 def design(
@@ -85,6 +92,7 @@ def design(
     warming: tuple[float, float] = (0.0, 0.0),
     method: Method = "pi",
     rig: Rig | None = None,
+    guard: bool = True,
 ) -> Loop:
     """The controller for what is wanted: a closed-loop bandwidth 1 / (2 pi tau_cl) in Hz, or a settling time (5 %) in s.
 
@@ -94,7 +102,7 @@ def design(
     will be asked for. `voltage_limit` (drive unit) and `frequency_window` (Hz) default to what the logs have seen; where there
     are no logs, to none. `finger`: the damping that a finger adds at most, in units of the plate's own (1: it halves the
     amplitude); `warming`: degC above the reference temperature, from and to. `method`: "pi", PI and proportional tracker;
-    "paper", the rules of the paper; "adaptive", an observer of the pole.
+    "paper", the rules of the paper; "adaptive", an observer of the pole. `guard`: faults end the drive (see `controller.guard`).
 
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
@@ -108,15 +116,18 @@ def design(
         latency = math.ceil(latency / T - 1e-9) * T  # its commands are latched at the next sample
     plate = plate_of(source)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, warming)
-    bandwidth_limit = _delay_limit((latency + rig.sensor_delay) / T) / (2 * math.pi * T)
+    most = -math.log1p(-PREDICTED_K) if method == "adaptive" else _delay_limit((latency + rig.sensor_delay) / T)
+    bandwidth_limit = most / (2 * math.pi * T)
     plants = Ensemble.of(source, plate.means, finger, warming if plate.f0 is not None and plate.k_T is not None else (0.0, 0.0))
     amplitude = amplitude_of(plate, limits, amplitude, finger)
-    asked = _Asked(plate, T, latency, limits, rig, method, plants, amplitude)
+    asked = _Asked(plate, T, latency, limits, rig, method, plants, amplitude, float(finger))
     bandwidth, bound = _bandwidth(asked, bandwidth_hz, settling_time, bandwidth_limit)
-    inner = asked.control(bandwidth)
+    law = asked.control(bandwidth)
     response_unit, drive_unit = units_of(plate.fit)
     return Loop(
-        control=_calibrated(inner, rig, plate),
+        control=_guarded(_calibrated(law, rig, plate), asked) if guard else _calibrated(law, rig, plate),
+        law=law,
+        method=method,
         G=plate.G,
         tau=plate.tau,
         f0=plate.f0,
@@ -131,12 +142,13 @@ def design(
         amplitude=amplitude,
         finger=float(finger),
         warming=(float(warming[0]), float(warming[1])),
-        promise=asked.promise(inner),
+        promise=asked.promise(law),
         rig=rig,
         drive_unit=drive_unit,
         response_unit=response_unit,
         reference_temperature=getattr(plate.fit, "reference_temperature", None),
         notes=tuple(_notes(asked, bandwidth, bound)),
+        logs=tuple(fitted.log.sha256 for fitted in getattr(plate.fit, "logs", ()) if fitted.log.sha256),
     )
 
 
@@ -147,6 +159,18 @@ def _calibrated(control: DQ | Adaptive, rig: Rig, plate: Plate) -> DQ | Adaptive
         raise ValueError(f"the sensor's delay cannot be corrected: f0 is not determined: {plate.why}")
     correction = rig.sensor.correction(plate.f0 or 0.0)
     return Calibrated(control, correction.real, correction.imag)
+
+
+def _guarded(control: DQ | Adaptive | Calibrated, asked: "_Asked") -> Guard:
+    """Faults after 5 ms; the largest amplitude is that of the voltage limit on the untouched plate, and a fifth more."""
+    plate, limits, T = asked.plate, asked.limits, asked.T
+    gain = (asked.rig.sensor.gain if asked.rig.sensor else 1.0) * abs(plate.G)
+    limit = PI(1.0, 1.0).highest if limits.voltage is None else limits.voltage
+    ceiling = limit if limits.voltage is None else 1.2 * gain * limit
+    window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
+    patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
+    finger = 1.0 + asked.finger
+    return Guard(control, limit, ceiling, gain / finger, -math.expm1(-T / plate.tau), *window, float(patience), float(repeats))
 
 
 class _Asked(NamedTuple):
@@ -160,6 +184,7 @@ class _Asked(NamedTuple):
     method: Method
     plants: Ensemble
     amplitude: float
+    finger: float
 
     def control(self, bandwidth: float) -> DQ | Adaptive:
         if self.method == "adaptive":
@@ -206,7 +231,9 @@ class _Asked(NamedTuple):
         if plate.f0 is None:
             raise ValueError(f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without")
         lowest, highest = self._voltages()
-        slow, fast = (math.exp(-T / max(t, 2 * T)) for t in OBSERVER)
+        heard, fast = OBSERVER
+        # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
+        slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.frequency_step is None else 4 * heard, fast))
         return Adaptive(
             plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0, -math.expm1(-2 * math.pi * bandwidth * T),
             (fast, slow), (0.0,) * round(self.latency / T), lowest, highest, self.rig.slew(T), **self._frequency(),
@@ -223,7 +250,8 @@ def _bandwidth(asked: _Asked, bandwidth: float | None, settling: float | None, l
     if bandwidth is not None and settling is not None:
         raise ValueError("found bandwidth_hz and settling_time, expected one of them: each decides the other")
     plate, T = asked.plate, asked.T
-    plant = 1 / (2 * math.pi * CLOSED_LOOP_SHARE * plate.tau)
+    share = PREDICTED_SHARE if asked.method == "adaptive" else CLOSED_LOOP_SHARE
+    plant = 1 / (2 * math.pi * share * plate.tau)
     safe = min(limit, -math.log1p(math.expm1(-2 * math.pi * limit * T) / plate.spread) / (2 * math.pi * T))
     if settling is not None:
         return _settled(asked, settling, safe), "settling"
@@ -264,8 +292,8 @@ def _settled(asked: _Asked, wanted: float, fastest: float) -> float:
             )
         else:
             why = f"the sample time {asked.T:g} s and the delay {delay:g} s stand in the way: a faster loop oscillates"
-        best = f"the nearest that can be had is {1e3 * best:.4g} ms" if math.isfinite(best) else "no setting settles at all"
-        raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; {best}")
+        nearest = f"the nearest that can be had is {1e3 * best:.4g} ms" if math.isfinite(best) else "no setting settles at all"
+        raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; {nearest}")
     return float(next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9)))
 
 

@@ -67,7 +67,8 @@ def closed_loops(
     seeds = range(len(scenes)) if seeds is None else seeds
     runs = [_Run.of(one, scene, reference, seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
     count = _rounded(max(len(r.knots) for r in runs))
-    shape = _Shape(*map(max, *(r.depths for r in runs), (1, 1)), _rounded(max(len(r.time) for r in runs)), scenes[0].fidelity)
+    readings, commands, samples = (max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True))
+    shape = _Shape(readings, commands, _rounded(samples), scenes[0].fidelity)
     size = min(len(runs), LANES)
     groups = [runs[k : k + size] for k in range(0, len(runs), size)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -227,7 +228,7 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
 
     def body(carry, now):
-        return jax.vmap(partial(_piece, rung=shape.rung))(carry, *now, control, plant, effects, reference)
+        return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference)
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
 
@@ -263,9 +264,10 @@ def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
     return engine.start(rung, plant, quiet, jax.random.key(0))
 
 
-def _piece(carry: _Carry, now: Any, noise: Any, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:
+def _piece(carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:
     """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
     effect; then the piece."""
+    now, noise = happening
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
     measured = _recorded(effects, readings[now.reading], noise)
     state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)

@@ -31,7 +31,7 @@ def promise(control: Any, plants: Ensemble, sample_time: float, latency: float, 
     settling, overshoot = steps(control, plants, sample_time, latency, amplitude, start)
     each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
     worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
-    spread = {name: tuple(float(q) for q in _quantiles(values)) for name, values in each.items()}
+    spread = {name: _quantiles(values) for name, values in each.items()}
     return Promise(**worst, spread=spread)
 
 
@@ -49,9 +49,9 @@ def _worst(values: np.ndarray, sign: int) -> float:
     return float(sign * ordered[int(SHARE * len(ordered))])
 
 
-def _quantiles(values: np.ndarray) -> np.ndarray:
-    ordered = np.sort(values)
-    return ordered[[round(q * (len(ordered) - 1)) for q in (0.05, 0.5, 0.95)]]
+def _quantiles(values: np.ndarray) -> tuple[float, float, float]:
+    ordered, last = np.sort(values), len(values) - 1
+    return float(ordered[round(0.05 * last)]), float(ordered[round(0.5 * last)]), float(ordered[round(0.95 * last)])
 
 
 def steps(

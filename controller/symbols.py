@@ -4,18 +4,18 @@ The record is that of the arithmetic that runs in Python, operation by operation
 loop, no branch and no memory but the state; the number of operations is known.
 """
 
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 
 class Record:
-    """Operations in order, as lines of C, each value once; `counts` of each operation. Stands in for `xp`."""
+    """Operations in order, as lines of C, each value once. Stands in for `xp`."""
 
     def __init__(self, number: Callable[[float], str]):
         self.number = number
-        self.lines: list[str] = []
-        self.counts: Counter[str] = Counter()
+        self._made: dict[str, tuple[str, str]] = {}  # by name: operation, line
         self._known: dict[str, Symbol] = {}
 
     def input(self, text: str) -> "Symbol":
@@ -30,11 +30,20 @@ class Record:
 
     def made(self, operation: str, expression: str, condition: bool = False) -> "Symbol":
         if expression not in self._known:
-            name = f"{'c' if condition else 'x'}{len(self.lines)}"
-            self.lines.append(f"const {'int' if condition else 'dq_real'} {name} = {expression};")
-            self.counts[operation] += 1
+            name = f"{'c' if condition else 'x'}{len(self._made)}"
+            self._made[name] = (operation, f"const {'int' if condition else 'dq_real'} {name} = {expression};")
             self._known[expression] = Symbol(self, name, condition)
         return self._known[expression]
+
+    def needed(self, results: Iterable[str]) -> tuple[list[str], Counter[str]]:
+        """The lines without which `results` could not be had, in order, and how many of each operation they are."""
+        wanted = set(results)
+        kept = []
+        for name, (operation, line) in reversed(self._made.items()):
+            if name in wanted:
+                wanted |= set(re.findall(r"\b[xc]\d+\b", line))
+                kept.append((operation, line))
+        return [line for _, line in reversed(kept)], Counter(operation for operation, _ in kept)
 
     def where(self, condition: Any, yes: Any, no: Any) -> Any:
         if isinstance(condition, bool):

@@ -261,6 +261,9 @@ def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]
     """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each lane does as a
     whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps that stable."""
 
+    if growth.shape == (1, 1):
+        return jnp.reshape(state, (1, 1)), state + growth[0, 0] * (state + target[0, 0])
+
     def whole(done, now):
         share, offset = done
         growth, target = now
@@ -282,6 +285,10 @@ def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]
 
 def _affine(steps: tuple[Array, ...], mode: Mode) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
     """As `_gathered`, of Z+ = a Z + b U + p, U+ = c Z + d U + q: (Z, U)."""
+    if steps[0].shape == (1, 1):
+        a, b, c, d, p, q = (v[0, 0] for v in steps)
+        (z, u), (begin, moving) = mode, (jnp.reshape(v, (1, 1)) for v in mode)
+        return (begin, moving), (a * z + b * u + p, c * z + d * u + q)
 
     def whole(done, now):
         a, b, c, d, p, q = now
