@@ -205,14 +205,17 @@ def test_temperature_run():
     assert opened[-1] / 2 == pytest.approx(0.684, abs=2e-3)
     without = paper()
     without.control = without.control._replace(tracker=None)
-    held, tracked = closed_loop(without, said), closed_loop(paper(), said)
+    without.latency = 0.0
+    held, tracked = closed_loop(without, said), closed_loop(paper(latency=0.0), said)
     # the PI alone holds Wd, so that the detuned amplitude rises: 1.461 at 2.13 times the voltage
     assert held.Wd[-1] / 2 == pytest.approx(1.0, abs=1e-3)
     assert held.W[-1] / 2 == pytest.approx(1.461, abs=5e-3)
     assert held.V[-1] / 100 == pytest.approx(2.13, abs=0.01)
     late = tracked.time > 0.05
-    assert tracked.Wd[late] / 2 == pytest.approx(1.0, abs=1e-3)  # 0.999 to 1.001
-    assert tracked.V[late].min() > 99.5 and tracked.V[late].max() < 101.5
+    # a design study of this rule: Wd 0.9987 to 1.0007, V 1.000 to 1.005 (its ramp is not stated)
+    assert 0.9985 < tracked.Wd[late].min() / 2 and tracked.Wd[late].max() / 2 < 1.0010
+    assert 0.999 < tracked.W[late].min() / 2 and np.quantile(tracked.W[late], 0.99) / 2 < 1.0011
+    assert tracked.V[late].min() > 99.8 and tracked.V[late].max() < 100.7
     assert np.abs(tracked.f - (32300 - 10.16 * (WARMING.at(tracked.time) - 24)))[late].max() < 20  # two steps of the rule
     assert tracked.f[-1] - 32300 == pytest.approx(-101.6, abs=13)
 
@@ -224,7 +227,8 @@ def test_temperature_run():
 def test_settling_is_near_the_time_optimal_bound(r):
     trace = closed_loop(ours(limit=100.0 * r), scene((), 0.02))
     bound = TAU * math.log(r / (r - 0.95))  # full voltage until 95 %
-    found = settling_time(trace.time, trace.W, 2.0)
+    k = round(settling_time(trace.time, trace.W, 2.0) / T)
+    found = np.interp(1.9, trace.W[k - 1 : k + 1], trace.time[k - 1 : k + 1])  # between two samples
     assert bound <= found + T and found <= 1.10 * bound + T + T  # and latency, and one sample
 
 
