@@ -33,5 +33,7 @@ def clip(x: Any, low: Any, high: Any, xp: Any) -> Any:
 
 
 def seen(reference: Any, W: Any, xp: Any) -> Any:
-    """Whether a measurement is there at all: one that is missing is not finite, and is not zero."""
-    return xp.isfinite(reference) & xp.isfinite(W.real) & xp.isfinite(W.imag)
+    """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose fourth power
+    overflows is none either: nothing that is computed from it would be finite."""
+    size = W.real * W.real + W.imag * W.imag
+    return xp.isfinite(reference) & xp.isfinite(size * size)
