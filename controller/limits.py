@@ -55,7 +55,8 @@ def limits_of(
     swept = [np.asarray(log.frequency, float) for log in logs if log.frequency is not None]
     if window is None and swept:
         half = 1 / (2 * math.pi * plate.tau)
-        window = (min(float(f.min()) for f in swept) - half, max(float(f.max()) for f in swept) + half)
+        seen = [plate.f0, *(float(v) for f in swept for v in (f.min(), f.max()))]
+        window = (min(seen) - half, max(seen) + half)
     reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
     if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
         raise ValueError(

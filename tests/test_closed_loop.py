@@ -111,8 +111,8 @@ ALONE = [["lock_in"], ["delay"], SENSOR, ["duffing"], ["self_heating"], ["amplif
 @pytest.mark.parametrize("names", ALONE, ids="-".join)
 def test_without_a_controller_it_is_the_open_loop_scene(names):
     """Each effect, its state and its sensor, as the open-loop simulation has it: two ways through the same scene."""
-    changed = {"delay": {"time": 2.3e-4}, "feedthrough": {"d": 1e-4, "q": 2e-4}, "offset": {"d": 0.1}, "rotation": {"angle": 20.0}}
-    changed |= {"amplifier_limit": {"limit": 80.0}, "frequency_resolution": {"step": 7.0}}
+    changed = {"delay": {"time": 2.3e-4}, "feedthrough": {"d": 1e-4, "q": 2e-4}, "offset": {"d": 0.1}}
+    changed |= {"rotation": {"angle": 20.0}, "amplifier_limit": {"limit": 80.0}, "frequency_resolution": {"step": 7.0}}
     effects = [FINGER, *(EFFECTS[n](**changed.get(n, {})) for n in names)]
     force = Profile(np.array([0.0, 0.010037, 0.015]), np.array([0.0, 1.0, 0.0]))
     warm = Profile(np.array([0.0, 0.02]), np.array([24.0, 30.0]), held=False)
