@@ -9,7 +9,7 @@ takes effect `latency` later, and holds.
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -63,6 +63,8 @@ def closed_loops(
     """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
     lengths may differ. `loop` may be one, or one for each scene, of one kind."""
     scenes = [_playable(scene) for scene in scenes]
+    if len(found := {scene.fidelity for scene in scenes}) > 1:
+        raise SceneError(f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all")
     loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
     runs = [_Run.of(one, scene, reference, seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
@@ -197,15 +199,16 @@ def _playable(scene: Scene) -> Scene:
     if scene.kind == "steady" or scene.fidelity == "steady":
         raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time")
     if scene.fidelity == "carrier":
-        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {', '.join(engine.RUNGS[1:])} or auto")
+        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {', '.join(engine.RUNGS[1:])}, or auto, which is exact here")
     if scene.find(Inverter):
         raise SceneError(f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit")
-    return scene.resolved()
+    # What is cheap enough for the scene's own drive says nothing of what a controller does.
+    return replace(scene, fidelity="exact") if scene.fidelity == "auto" else scene
 
 
 def _rounded(count: int) -> int:
     """The next of few lengths, so that scenes of about the same length share a compiled program."""
-    step = max(1 << (count - 1).bit_length() - 3, 64)
+    step = max(1 << (count - 1).bit_length() - 3, 512)
     return -(-count // step) * step
 
 

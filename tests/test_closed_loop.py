@@ -21,7 +21,10 @@ FINGER = FingerDamping()  # halves the amplitude at 1.5 N
 
 
 def scene(effects=(), duration=0.08, rate=1e4, plate=PLATE, volts=100.0, fidelity="envelope", **inputs):
-    """What a lock-in shows of the plate; "exact" adds the ripple at twice the carrier."""
+    """What a lock-in shows of the plate; "exact" adds the ripple at twice the carrier. A finger that does not press is there
+    too, so that most tests share a compiled program."""
+    if fidelity == "envelope" and FINGER not in effects:
+        effects, inputs = (FINGER, *effects), {"force": 0.0} | inputs
     given = {"drive": volts if isinstance(volts, Profile) else Profile.constant(volts), "frequency": Profile.constant(32300.0)}
     given |= {name: p if isinstance(p, Profile) else Profile.constant(p) for name, p in inputs.items()}
     return Scene(plate, given, round(duration * rate) + 1, rate, tuple(effects), fidelity=fidelity)
@@ -148,8 +151,12 @@ def test_what_cannot_be_played_is_refused():
         closed_loop(paper(), settled)
     with pytest.raises(SceneError, match=r"found effects\.inverter"):
         closed_loop(paper(), scene([EFFECTS["inverter"]()]))
+    with pytest.raises(SceneError, match="found fidelities envelope, exact, expected one for all"):
+        closed_loops(paper(), [scene(), scene(fidelity="auto")])
+    with pytest.raises(SceneError, match="found fidelity 'carrier'"):
+        closed_loop(paper(), scene(fidelity="carrier"))
     with pytest.raises(SceneError, match="expected the same effects in all"):
-        closed_loops(paper(), [scene(), scene([FINGER], force=0.0)])
+        closed_loops(paper(), [scene(), scene([WhiteNoise()])])
 
 
 def test_settling_time():

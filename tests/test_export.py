@@ -5,6 +5,7 @@ import json
 import math
 import shutil
 import subprocess
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from controller.guard import FAULTS
 TAU = 5e-3 / math.log(20)
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16)
 SEQUENCES, SAMPLES = 1000, 1000
+FEW = 160  # sequences, a multiple of their kinds, where a million samples are not needed
 
 MAIN_C = """\
 #include <stdio.h>
@@ -86,6 +88,7 @@ def in_python(loop, inputs, kind):
     return np.stack(rows, 1)
 
 
+@cache
 def hard_samples(temperature):
     """A million samples that saturate, rest at zero, stick, miss, drop to zero, jump and overflow."""
     rng = np.random.default_rng(4)
@@ -127,7 +130,7 @@ def designed(source=PLATE, **given):
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_c_gives_the_same_bits_as_python(tmp_path, name, precision):
     loop = designed(**LOOPS[name])
-    inputs = hard_samples(loop.rig.thermometer)
+    inputs = hard_samples(loop.rig.thermometer)[: None if "rig" in name else FEW]
     mine = in_python(loop, inputs, np.float64 if precision == "double" else np.float32)
     theirs = replay(loop, tmp_path, inputs, precision, "-O2")
     # the same operations in the same order, not contracted: equal to the last bit
