@@ -199,7 +199,8 @@ def _playable(scene: Scene) -> Scene:
     if scene.kind == "steady" or scene.fidelity == "steady":
         raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time")
     if scene.fidelity == "carrier":
-        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {', '.join(engine.RUNGS[1:])}, or auto, which is exact here")
+        known = ", ".join(engine.RUNGS[1:])
+        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here")
     if scene.find(Inverter):
         raise SceneError(f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit")
     # What is cheap enough for the scene's own drive says nothing of what a controller does.
