@@ -1,8 +1,28 @@
-"""The controller of an identified plate: gains from the fit, the steps a DSP runs, their export. Needs no JAX."""
+"""The controller of an identified plate: gains from the fit, the steps a DSP runs, their export, and the closed loop.
 
+Only the closed loop needs JAX; it is loaded when it is first used.
+"""
+
+from importlib import import_module
+
+from controller.adaptive import Adaptive
 from controller.design import Loop, design
-from controller.export import as_dict, export_c
+from controller.document import as_dict
+from controller.dq import DQ, Command
+from controller.export import export_c
+from controller.guard import Guard
 from controller.pi import PI
-from controller.tracker import Tracker
+from controller.rig import Rig, RigError, Sensor
+from controller.tracker import SignTracker, Tracker
 
-__all__ = ["PI", "Loop", "Tracker", "as_dict", "design", "export_c"]
+_LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
+__all__ = [
+    "DQ", "PI", "Adaptive", "Command", "Guard", "Loop", "Rig", "RigError", "Sensor", "SignTracker", "Trace", "Tracker",
+    "as_dict", "closed_loop", "closed_loops", "design", "export_c", "settling_time",
+]  # fmt: skip
+
+
+def __getattr__(name: str):
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
+    raise AttributeError(f"module 'controller' has no attribute {name!r}")

@@ -1,42 +1,38 @@
-"""The amplitude loop, a PI on Wd with voltage clip and back-calculation, in plain floats: what the DSP runs."""
+"""The amplitude loop, a PI on Wd with voltage clip and back-calculation: the paper's, and what a DSP runs."""
 
-import math
-import sys
-from dataclasses import dataclass
-from typing import final
+from typing import Any, NamedTuple
+
+from controller import scalar
+from controller.scalar import NO_LIMIT, clip, seen
 
 
-@final
-@dataclass(frozen=True)
-class PIState:
+class PIState(NamedTuple):
     """`integral` and the last `output`, both in the drive unit."""
 
-    integral: float
-    output: float
+    integral: Any
+    output: Any
 
 
-@final
-@dataclass(frozen=True)
-class PIInfo:
-    """For people: the measurement was `missing`, the output was `saturated` by the voltage limit."""
+class PIInfo(NamedTuple):
+    """For people: the measurement was `missing`; the output was `saturated` by the voltage limit or the slew limit."""
 
-    missing: bool
-    saturated: bool
+    missing: Any
+    saturated: Any
 
 
-@final
-@dataclass(frozen=True)
-class PI:
+class PI(NamedTuple):
     """V = clip(Kp e + I),  I <- I + Ki_Ts e + (V - Kp e - I) Ki_Ts / Kp,  with e = reference - Wd.
 
-    `Kp` and `Ki_Ts` are in drive unit per response unit, `voltage_limit` in the drive unit: the largest |V|. A negative
-    V is the voltage vector turned by half a carrier period, which brakes. Both axes of the envelope have the same real
-    pole, so the gains serve q as well; this step closes d only, the tracker brings Wq to zero.
+    `Kp` and `Ki_Ts` are in drive unit per response unit. The output stays within `lowest` to `highest` and changes by `slew` at
+    most from one sample to the next, all in the drive unit. A negative V is the voltage vector turned by half a carrier period,
+    which brakes; an amplifier that cannot has `lowest` = 0. This step closes d only, the tracker brings Wq to zero.
     """
 
     Kp: float
     Ki_Ts: float
-    voltage_limit: float = sys.float_info.max
+    lowest: float = -NO_LIMIT
+    highest: float = NO_LIMIT
+    slew: float = NO_LIMIT
 
     @property
     def anti_windup(self) -> float:
@@ -47,15 +43,15 @@ class PI:
         """At rest: no voltage."""
         return PIState(0.0, 0.0)
 
-    def step(self, state: PIState, reference: float, W: complex) -> tuple[PIState, float, PIInfo]:
+    def step(self, state: PIState, reference: Any, W: Any, xp: Any = scalar) -> tuple[PIState, Any, PIInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive unit) out.
 
         A missing measurement (not finite) is not zero: output and integral are held, and `info.missing` says so.
         """
-        if not (math.isfinite(reference) and math.isfinite(W.real) and math.isfinite(W.imag)):
-            return state, state.output, PIInfo(missing=True, saturated=abs(state.output) >= self.voltage_limit)
+        there = seen(reference, W, xp)
         error = reference - W.real
         wanted = self.Kp * error + state.integral
-        output = min(max(wanted, -self.voltage_limit), self.voltage_limit)
+        output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), self.lowest, self.highest, xp)
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup
-        return PIState(integral, output), output, PIInfo(missing=False, saturated=output != wanted)
+        after = PIState(xp.where(there, integral, state.integral), xp.where(there, output, state.output))
+        return after, after.output, PIInfo(xp.logical_not(there), there & (output != wanted))

@@ -48,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
     )
+    parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
     parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
@@ -84,8 +85,12 @@ def _identify(arguments: argparse.Namespace) -> int:
             logs = read_logs(arguments.logs, arguments.columns)
     except LogError as error:
         return _refuse(str(error), error.mapping)
+    try:
+        rig = _rig(arguments.rig, logs[0].drive_unit)
+    except ValueError as error:
+        return _refuse(str(error))
     posterior = _posterior(logs, arguments, stages)
-    loop, warnings = _design(posterior)
+    loop, warnings = _design(posterior, rig)
     try:
         content, text = _write(posterior, loop, warnings, folder, stages)
     except OSError as error:
@@ -116,7 +121,16 @@ def _keep_programs() -> None:
     keep_programs(user_cache_path("sysid"))
 
 
-def _design(posterior: Any) -> tuple[Any, list[str]]:
+def _rig(path: str | None, drive_unit: str) -> Any:
+    """The rig of a file, None without one. Raises RigError."""
+    if path is None:
+        return None
+    from controller import Rig
+
+    return Rig.from_toml(path, drive_unit)
+
+
+def _design(posterior: Any, rig: Any) -> tuple[Any, list[str]]:
     """The controller, None when there is none, and all warnings."""
     import controller
 
@@ -124,8 +138,8 @@ def _design(posterior: Any) -> tuple[Any, list[str]]:
     if posterior.result.value != "successful":
         return None, warnings
     try:
-        return controller.design(posterior), warnings
-    except ValueError as error:  # no drive was recorded: G is not determined
+        return controller.design(posterior, rig=rig), warnings
+    except ValueError as error:  # no drive was recorded, or the rig cannot do it
         return None, [*warnings, str(error)]
 
 

@@ -95,6 +95,12 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because no row shows the response without drive, so that an output offset, a plate that still rings"
             f" and a gain look alike; record {_seconds(tau)} before the step, with the drive at zero"
         )
+    driven = [t for t in trials if t.driven]
+    if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
+        return (
+            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a step; record a sweep"
+            f" across the resonance, or rows {_seconds(0.05 * tau)} apart or closer"
+        )
     return "cannot tell, because noise or background hide the response to the drive; record a larger voltage step"
 
 
@@ -120,7 +126,7 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         if all(_settles_between(t) for t in moving):
             return (
                 f"cannot tell, because rows are {_seconds(step)} apart and the response settles between two of them;"
-                f" record rows {_seconds(step / 20)} apart or closer"
+                f" record rows {_seconds(step / 100)} apart or closer"
             )
         if window < 4 * tau:
             return (

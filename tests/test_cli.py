@@ -200,6 +200,13 @@ def test_help_and_version_wait_for_no_library():
         assert not {"'numpy'", "'jax'", "'pandas'", "'matplotlib'", "'emcee'", "'rich'"} & set(out.strip("[]\n").split(", "))
 
 
+def test_a_rig_file_that_is_wrong_is_refused(tmp_path, capsys):
+    (tmp_path / "rig.toml").write_text("latency_V = 1\n")
+    folder = tmp_path / "identified"
+    assert cli.main([str(LOGS[0]), "-o", str(folder), "--rig", str(tmp_path / "rig.toml")]) == 2
+    assert "latency_V: found \"the unit 'V'\", expected s" in capsys.readouterr().err and not folder.exists()
+
+
 def test_an_interrupt_exits_130_and_leaves_files_alone(monkeypatch, tmp_path, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -84,7 +84,13 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
     unit = " ({drive} per {response})".format(**controller["units"])
     d, bound = (
         controller["gains"]["d"],
-        {"stated": "as stated", "plant": "tau_cl = 0.3 tau", "delay": "limited by one sample of delay"},
+        {
+            "stated": "as stated",
+            "settling": "for the settling time that was asked for",
+            "plant": "tau_cl = 0.3 tau",
+            "delay": "limited by the delay",
+            "posterior": "limited by what the logs leave open of G/tau",
+        },
     )
     lines = [
         f"Kp {d['Kp']:.6g}, Ki Ts {d['Ki_Ts']:.6g}{unit} at a sample time of {seconds(controller['sample_time_s'])};"
@@ -95,7 +101,23 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
             f"tracker {tracker['gain_Hz']:.4g} Hz per Wq/Wd every {seconds(tracker['period_s'])}, at most"
             f" {tracker['max_step_Hz']:.4g} Hz at once, from {tracker['start_Hz']:.8g} Hz"
         )
-    return lines + list(controller["notes"])
+    return [*lines, *_promise(controller), *controller["notes"]]
+
+
+def _promise(controller: Mapping[str, Any]) -> list[str]:
+    """What 99 % of the plants that the logs allow do."""
+    promise, unit = controller["promise"], controller["units"]["response"] or ""
+    if promise["settling_s"] is None:
+        return ["promise: none, some plant that the logs allow does not settle"]
+    margins = ", ".join(
+        f"{name} {promise[key]:.3g}{unit}"
+        for name, key, unit in (("gain", "gain_margin", ""), ("phase", "phase_margin_deg", " deg"), ("disk", "disk_margin", ""))
+        if promise[key] is not None
+    )
+    return [
+        f"99 % of the plants that the logs allow reach {controller['range']['amplitude']:.4g} {unit} within"
+        f" {seconds(promise['settling_s'])} (5 %), with margins of at least: {margins}"
+    ]
 
 
 def _prefix(value: float) -> tuple[str, float]:

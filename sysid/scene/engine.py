@@ -200,6 +200,19 @@ def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
     return turns + (fast - settled).ravel()[chunk.take].conj() * jnp.exp(-2j * chunk.theta)
 
 
+def seen(effects: tuple, state: State, inputs: Inputs) -> Array:
+    """What the sensor shows of a state, before noise; `inputs` are those that have held until now."""
+    response = state.filter[-1] if state.filter else _together([mode.response for mode in state.modes], effects)
+    return _sensed(effects[len(_before_filter(effects)) :], response, inputs)
+
+
+def held(plant: Plant, effects: tuple, state: State, inputs: Inputs, duration: Leaf, turn: Any, rung: str, reference: Leaf):
+    """The state after `inputs`, scalars, have been held for `duration` s: one interval of a chunk."""
+    duration, inputs, turn = jax.tree.map(lambda v: jnp.reshape(v, (1, 1)), (duration, inputs, turn))
+    rows = jax.tree.map(jnp.ravel, inputs)
+    return _plate(plant, effects, state, Chunk(duration, inputs, jnp.zeros(1, int), rows, turn), rung, reference)[1]
+
+
 def _before_filter(effects: tuple) -> tuple:
     """The effects in front of the lock-in's filter; none where there is no filter."""
     return effects[: next((i for i, e in enumerate(effects) if isinstance(e, LockIn)), 0)]
@@ -253,6 +266,9 @@ def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]
     """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each lane does as a
     whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps that stable."""
 
+    if growth.shape == (1, 1):
+        return jnp.reshape(state, (1, 1)), state + growth[0, 0] * (state + target[0, 0])
+
     def whole(done, now):
         share, offset = done
         growth, target = now
@@ -293,6 +309,9 @@ class Interval(NamedTuple):
 
 def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], Mode]:
     """As `_gathered`, of both modes, which change into one another where the resonance itself changes: (Z1, Z2)."""
+    if interval.growths[0].shape == (1, 1):
+        last, parts = jax.tree.map(lambda v: v[0, 0], interval).over(mode)
+        return tuple(jnp.reshape(z, (1, 1)) for z in parts), last
 
     def whole(done, now):
         by_response, by_velocity, offset = done

@@ -1,0 +1,144 @@
+"""An observer of the plate's pole, and the controller that it makes possible: both amplitude and frequency from one model.
+
+The response obeys  Z' = lambda Z + b V,  lambda = -1/tau + j 2 pi (f0 - f),  b = G/tau, and b holds neither finger nor
+temperature: all that a touch or a warm plate does is in lambda. So lambda is estimated on line, from what each sample shows
+beyond what was predicted, and everything else follows: the frequency is the estimated resonance; the voltage is the one that
+the model needs,  b V = (K/T)(reference - Wd) - Re(lambda Z), with feed-forward, decoupling and the finger's share in one term;
+a voltage that is clipped or negative is in the model as it is, so that nothing winds up, and braking needs no rule.
+"""
+
+from typing import Any, NamedTuple
+
+from controller import scalar
+from controller.dq import Command
+from controller.scalar import NO_LIMIT, clip, seen
+
+
+class AdaptiveState(NamedTuple):
+    """Prediction (d, q) of this sample; `damping` = T/tau; the `resonance`, and the commands on their way (the latest first):
+    `voltages`, and `frequencies` in Hz above the start."""
+
+    d: Any
+    q: Any
+    damping: Any
+    resonance: Any
+    temperature: Any
+    voltages: tuple
+    frequencies: tuple
+
+
+class AdaptiveInfo(NamedTuple):
+    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the design's, and `resonance`
+    in Hz."""
+
+    missing: Any
+    saturated: Any
+    tau: Any
+    resonance: Any
+
+
+class Adaptive(NamedTuple):
+    """The controller of a plate with  b T = `push` (response per drive),  T/tau = `damping`, from the frequency `start` (Hz).
+
+    `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time constant)
+    along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect
+    `len(delay)` whole samples after they were asked for. Voltage, slew limits and window, quantum and temperature as in `PI` and
+    `Tracker`; `sweep` is the most that the frequency moves in a sample. The pole is held unless reference > 0 and
+    |Z| > gate * reference.
+    """
+
+    push: float
+    damping: float
+    turn: float
+    start: float
+    K: float
+    keep: tuple[float, float]
+    delay: tuple[float, ...] = (0.0,)  # one zero for each sample of latency: what is on its way at the beginning
+    lowest_voltage: float = -NO_LIMIT
+    highest_voltage: float = NO_LIMIT
+    slew: float = NO_LIMIT
+    lowest: float = 0.0
+    highest: float = NO_LIMIT
+    sweep: float = NO_LIMIT
+    gate: float = 0.2
+    quantum: float | None = None
+    dead_band: float = 0.0
+    k_T: float | None = None
+    temperature: float = 24.0
+
+    def init(self) -> AdaptiveState:
+        """At rest at the start frequency, with the plate as it was identified."""
+        still = (0.0, *self.delay)
+        return AdaptiveState(0.0, 0.0, self.damping, 0.0, self.temperature, still, still)
+
+    def rest(self) -> Command:
+        """What is driven before the first sample has taken effect."""
+        return Command(0.0, self.start)
+
+    def step(
+        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+    ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) and a temperature (degC) in, what to drive with out.
+
+        A missing measurement (not finite) is not zero: the prediction stands in for it.
+        """
+        there = seen(reference, W, xp)
+        d, q, damping, resonance = self._observed(state, there, reference, W, xp)
+        resonance, temperature = self._warmed(state, resonance, temperature, xp)
+        resonance = clip(resonance, self.lowest - self.start, self.highest - self.start, xp)
+        frequency = self._frequency(state, resonance, xp)
+        ahead, after = (d, q), (d, q)
+        for k in range(len(state.voltages) - 1, 0, -1):  # what is on its way, the oldest first
+            ahead = self._moved(ahead, damping, resonance - state.frequencies[k - 1], state.voltages[k - 1])
+            after = ahead if k == len(state.voltages) - 1 else after
+        detuned = self.turn * (resonance - frequency)
+        held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
+        wanted = ((self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (1.0 / self.push)
+        last = state.voltages[0]
+        voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), self.lowest_voltage, self.highest_voltage, xp)
+        voltage = xp.where(xp.isfinite(reference), voltage, last)
+        if len(state.voltages) == 1:  # no latency: this command acts at once
+            after = self._moved((d, q), damping, resonance - frequency, voltage)
+        state = AdaptiveState(
+            *after, damping, resonance, temperature,
+            (voltage, *state.voltages[:-1]), (frequency, *state.frequencies[:-1]),
+        )  # fmt: skip
+        missing, saturated = xp.logical_not(there), there & (voltage != wanted)
+        said = AdaptiveInfo(missing, saturated, self.damping / damping, self.start + resonance)
+        return state, Command(voltage, self.start + frequency), said
+
+    def _observed(self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
+        """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e / Z."""
+        keep_d, keep_q = self.keep
+        e_d, e_q = xp.where(there, W.real - state.d, 0.0), xp.where(there, W.imag - state.q, 0.0)
+        d, q = state.d + (1.0 - keep_d * keep_d) * e_d, state.q + (1.0 - keep_q * keep_q) * e_q
+        size, threshold = d * d + q * q, self.gate * reference
+        learns = there & (reference > 0.0) & (size > threshold * threshold)
+        rate = xp.where(learns, 1.0, 0.0) / xp.where(learns, size, 1.0)
+        damping = state.damping - (1.0 - keep_d) * (1.0 - keep_d) * rate * (e_d * d + e_q * q)
+        damping = clip(damping, 0.2 * self.damping, 20.0 * self.damping, xp)
+        resonance = state.resonance + (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (e_q * d - e_d * q)
+        return d, q, damping, resonance
+
+    def _warmed(self, state: AdaptiveState, resonance: Any, temperature: Any, xp: Any) -> tuple[Any, Any]:
+        if self.k_T is None or temperature is None:
+            return resonance, state.temperature
+        known = xp.where(xp.isfinite(temperature), temperature, state.temperature)
+        return resonance + self.k_T * (known - state.temperature), known
+
+    def _moved(self, Z: tuple[Any, Any], damping: Any, offset: Any, voltage: Any) -> tuple[Any, Any]:
+        """Z one sample later: Z + (a Z + b T V)(1 + a/2 + a^2/6), a = lambda T: exact to a^4/24."""
+        (d, q), x, y = Z, -damping, self.turn * offset
+        go_d, go_q = x * d - y * q + self.push * voltage, x * q + y * d
+        m_d, m_q = 1.0 + 0.5 * x + (x * x - y * y) * (1.0 / 6.0), 0.5 * y + x * y * (1.0 / 3.0)
+        return d + m_d * go_d - m_q * go_q, q + m_d * go_q + m_q * go_d
+
+    def _frequency(self, state: AdaptiveState, resonance: Any, xp: Any) -> Any:
+        """The frequency to drive with, Hz above the start: the resonance, by steps that the source can make."""
+        last = state.frequencies[0]
+        wanted = clip(resonance, last - self.sweep, last + self.sweep, xp)
+        if self.quantum is None:
+            return wanted
+        off, enough = resonance - last, 0.5 * self.quantum + self.dead_band
+        near = self.quantum * xp.floor(wanted * (1.0 / self.quantum) + 0.5)
+        return xp.where(off * off > enough * enough, near, last)

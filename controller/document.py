@@ -1,0 +1,73 @@
+"""The content of controller.json."""
+
+from typing import Any
+
+from controller.adaptive import Adaptive
+from controller.design import Loop
+from controller.dq import DQ
+from controller.scalar import NO_LIMIT
+from controller.tracker import SignTracker
+
+SCHEMA = 1
+
+
+def as_dict(loop: Loop) -> dict[str, Any]:
+    """The content of controller.json, ready for json.dumps: numbers, units, notes; null for what there is not.
+
+    Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
+    """
+    return {
+        "schema": SCHEMA,
+        "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
+        "reference_temperature_degC": loop.reference_temperature,
+        "sample_time_s": loop.sample_time,
+        "latency_s": loop.latency,
+        "bandwidth_Hz": loop.bandwidth_hz,
+        "bandwidth_limit_Hz": loop.bandwidth_limit_hz,
+        "bandwidth_bound": loop.bandwidth_bound,
+        **_law(loop),
+        "continuous": {"Kp": loop.Kp_continuous, "Ti_s": loop.Ti},
+        "voltage_limit": loop.limits.voltage,
+        "frequency_window_Hz": None if loop.limits.frequency is None else list(loop.limits.frequency),
+        "limits_from": loop.limits.said,
+        "tracker": _tracker(loop),
+        "range": {"finger": loop.finger, "warming_degC": list(loop.warming), "amplitude": loop.amplitude},
+        "promise": _promise(loop),
+        "units": {"drive": loop.drive_unit, "response": loop.response_unit},
+        "notes": list(loop.notes),
+    }
+
+
+def _law(loop: Loop) -> dict[str, Any]:
+    law = loop.law
+    if isinstance(law, DQ):
+        gains = {"Kp": law.amplitude.Kp, "Ki_Ts": law.amplitude.Ki_Ts}
+        return {"method": loop.method, "gains": {"d": gains, "q": dict(gains)}, "anti_windup": law.amplitude.anti_windup}
+    observer = {"K": law.K, "keep_d": law.keep[0], "keep_q": law.keep[1], "push": law.push, "damping": law.damping}
+    return {"method": loop.method, "gains": observer, "anti_windup": None}
+
+
+def _tracker(loop: Loop) -> dict[str, float] | None:
+    law = loop.law
+    t = law if isinstance(law, Adaptive) else law.tracker
+    if t is None:
+        return None
+    if isinstance(t, Adaptive):
+        return {"start_Hz": t.start, "gate": t.gate, "every_samples": 1.0, "period_s": loop.sample_time}
+    numbers = {"start_Hz": t.start, "gate": t.gate, "every_samples": t.every, "period_s": t.every * loop.sample_time}
+    if isinstance(t, SignTracker):
+        return numbers | {"step_Hz": t.size}
+    return numbers | {"gain_Hz": t.gain, "max_step_Hz": t.max_step}
+
+
+def _promise(loop: Loop) -> dict[str, Any]:
+    p = loop.promise
+    names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin", "phase": "phase_margin_deg"}
+    names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
+    kept = {said: _known(getattr(p, name)) for name, said in names.items()}
+    return kept | {"quantiles_5_50_95": {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}}
+
+
+def _known(value: float) -> float | None:
+    """None for what is not finite: it does not settle, or no gain is too much."""
+    return value if abs(value) < NO_LIMIT else None

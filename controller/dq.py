@@ -1,0 +1,56 @@
+"""The paper's structure, figure 7: an amplitude loop on Wd that acts on the voltage, beside a tracker that brings Wq to zero."""
+
+from typing import Any, NamedTuple
+
+from controller import scalar
+from controller.pi import PI, PIInfo, PIState
+from controller.tracker import SignTracker, Tracker, TrackerInfo, TrackerState
+
+
+class DQState(NamedTuple):
+    """State of both loops; `tracker` is None where there is none."""
+
+    amplitude: PIState
+    tracker: TrackerState | None
+
+
+class Command(NamedTuple):
+    """What a controller asks for: peak `voltage` in the drive unit, `frequency` in Hz (None: not its business)."""
+
+    voltage: Any
+    frequency: Any
+
+
+class DQInfo(NamedTuple):
+    """For people, of both loops."""
+
+    amplitude: PIInfo
+    tracker: TrackerInfo | None
+
+
+class DQ(NamedTuple):
+    """PI and tracker in parallel, on one clock. Without a tracker the frequency is whoever else's."""
+
+    amplitude: PI
+    tracker: Tracker | SignTracker | None
+
+    def init(self) -> DQState:
+        """At rest, at the tracker's start frequency."""
+        return DQState(self.amplitude.init(), None if self.tracker is None else self.tracker.init())
+
+    def rest(self) -> Command:
+        """What is driven before the first sample has taken effect."""
+        tracker = None if self.tracker is None else self.tracker.init()
+        return Command(0.0, None if tracker is None else tracker.frequency)
+
+    def step(
+        self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+    ) -> tuple[DQState, Command, DQInfo]:
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) and a temperature (degC) in, what to drive with out."""
+        amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp)
+        if self.tracker is None:
+            return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)
+        # The voltage that made this W is the last one: under a negative one the sign of Wq is turned.
+        braked = state.amplitude.output < 0.0
+        tracker, frequency, moved = self.tracker.step(state.tracker, reference, W, temperature, braked, xp)
+        return DQState(amplitude, tracker), Command(voltage, frequency), DQInfo(said, moved)

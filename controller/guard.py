@@ -1,0 +1,116 @@
+"""What stands between a controller and the bench: limits that hold whatever it asks for, and faults that end the drive.
+
+A fault makes the voltage zero and is latched: only `init` arms the controller again. Faults are
+
+    1 missing    no finite reading for `patience` samples
+    2 dead       the sensor shows less than `floor` of what the drive makes of the plate, for `patience` samples
+    3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit
+    4 above      |W| above `ceiling` for `patience` samples
+    5 edge       the frequency at the edge of its window for `patience` samples: the resonance is elsewhere, or the sign of Wq
+                 is wrong and the tracker ran away
+"""
+
+from typing import Any, NamedTuple
+
+from controller import scalar
+from controller.dq import Command
+from controller.scalar import NO_LIMIT, clip, seen
+
+FAULTS = ("none", "missing", "dead", "stuck", "above", "edge")
+
+
+class GuardState(NamedTuple):
+    """The controller's own state; the latched `fault`, a number of FAULTS; how many samples each has been suspected for; the
+    amplitude `expected` of the drive; the last reading, and the voltage at which it was first seen; the last voltage."""
+
+    control: Any
+    fault: Any
+    missing: Any
+    dead: Any
+    stuck: Any
+    above: Any
+    edge: Any
+    expected: Any
+    d: Any
+    q: Any
+    since: Any
+    voltage: Any
+
+
+class GuardInfo(NamedTuple):
+    """For people: the latched `fault`, and what the controller itself says."""
+
+    fault: Any
+    control: Any
+
+
+class Guard(NamedTuple):
+    """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and that faults stop.
+
+    The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under the heaviest
+    finger. Amplitudes are those that the loop's sensor shows.
+    """
+
+    control: Any
+    limit: float
+    ceiling: float
+    gain: float
+    decay: float
+    lowest: float = 0.0
+    highest: float = NO_LIMIT
+    patience: float = 50.0
+    repeats: float = 200.0
+    floor: float = 0.05
+
+    def init(self) -> GuardState:
+        """Armed, at rest."""
+        return GuardState(self.control.init(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def rest(self) -> Command:
+        """As the controller's own."""
+        return self.control.rest()
+
+    def step(
+        self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+    ) -> tuple[GuardState, Command, GuardInfo]:
+        """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where it was."""
+        control, command, said = self.control.step(state.control, reference, W, temperature, xp)
+        counts, since = self._suspicions(state, W, xp)
+        at_edge, frequency = self._window(command.frequency, xp)
+        edge = xp.where(at_edge, state.edge + 1.0, 0.0)
+        missing, dead, stuck, above = counts
+        fault = state.fault
+        for code, suspected in enumerate(
+            (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, since, state, xp),
+             above >= self.patience, edge >= self.patience), 1,
+        ):  # fmt: skip
+            fault = xp.where((fault == 0.0) & suspected, 1.0 * code, fault)
+        voltage = clip(command.voltage, -self.limit, self.limit, xp)
+        voltage = xp.where((fault == 0.0) & xp.isfinite(voltage), voltage, 0.0)
+        size = xp.where(voltage < 0.0, -voltage, voltage)
+        expected = state.expected + self.decay * (self.gain * size - state.expected)
+        there = seen(0.0, W, xp)
+        d, q = xp.where(there, W.real, state.d), xp.where(there, W.imag, state.q)
+        after = GuardState(control, fault, missing, dead, stuck, above, edge, expected, d, q, since, voltage)
+        return after, Command(voltage, frequency), GuardInfo(fault, said)
+
+    def _suspicions(self, state: GuardState, W: Any, xp: Any) -> tuple[tuple[Any, Any, Any, Any], Any]:
+        """Samples for which a reading has been missing, dead, the same, above; and the voltage when it was first the same."""
+        there = seen(0.0, W, xp)
+        size = W.real * W.real + W.imag * W.imag
+        low, high = self.floor * state.expected, self.ceiling
+        same = there & (W.real == state.d) & (W.imag == state.q)
+        missing = xp.where(there, 0.0, state.missing + 1.0)
+        dead = xp.where(there & (size < low * low), state.dead + 1.0, xp.where(there, 0.0, state.dead))
+        stuck = xp.where(same, state.stuck + 1.0, 0.0)
+        above = xp.where(there & (size > high * high), state.above + 1.0, xp.where(there, 0.0, state.above))
+        return (missing, dead, stuck, above), xp.where(same, state.since, state.voltage)
+
+    def _is_stuck(self, stuck: Any, since: Any, state: GuardState, xp: Any) -> Any:
+        moved = state.voltage - since
+        return (stuck >= self.repeats) & (moved * moved > (1e-3 * self.limit) * (1e-3 * self.limit))
+
+    def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
+        if frequency is None:
+            return False, None
+        return (frequency <= self.lowest) | (frequency >= self.highest), clip(frequency, self.lowest, self.highest, xp)

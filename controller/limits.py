@@ -1,0 +1,69 @@
+"""Limits of voltage, amplitude and frequency: no further than the logs have seen unless asked for by name."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from controller.plate import Plate, positive
+from controller.rig import Rig
+
+HEADROOM = 1.6  # voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
+
+
+class Limits(NamedTuple):
+    """Largest |V| (drive unit; None: none) and the window of the drive frequency (Hz; None: none), and who says so."""
+
+    voltage: float | None
+    frequency: tuple[float, float] | None
+    said: str
+
+
+def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float) -> float:
+    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger."""
+    if limits.voltage is None:
+        return abs(plate.G) if asked is None else positive("amplitude", asked)
+    most = abs(plate.G) * limits.voltage / (1 + finger)
+    if asked is None:
+        return most / HEADROOM
+    if positive("amplitude", asked) > most * (1 + 1e-9):
+        under = f" under a finger of {finger:g}" if finger else ""
+        raise ValueError(
+            f"amplitude = {asked:g} cannot be had: it needs {asked * (1 + finger) / abs(plate.G):.4g}{under}, and the voltage"
+            f" limit is {limits.voltage:g} ({limits.said}); the nearest that can be had is {most:.4g}"
+        )
+    return float(asked)
+
+
+def limits_of(
+    plate: Plate, rig: Rig, voltage: float | None, window: tuple[float, float] | None, warming: tuple[float, float]
+) -> Limits:
+    """As stated, else as the rig has it, but no further than the logs have seen."""
+    logs = [fitted.log for fitted in getattr(plate.fit, "logs", ())]
+    driven = [float(np.max(np.abs(log.drive))) for log in logs if log.drive is not None]
+    said = "stated" if voltage is not None else "the largest drive of the logs" if driven else "the rig's"
+    seen = [v for v in (max(driven, default=None), rig.voltage_limit) if v is not None]
+    if voltage is None:
+        voltage = min(seen, default=None)
+        said = "the rig's" if voltage is not None and voltage == rig.voltage_limit else said
+    elif rig.voltage_limit is not None and voltage > rig.voltage_limit:
+        raise ValueError(f"found voltage_limit = {voltage:g}, expected the rig's {rig.voltage_limit:g} at most")
+    if voltage is not None:
+        positive("voltage_limit", voltage)
+    if plate.f0 is None:
+        return Limits(voltage, None, said)
+    swept = [np.asarray(log.frequency, float) for log in logs if log.frequency is not None]
+    if window is None and swept:
+        half = 1 / (2 * math.pi * plate.tau)
+        seen = [plate.f0, *(float(v) for f in swept for v in (f.min(), f.max()))]
+        window = (min(seen) - half, max(seen) + half)
+    reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
+    if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
+        raise ValueError(
+            f"the tracker cannot follow: over the stated temperatures the resonance goes from {reached[0]:.6g} to"
+            f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
+            f" (frequency_window states another)"
+        )
+    return Limits(voltage, window, said)
+
+

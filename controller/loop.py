@@ -1,0 +1,335 @@
+"""The closed loop: a sampled controller against the continuous plate of a scene, in one compiled scan.
+
+Time is cut where something happens: where the sensor is sampled, a command takes effect, or an input of the scene changes. Over
+each piece the plate moves exactly as it does in an open-loop scene of the same effects (`sysid.scene.engine`). The controller
+runs every `sample_time`; what it is told is the sensor's reading of then (or of the sensor's delay before), what it asks for
+takes effect `latency` later, and holds.
+"""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from controller.dq import Command
+from sysid.scene import engine
+from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset, Quantisation, Saturation
+from sysid.scene.profile import Profile
+from sysid.scene.scene import Scene, SceneError
+
+LANES = 128  # runs that are played side by side
+NEAR = 1e-6  # of a sample time: events as near as that happen at once
+RECORDER = (Saturation, Quantisation)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and what the controller
+    was told, `measured`, in the response unit; the command V (drive unit) and f (Hz); the `reference` that was asked for."""
+
+    time: np.ndarray
+    Wd: np.ndarray
+    Wq: np.ndarray
+    V: np.ndarray
+    f: np.ndarray
+    reference: np.ndarray
+    measured: np.ndarray = field(repr=False)
+
+    @property
+    def W(self) -> np.ndarray:
+        """Peak amplitude |Wd + j Wq|."""
+        return np.hypot(self.Wd, self.Wq)
+
+
+def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
+    """The scene with `loop` (a `Loop`) in place of its drive and its frequency.
+
+    `reference`: the amplitude that is asked for; by default what the scene's drive makes of the plate of the design, G V, so that
+    one scene serves both open and closed. A loop without a tracker takes the frequency of the scene. The same seed gives the same
+    noise, one value for each sample of the controller. Raises SceneError for a scene that has no time of its own.
+    """
+    return closed_loops(loop, [scene], reference, [seed])[0]
+
+
+def closed_loops(
+    loop: Any, scenes: Sequence[Scene], reference: Profile | float | None = None, seeds: Sequence[int] | None = None
+) -> list[Trace]:
+    """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
+    lengths may differ. `loop` may be one, or one for each scene, of one kind."""
+    scenes = [_playable(scene) for scene in scenes]
+    if len(found := {scene.fidelity for scene in scenes}) > 1:
+        raise SceneError(f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all")
+    loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
+    seeds = range(len(scenes)) if seeds is None else seeds
+    runs = [_Run.of(one, scene, reference, seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
+    count = _rounded(max(len(r.knots) for r in runs))
+    readings, commands, samples = (max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True))
+    shape = _Shape(readings, commands, _rounded(samples), scenes[0].fidelity)
+    size = min(len(runs), LANES)
+    groups = [runs[k : k + size] for k in range(0, len(runs), size)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [trace for traces in pool.map(lambda group: _side_by_side(group, size, count, shape), groups) for trace in traces]
+
+
+def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") -> list[Trace]:
+    """The traces of `runs`, filled up to `size` of them."""
+    filled = runs + runs[:1] * (size - len(runs))
+    with jax.enable_x64(True):
+        given = [(r.loop.control, r.scene.plant, r.scene.effects, r.scene._reference, r.loop.sample_time) for r in filled]
+        if len({jax.tree.structure(g) for g in given}) > 1:
+            raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
+        numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
+        schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(r.schedule(count) for r in filled))
+        rows = jax.tree.map(np.asarray, _play(numbers, schedule, np.array([r.seed for r in filled]), shape))
+    return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
+
+
+class Schedule(NamedTuple):
+    """What happens at the beginning of each piece (M,), and what holds over it. `reads`: the sensor is sampled; `runs`: the
+    controller runs, with the reading of `reading` samples before and the scene's numbers; `acting`: which command holds,
+    counted back from the latest."""
+
+    duration: Any
+    reads: Any
+    runs: Any
+    latest: Any  # sample
+    reading: Any
+    acting: Any
+    warming: Any
+    force: Any
+    reference: Any
+    frequency: Any
+    temperature: Any
+
+
+class _Shape(NamedTuple):
+    """What decides which program it is: readings and commands that may be on their way, samples, fidelity."""
+
+    readings: int
+    commands: int
+    samples: int
+    rung: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One scene, cut at its events: `knots` (M,) s, and which of them are samples."""
+
+    loop: Any
+    scene: Scene
+    reference: Any
+    seed: int
+    time: np.ndarray
+    knots: np.ndarray
+    sample: np.ndarray  # index of the knot of each sample
+    marks: tuple[np.ndarray, np.ndarray, np.ndarray]  # samples run, readings taken, commands in force, counted up to each knot
+    early: int  # readings from before the scene began
+    depths: tuple[int, int]  # readings and commands that are on their way at most
+
+    @classmethod
+    def of(cls, loop: Any, scene: Scene, reference: Any, seed: int) -> "_Run":
+        Ts = loop.sample_time
+        late = delay.time if (delay := scene.find(Delay)) else 0.0
+        time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
+        end = time[-1] if len(time) else 0.0
+        events = [time, time - late, time + loop.latency]
+        events += [p.edges(0.0, end) for name, p in scene.inputs.items() if name in ("temperature", "force")]
+        at = np.concatenate(events) / Ts
+        whole = np.round(at)
+        at = np.where(np.abs(at - whole) < NEAR, whole, at)  # a shared instant is one, whatever rounding made of it
+        knots = np.unique(at[(at >= 0) & (at <= end / Ts * (1 + 1e-15))])
+        if scene.substeps > 1 and len(knots) > 1:
+            share = np.arange(scene.substeps) / scene.substeps
+            knots = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
+        n = len(time)
+        instants = np.split(at[: 3 * n], 3)
+        marks = [np.searchsorted(i, knots, side="right") for i in instants]
+        ran, read, acted = marks
+        depths = int(np.max(read - ran)) + 1, int(np.max(ran - acted)) + 1
+        sample = np.searchsorted(knots, instants[0])
+        early = int(np.searchsorted(instants[1], 0.0))
+        return cls(loop, scene, reference, seed, time, knots * Ts, sample, (ran, read, acted), early, depths)
+
+    def schedule(self, count: int) -> Schedule:
+        """The pieces, filled up to `count` with some in which nothing happens."""
+        scene, (ran, read, acted) = self.scene, self.marks
+        duration = np.diff(self.knots, append=self.knots[-1])
+        inputs = scene._inputs(self.knots + 0.5 * duration, commanded=True)
+        asked = scene._inputs(self.time)
+        latest = np.maximum(ran - 1, 0)
+        warming = None
+        if inputs["temperature"] is not None:
+            warming = inputs["temperature"] - scene.plant.reference_temperature
+        held = Schedule(
+            duration=duration,
+            reads=np.diff(read, prepend=self.early) > 0,
+            runs=np.diff(ran, prepend=0) > 0,
+            latest=latest,
+            reading=read - ran,
+            acting=ran - acted,
+            warming=warming,
+            force=inputs["force"],
+            reference=self._asked(asked["drive"])[latest],
+            frequency=asked["frequency"][latest],
+            temperature=None if asked["temperature"] is None else asked["temperature"][latest],
+        )
+        fill = count - len(duration)
+        quiet = held._replace(duration=0 * duration, reads=held.reads & False, runs=held.runs & False)
+        return jax.tree.map(lambda v, w: np.append(v, np.repeat(w[-1:], fill)), held, quiet)
+
+    def _asked(self, drive: np.ndarray) -> np.ndarray:
+        if self.reference is None:
+            return self.loop.G * drive
+        profile = self.reference if isinstance(self.reference, Profile) else Profile.constant(self.reference)
+        return profile.at(self.time)
+
+    def trace(self, rows: tuple) -> Trace:
+        motion, measured, voltage, frequency = (v[self.sample] for v in rows)
+        reference = self._asked(self.scene._inputs(self.time)["drive"])
+        return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured)
+
+
+def _playable(scene: Scene) -> Scene:
+    if scene.kind == "steady" or scene.fidelity == "steady":
+        raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time")
+    if scene.fidelity == "carrier":
+        known = ", ".join(engine.RUNGS[1:])
+        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here")
+    if scene.find(Inverter):
+        raise SceneError(f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit")
+    # What is cheap enough for the scene's own drive says nothing of what a controller does.
+    return replace(scene, fidelity="exact") if scene.fidelity == "auto" else scene
+
+
+def _rounded(count: int) -> int:
+    """The next of few lengths, so that scenes of about the same length share a compiled program."""
+    step = max(1 << (count - 1).bit_length() - 3, 512)
+    return -(-count // step) * step
+
+
+class _Carry(NamedTuple):
+    plate: engine.State
+    control: Any
+    commands: tuple  # (depth,) voltages and frequencies, the latest first
+    readings: Any  # (depth,) the latest first
+    before: Inputs  # what has held until now
+    cycles: Any  # of the drive since its phase was last reset
+
+
+@partial(jax.jit, static_argnames="shape")
+def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
+    """(M, runs) of motion, measurement and command at the beginning of each piece."""
+    control, plant, effects, reference, sample_time = numbers
+    first = jax.tree.map(lambda v: v[0], schedule)
+    carry = jax.vmap(partial(_begin, shape=shape))(control, plant, effects, reference, first)
+    noise = jax.vmap(partial(_noise, samples=shape.samples))(effects, seeds, sample_time)
+    noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
+
+    def body(carry, now):
+        return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference)
+
+    return jax.lax.scan(body, carry, (schedule, noise))[1]
+
+
+def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[Any, Any] | None:
+    """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear in it."""
+    drawn = tuple(e for e in effects if e.kind == "noise" and not isinstance(e, RECORDER))
+    if not drawn:
+        return None
+    key = jax.random.key(seed)
+    states = tuple(e.init(engine._key(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
+
+    def made(value: float) -> Any:
+        return engine.noisy(drawn, jnp.full(samples, value, complex), states, key, 0, sample_time)[0]
+
+    offset = made(0.0)
+    return offset, jnp.round((made(1.0) - offset).real)
+
+
+def _begin(control: Any, plant: Any, effects: tuple, reference: Any, first: Schedule, shape: _Shape) -> _Carry:
+    state = jax.tree.map(lambda v: jnp.asarray(v, float), control.init())
+    start = control.rest().frequency
+    frequency = _made(effects, first.frequency if start is None else jnp.asarray(start, float))
+    inputs = _inputs(plant, effects, reference, Command(jnp.zeros(()), frequency), first)
+    plate = _at_rest(shape.rung, plant, effects)
+    readings = jnp.full(shape.readings, engine.seen(effects, plate, inputs))
+    commands = (jnp.zeros(shape.commands), jnp.full(shape.commands, frequency))
+    return _Carry(plate, state, commands, readings, inputs, jnp.zeros(()))
+
+
+def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
+    quiet = tuple(e for e in effects if e.kind != "noise")
+    return engine.start(rung, plant, quiet, jax.random.key(0))
+
+
+def _piece(carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:
+    """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
+    effect; then the piece."""
+    now, noise = happening
+    readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
+    measured = _recorded(effects, readings[now.reading], noise)
+    state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
+    frequency = now.frequency if command.frequency is None else command.frequency
+    state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)
+    asked = (command.voltage, _made(effects, frequency))
+    commands = tuple(_pushed(now.runs, old, new) for old, new in zip(carry.commands, asked, strict=True))
+    inputs = _inputs(plant, effects, reference, Command(*(c[now.acting] for c in commands)), now)
+    turn, cycles = _turn(effects, carry, inputs, now.duration)
+    motion = sum(mode.response for mode in carry.plate.modes)
+    plate = engine.held(plant, effects, carry.plate, inputs, now.duration, turn, rung, reference)
+    after = _Carry(plate, state, commands, readings, inputs, cycles)
+    return after, (motion, measured, commands[0][0], commands[1][0])
+
+
+def _pushed(happens: Any, line: Any, value: Any) -> Any:
+    """`value` at the head of a line of the latest values, where it happens."""
+    return jnp.where(happens, jnp.concatenate([jnp.reshape(value, 1), line[:-1]]), line)
+
+
+def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
+    offset = 2 * jnp.pi * (reference - command.frequency)
+    inputs = Inputs(command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force)
+    for e in effects:
+        if hasattr(e, "drive"):
+            inputs = e.drive(inputs)
+    return inputs
+
+
+def _made(effects: tuple, frequency: Any) -> Any:
+    """The frequency that the source makes."""
+    steps = next((e.step for e in effects if isinstance(e, FrequencyResolution)), None)
+    return frequency if steps is None else steps * jnp.round(frequency / steps)
+
+
+def _recorded(effects: tuple, response: Any, noise: Any) -> Any:
+    response = response if noise is None else noise[0] + noise[1] * response
+    for e in effects:
+        if isinstance(e, RECORDER):
+            response = e.noise(response, None, None, None)[0]
+    return response
+
+
+def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple[Any, Any]:
+    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles since then."""
+    if not any(isinstance(e, PhaseReset) for e in effects):
+        return None, carry.cycles
+    changed = inputs.omega != carry.before.omega
+    turn = jnp.where(changed, jnp.exp(2j * jnp.pi * carry.cycles), 1.0)
+    since = jnp.where(changed, 0.0, carry.cycles) + inputs.omega / (2 * jnp.pi) * duration
+    return turn, since - jnp.floor(since)
+
+
+def settling_time(time: np.ndarray, W: np.ndarray, target: float, tolerance: float = 0.05) -> float:
+    """The first time, s from `time[0]`, after which W stays within `tolerance` of `target`; inf when the last row is not."""
+    outside = np.flatnonzero(~(np.abs(W - target) <= tolerance * abs(target)))
+    if not len(outside):
+        return 0.0
+    return float(time[outside[-1] + 1] - time[0]) if outside[-1] + 1 < len(time) else float("inf")
+
+

@@ -1,0 +1,146 @@
+"""Stability margins of a sampled amplitude loop, with its delay, for many plants at once.
+
+A plant at resonance under a held voltage that takes effect `delay` s after its sample, with delay = (d + x) T and 0 <= x < 1:
+
+    P(z) = (g0 + g1/z) z^-d / (z - alpha),   alpha = e^{-T rate},
+    g0 = push (1 - e^{-rate (1-x) T})/rate,   g1 = push (e^{-rate (1-x) T} - alpha)/rate.
+
+The controller is linearised by differences of its own step, about the state that it settles in: what is examined is what runs.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller.adaptive import AdaptiveState
+from controller.dq import DQ
+from controller.ensemble import Ensemble
+from controller.pi import PIState
+from controller.scalar import NO_LIMIT
+
+POINTS = 400  # frequencies
+
+
+class Margins(NamedTuple):
+    """Each (n,), of L = C P: `gain` (largest factor), `phase` (rad), `disk` (symmetric disk margin, 2 / max |(1-L)/(1+L)|) and
+    `delay` (s); all zero where the closed loop is unstable."""
+
+    gain: np.ndarray
+    phase: np.ndarray
+    disk: np.ndarray
+    delay: np.ndarray
+
+
+def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) -> Margins:
+    """Margins of the voltage loop of `control` around each plant at resonance."""
+    # From far below the plant's bandwidth to the Nyquist frequency, where the last point lies.
+    low = 1e-2 * float(np.min(plants.rate)) * sample_time
+    angle = np.geomspace(min(low, 1e-3), np.pi, POINTS)
+    L = response(control, plants, sample_time, angle) * plant(plants, sample_time, delay, np.exp(1j * angle))
+    return _read(L, angle, sample_time)
+
+
+def plant(plants: Ensemble, T: float, delay: float, z: np.ndarray) -> np.ndarray:
+    """P(z) (n, m) of n plants."""
+    d = int(np.floor(delay / T + 1e-9))
+    x = max(delay / T - d, 0.0)
+    rate, push = plants.rate[:, None], plants.push[:, None]
+    late = np.exp(-rate * (1 - x) * T)
+    alpha = np.exp(-rate * T)
+    g0, g1 = push * (1 - late) / rate, push * (late - alpha) / rate
+    return (g0 + g1 / z) * z**-d / (z - alpha)
+
+
+def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.ndarray:
+    """C(z) = -V/Wd, (n, m) or (1, m) where it is the same for all plants."""
+    z = np.exp(1j * angle)
+    A, B, C, D = linearised(control, plants.rate * T)
+    values, vectors = np.linalg.eig(A)
+    # Modes, unless two coincide: then the resolvent itself.
+    if np.all(np.linalg.cond(vectors) < 1e8):
+        weights = (C[:, None, :] @ vectors)[:, 0] * np.linalg.solve(vectors, B[..., None].astype(complex))[..., 0]
+        return -(np.einsum("ni,nmi->nm", weights, 1 / (z[None, :, None] - values[:, None, :])) + D[:, None])
+    n = A.shape[-1]
+    solved = np.linalg.solve(z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex))[..., 0]
+    return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
+
+
+def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, s, s), B (n, s), C (n, s), D (n,) of Wd -> V about a settled amplitude of one, without limits, at resonance.
+
+    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,), which it has learnt.
+    """
+    if isinstance(control, DQ):
+        pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT)
+
+        def step(state: tuple, W: Any) -> tuple[tuple, Any]:
+            after, voltage, _ = pi.step(PIState(state[0], 0.0), 1.0, W, np)
+            return (after.integral,), voltage
+
+        return differences(step, (np.zeros(1),), np.ones(1, complex), 1e-3)
+    free = control._replace(lowest_voltage=-NO_LIMIT, highest_voltage=NO_LIMIT, slew=NO_LIMIT)
+    one, zero = np.ones_like(damping), np.zeros_like(damping)
+    sent = len(control.delay) + 1
+
+    def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
+        d, now, *voltages = state
+        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(voltages), (zero,) * sent)
+        after, command, _ = free.step(before, 1.0, W, None, np)
+        return (after.d, after.damping, *after.voltages), command.voltage
+
+    settled = (one, damping, *[damping / control.push] * sent)
+    return differences(adaptive, settled, one + 0j, 1e-5)
+
+
+def _read(L: np.ndarray, angle: np.ndarray, T: float) -> Margins:
+    size, phase = np.abs(L), np.unwrap(np.angle(L), axis=1)
+    # Where the phase passes -180 degrees (and the Nyquist point, where L is real), and where the size passes one.
+    turned = phase - np.round((phase[:, :1] + np.pi / 2) / (2 * np.pi)) * 2 * np.pi
+    gain = np.full(len(L), np.inf)
+    lead, late = np.full(len(L), np.inf), np.full(len(L), np.inf)
+    for n in range(len(L)):
+        p, s = turned[n], np.log(size[n])
+        at = _crossings(p, -np.pi, s)
+        ends = [s[-1]] if abs(np.sin(p[-1])) < 1e-6 and np.cos(p[-1]) < 0 else []
+        over = np.exp(-np.array([*at, *ends]))
+        gain[n] = min(over, default=np.inf)
+        cuts = np.flatnonzero(np.diff(np.sign(s)))
+        for i in cuts:
+            share = s[i] / (s[i] - s[i + 1])
+            w, here = angle[i] + share * (angle[i + 1] - angle[i]), p[i] + share * (p[i + 1] - p[i])
+            lead[n], late[n] = min(lead[n], here + np.pi), min(late[n], (here + np.pi) / w * T)
+    disk = 2 / np.max(np.abs((1 - L) / (1 + L)), axis=1)
+    stable = (gain > 1) & (lead > 0)
+    return Margins(*(np.where(stable, m, 0.0) for m in (gain, lead, disk, late)))
+
+
+def _crossings(values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
+    """`of`, on straight lines, where `values` pass downwards through `level`."""
+    i = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
+    share = (values[i] - level) / (values[i] - values[i + 1])
+    return of[i] + share * (of[i + 1] - of[i])
+
+
+def differences(step: Any, state: tuple, W: Any, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A (n, s, s), B (n, s), C (n, s), D (n,) of (state, Wd) -> (state, V) by central differences.
+
+    `step` takes a tuple of (n,) and W to a tuple and V. The step is smooth about its settled state, so that the error is that
+    of the square of `size`, relative.
+    """
+    count = len(state)
+    scale = [np.maximum(np.abs(s), 1e-3) * size for s in state]
+
+    def moved(k: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        where = tuple(s + sign * scale[k] if i == k else s for i, s in enumerate(state))
+        seen = W + sign * size if k == count else W
+        after, V = step(where, seen)
+        return np.stack([np.broadcast_to(a, state[0].shape) for a in after]), np.broadcast_to(V, state[0].shape)
+
+    columns, outputs = [], []
+    for k in range(count + 1):
+        (up, high), (down, low) = moved(k, 1.0), moved(k, -1.0)
+        width = 2 * (scale[k] if k < count else size)
+        columns.append((up - down) / width)
+        outputs.append((high - low) / width)
+    A = np.stack(columns[:count], -1).transpose(1, 0, 2)
+    return A, columns[count].T, np.stack(outputs[:count], -1), outputs[count]

@@ -1,0 +1,86 @@
+"""What a design is told of the plate: means, and how far the posterior spreads them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Known(NamedTuple):
+    """A parameter of a bare plant, in the form that a fit and a posterior give theirs."""
+
+    value: float | None
+    determined: bool
+    why: str | None
+
+
+@dataclass(frozen=True)
+class Plate:
+    """What is known of the plate: means, and how far the posterior spreads G/tau upwards (99 %)."""
+
+    G: float
+    tau: float
+    f0: float | None
+    k_T: float | None
+    spread: float
+    source: Any
+    fit: Any
+    why: str  # no f0
+
+    @property
+    def means(self) -> dict[str, float]:
+        values = {"G": self.G, "tau": self.tau, "f0": self.f0, "k_T": self.k_T}
+        return {name: value for name, value in values.items() if value is not None}
+
+
+def plate_of(source: Any) -> Plate:
+    parameters, fit = _read(source)
+    G, tau = _needed(parameters, "G"), _needed(parameters, "tau")
+    if G == 0.0 or tau <= 0.0:
+        raise ValueError(f"no controller: a plant with G = {G:g} and tau = {tau:g} s cannot be controlled")
+    f0, why = _value(parameters, "f0")
+    draws = getattr(source, "draws", {})
+    spread = 1.0
+    if "G" in draws and "tau" in draws:
+        spread = max(float(np.quantile(np.ravel(draws["G"]) / np.ravel(draws["tau"]), 0.99)) / (G / tau), 1.0)
+    return Plate(G, tau, f0, _value(parameters, "k_T")[0], spread, source, fit, why)
+
+
+def _read(source: Any) -> tuple[Mapping[str, Any], Any]:
+    """The parameters by name, and the object that knows units and reference temperature."""
+    if hasattr(source, "summary"):
+        # A posterior may name only what was sampled; for the rest the fit says why.
+        return {**source.fit.parameters, **source.summary()}, source.fit
+    if hasattr(source, "parameters"):
+        return source.parameters, source
+    values = {name: getattr(source, name, None) for name in ("G", "tau", "f0", "k_T")}
+    return {name: Known(value, value is not None, f"the plant has no {name}") for name, value in values.items()}, source
+
+
+def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]:
+    """The value, None when not determined, and then why."""
+    p = parameters.get(name, Known(None, False, "the fit does not have it"))
+    if p.determined and p.value is not None and math.isfinite(p.value):
+        return float(p.value), ""
+    return None, p.why or "the fit gives no reason"
+
+
+def _needed(parameters: Mapping[str, Any], name: str) -> float:
+    value, why = _value(parameters, name)
+    if value is None:
+        raise ValueError(f"no controller: {name} is not determined: {why}")
+    return value
+
+
+def units_of(fit: Any) -> tuple[str | None, str | None]:
+    """Response and drive unit, None when not stated: "m/s/V" is m/s per V."""
+    response, slash, drive = getattr(fit, "units", {}).get("G", "").rpartition("/")
+    return (response, drive) if slash else (None, None)
+
+
+def positive(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} = {value:g} must be a finite number above 0")
+    return float(value)

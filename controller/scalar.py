@@ -1,0 +1,39 @@
+"""Plain floats under the names that numpy and JAX have for arrays.
+
+A step is written once, in `+ - * /`, comparisons and the functions below, and takes what it computes with as `xp`: this module,
+`numpy`, `jax.numpy`, or the symbols that the C export records. All of them run the same operations in the same order.
+"""
+
+import math
+from typing import Any
+
+NO_LIMIT = 1e30  # in any unit; a number also in single precision
+
+
+def where(condition: bool, yes: float, no: float) -> float:
+    return yes if condition else no
+
+
+def isfinite(x: float) -> bool:
+    return math.isfinite(x)
+
+
+def logical_not(x: bool) -> bool:
+    return not x
+
+
+def floor(x: float) -> float:
+    return float(math.floor(x)) if math.isfinite(x) else x
+
+
+def clip(x: Any, low: Any, high: Any, xp: Any) -> Any:
+    """x within low to high; low where they cross."""
+    x = xp.where(x > high, high, x)
+    return xp.where(x < low, low, x)
+
+
+def seen(reference: Any, W: Any, xp: Any) -> Any:
+    """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose fourth power
+    overflows is none either: nothing that is computed from it would be finite."""
+    size = W.real * W.real + W.imag * W.imag
+    return xp.isfinite(reference) & xp.isfinite(size * size)

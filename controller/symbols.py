@@ -1,0 +1,136 @@
+"""A step written down instead of computed: what a controller does to symbols is recorded, and is its C code.
+
+The record is that of the arithmetic that runs in Python, operation by operation: what is tested is what is exported. It has no
+loop, no branch and no memory but the state; the number of operations is known.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any
+
+
+class Record:
+    """Operations in order, as lines of C, each value once. Stands in for `xp`."""
+
+    def __init__(self, number: Callable[[float], str]):
+        self.number = number
+        self._made: dict[str, tuple[str, str]] = {}  # by name: operation, line
+        self._known: dict[str, Symbol] = {}
+
+    def input(self, text: str) -> "Symbol":
+        """A value from outside."""
+        return Symbol(self, text, False)
+
+    def text(self, value: Any) -> str:
+        """How C writes a symbol, a condition or a number."""
+        if isinstance(value, Symbol):
+            return value.text
+        return str(int(value)) if isinstance(value, bool) else self.number(float(value))
+
+    def made(self, operation: str, expression: str, condition: bool = False) -> "Symbol":
+        if expression not in self._known:
+            name = f"{'c' if condition else 'x'}{len(self._made)}"
+            self._made[name] = (operation, f"const {'int' if condition else 'dq_real'} {name} = {expression};")
+            self._known[expression] = Symbol(self, name, condition)
+        return self._known[expression]
+
+    def needed(self, results: Iterable[str]) -> tuple[list[str], Counter[str]]:
+        """The lines without which `results` could not be had, in order, and how many of each operation they are."""
+        wanted = set(results)
+        kept = []
+        for name, (operation, line) in reversed(self._made.items()):
+            if name in wanted:
+                wanted |= set(re.findall(r"\b[xc]\d+\b", line))
+                kept.append((operation, line))
+        return [line for _, line in reversed(kept)], Counter(operation for operation, _ in kept)
+
+    def where(self, condition: Any, yes: Any, no: Any) -> Any:
+        if isinstance(condition, bool):
+            return yes if condition else no
+        boolean = all(isinstance(v, bool) or (isinstance(v, Symbol) and v.condition) for v in (yes, no))
+        return self.made("select", f"{condition.text} ? {self.text(yes)} : {self.text(no)}", boolean)
+
+    def isfinite(self, x: Any) -> Any:
+        return self.made("test", f"isfinite({x.text})", True) if isinstance(x, Symbol) else x - x == 0.0
+
+    def logical_not(self, x: Any) -> Any:
+        return not x if isinstance(x, bool) else self.made("logic", f"!{x.text}", True)
+
+    def floor(self, x: Any) -> Any:
+        return self.made("floor", f"dq_floor({x.text})")
+
+
+class Symbol:
+    """A value, or a condition, of a record."""
+
+    __hash__ = None  # type: ignore[assignment]  # what is equal is a question for the machine that runs the record
+
+    def __init__(self, record: Record, text: str, condition: bool):
+        self.record, self.text, self.condition = record, text, condition
+
+    def __bool__(self) -> bool:
+        raise TypeError("found a branch on a value that is known only when the step runs, expected xp.where")
+
+    def _with(self, sign: str, other: Any, turned: bool = False) -> "Symbol":
+        a, b = (self.record.text(v) for v in ((other, self) if turned else (self, other)))
+        return self.record.made(sign, f"{a} {sign} {b}", sign in ("<", ">", "<=", ">=", "==", "!="))
+
+    def __add__(self, other):
+        return self._with("+", other)
+
+    def __radd__(self, other):
+        return self._with("+", other, True)
+
+    def __sub__(self, other):
+        return self._with("-", other)
+
+    def __rsub__(self, other):
+        return self._with("-", other, True)
+
+    def __mul__(self, other):
+        return self._with("*", other)
+
+    def __rmul__(self, other):
+        return self._with("*", other, True)
+
+    def __truediv__(self, other):
+        return self._with("/", other)
+
+    def __rtruediv__(self, other):
+        return self._with("/", other, True)
+
+    def __neg__(self):
+        return self.record.made("-", f"-{self.text}")
+
+    def __lt__(self, other):
+        return self._with("<", other)
+
+    def __le__(self, other):
+        return self._with("<=", other)
+
+    def __gt__(self, other):
+        return self._with(">", other)
+
+    def __ge__(self, other):
+        return self._with(">=", other)
+
+    def __eq__(self, other):
+        return self._with("==", other)
+
+    def __ne__(self, other):
+        return self._with("!=", other)
+
+    def __and__(self, other):
+        if isinstance(other, bool):
+            return self if other else False
+        return self.record.made("logic", f"{self.text} && {other.text}", True)
+
+    __rand__ = __and__
+
+    def __or__(self, other):
+        if isinstance(other, bool):
+            return True if other else self
+        return self.record.made("logic", f"{self.text} || {other.text}", True)
+
+    __ror__ = __or__

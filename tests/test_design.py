@@ -1,0 +1,256 @@
+"""What a design promises, against simulated plants; what it refuses; margins against closed forms and a root finder."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import controller
+from controller import Rig, RigError, Sensor, closed_loops, settling_time
+from controller.ensemble import Ensemble
+from controller.margins import margins
+from controller.promise import steps
+from sysid import Plant, Profile, Scene
+from sysid.scene.effects import FingerDamping
+
+TAU = 5e-3 / math.log(20)
+T = 1e-4
+PLATE = Plant(0.02, TAU, 32300.0, -10.16)
+
+
+def posterior(seed=0, tau=0.003, logs=()):
+    """4000 draws about the paper's plate; `tau`: its relative spread."""
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal((4, 4, 1000))
+    draws = {"G": 0.02 * np.exp(0.001 * z[0]), "tau": TAU * np.exp(tau * z[1])}
+    draws |= {"f0": 32300 + 0.1 * z[2], "k_T": -10.16 + 0.05 * z[3]}
+    known = {name: SimpleNamespace(value=float(v.mean()), determined=True, why=None) for name, v in draws.items()}
+    fit = SimpleNamespace(parameters=known, units={"G": "um/V"}, reference_temperature=24.0, logs=logs)
+    return SimpleNamespace(fit=fit, summary=lambda: known, draws=draws)
+
+
+def logs_up_to(volts):
+    log = SimpleNamespace(drive=np.array([0.0, volts]), frequency=np.array([31800.0, 32800.0]), sha256="ab" * 32)
+    return (SimpleNamespace(log=log),)
+
+
+# --- margins ------------------------------------------------------------------------------------------------------------------
+
+
+def plants(*rates):
+    return Ensemble(np.full(len(rates), 0.02 / TAU), np.array(rates) / TAU, np.zeros(len(rates)))
+
+
+@pytest.mark.parametrize(("samples", "largest"), [(1, 1.0), (2, (math.sqrt(5) - 1) / 2)])
+def test_gain_margin_of_the_zero_cancelling_loop(samples, largest):
+    """z^d (z - 1) + K = 0 is stable to K = 1 (d = 1) and to the golden ratio's inverse (d = 2)."""
+    loop = controller.design(PLATE, bandwidth_hz=200.0)
+    found = margins(loop.law, plants(1.0), T, samples * T)
+    K = -math.expm1(-2 * math.pi * 200.0 * T)
+    assert found.gain[0] == pytest.approx(largest / K, rel=2e-3)  # 400 points to the Nyquist frequency, straight between
+    # L = K / (z^d (z - 1)): |L| = 1 at w = 2 asin(K/2), where the phase is -pi/2 - w (d + 1/2)
+    w = 2 * math.asin(K / 2)
+    assert found.phase[0] == pytest.approx(math.pi / 2 - w * (samples + 0.5), abs=2e-3)
+    assert found.delay[0] == pytest.approx((math.pi / 2 - w * (samples + 0.5)) / w * T, rel=5e-3)
+
+
+@pytest.mark.parametrize("method", ["pi", "adaptive"])
+@pytest.mark.parametrize("finger", [1.0, 2.0])
+def test_margins_are_those_of_a_loop_that_is_disturbed(method, finger):
+    """Gain multiplied by a little less or more than the margin: the simulated loop, with the step that runs, dies or grows."""
+    loop = controller.design(PLATE, method=method, guard=False)
+    found = margins(loop.law, plants(finger), T, T)
+    grown = []
+    for factor in (0.97, 1.03):
+        # a plate of another G/tau than the design's: the loop's gain times the margin, its damping as it was
+        push, rate = 0.02 / TAU * T * found.gain[0] * factor, finger / TAU * T
+        law, Z, state, pending, size = loop.law, 0.02 + 0j, loop.law.init(), 0.0, []
+        if method == "adaptive":  # linear only about where it rests, so a small disturbance of that
+            rest = finger * T / TAU
+            sent = rest / law.push
+            state = state._replace(d=1.0, damping=rest, voltages=(sent,) * len(state.voltages))
+            pending, Z = sent, 1.0 + 1e-6 + 0j
+        reference = 1.0 if method == "adaptive" else 0.0
+        centre = rest / law.push if method == "adaptive" else 0.0
+        for _ in range(400):
+            state, command, _ = law.step(state, reference, Z)
+            Z = reference + (Z - reference) * math.exp(-rate) - push * (pending - centre) * math.expm1(-rate) / rate
+            pending = command.voltage
+            size.append(abs(Z - reference))
+        grown.append(max(size[300:]) > max(size[50:150]))
+    assert grown == [False, True]
+
+
+def test_a_loop_beyond_its_margin_has_none():
+    loop = controller.design(PLATE, latency=0.0)
+    assert margins(loop.law, plants(1.0), T, 20 * T).gain[0] == 0.0
+
+
+# --- the promise --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["pi", "adaptive"])
+def test_a_promise_holds_for_fresh_draws(method):
+    """1000 draws of another seed, each with a finger up to one that halves the amplitude and -10 to +15 degC, in scenes."""
+    given = {"amplitude": 2.0, "voltage_limit": 400.0, "frequency_window": (31800.0, 32800.0)}
+    given |= {"finger": 1.0, "warming": (-10.0, 15.0)}
+    loop = controller.design(posterior(), method=method, **given)
+    rng, draws = np.random.default_rng(5), posterior(seed=1).draws
+    scenes, which = [], rng.choice(4000, 1000, replace=False)
+    finger = FingerDamping(law="power", exponent=1.0)  # rho = F / 1.5 N
+    for i in which:
+        plate = Plant(*(float(draws[name].ravel()[i]) for name in ("G", "tau", "f0", "k_T")))
+        inputs = {"drive": 100.0, "frequency": 32300.0, "force": rng.uniform(0, 1.5), "temperature": 24 + rng.uniform(-10, 15)}
+        profiles = {name: Profile.constant(value) for name, value in inputs.items()}
+        scenes.append(Scene(plate, profiles, 300, 1e4, (finger,), fidelity="envelope"))
+    traces = closed_loops(loop, scenes, reference=2.0)
+    settling = np.array([settling_time(t.time, t.W, 2.0) for t in traces])
+    rho = np.array([float(s.inputs["force"].values[0]) / 1.5 for s in scenes])
+    tau = np.array([s.plant.tau for s in scenes])
+    G = np.array([s.plant.G for s in scenes])
+    fresh = margins(loop.law, Ensemble(G / tau, (1 + rho) / tau, np.zeros(1000)), T, T)
+    missed = (settling > loop.promise.settling + 1e-9) | (fresh.disk < loop.promise.disk) | (fresh.gain < loop.promise.gain)
+    assert missed.sum() <= 20  # 1 % is promised
+    # and it is no empty promise: a tenth of them come near it
+    assert np.mean(settling > 0.5 * loop.promise.settling) > 0.1
+    assert np.quantile(fresh.disk, 0.1) < 1.2 * loop.promise.disk
+
+
+def test_steps_are_those_of_the_closed_loop():
+    loop = controller.design(PLATE, voltage_limit=300.0, guard=False, latency=0.4e-4)
+    settling, overshoot = steps(loop.law, plants(1.0, 2.0), T, 0.4e-4, 2.0, 32300.0)
+    finger = FingerDamping(law="power", exponent=1.0)
+    inputs = [{"drive": 100.0, "frequency": 32300.0, "force": force} for force in (0.0, 1.5)]
+    profiles = [{name: Profile.constant(value) for name, value in given.items()} for given in inputs]
+    scenes = [Scene(PLATE, given, 200, 1e4, (finger,), fidelity="envelope") for given in profiles]
+    for k, trace in enumerate(closed_loops(loop, scenes, reference=2.0)):
+        assert settling[k] == pytest.approx(settling_time(trace.time, trace.W, 2.0), abs=1e-9)
+        assert overshoot[k] == pytest.approx(max(trace.W.max() / 2 - 1, 0.0), abs=1e-6)
+
+
+def test_logs_that_say_little_give_a_slower_loop_that_says_why():
+    sure, unsure = controller.design(posterior()), controller.design(posterior(tau=0.25))
+    assert unsure.bandwidth_hz < 0.9 * sure.bandwidth_hz
+    assert unsure.bandwidth_bound == "posterior"
+    assert "1 % of the plates that the logs allow have a G/tau more than" in unsure.notes[0]
+    # no plant that the logs allow oscillates: 1 % may
+    K = -math.expm1(-2 * math.pi * unsure.bandwidth_hz * T)
+    draws = posterior(tau=0.25).draws
+    ratio = (draws["G"] / draws["tau"]).ravel() * unsure.tau / unsure.G
+    assert np.mean(K * ratio > 0.25) <= 0.0101
+
+
+# --- refusals -------------------------------------------------------------------------------------------------------------------
+
+
+def test_what_the_sample_time_does_not_allow_is_refused():
+    refused = r"settling_time = 1\.5 ms cannot be had: the sample time 0\.001 s and the delay.*nearest"
+    with pytest.raises(ValueError, match=refused) as said:
+        controller.design(PLATE, sample_time=1e-3, settling_time=1.5e-3)
+    nearest = float(str(said.value).split("nearest that can be had is ")[1].split()[0]) * 1e-3
+    assert controller.design(PLATE, sample_time=1e-3, settling_time=nearest * 1.0001).promise.settling <= nearest * 1.0002
+
+
+def test_what_the_voltage_does_not_allow_is_refused():
+    with pytest.raises(ValueError, match=r"the voltage limit 150 stands in the way \(stated\).*takes 1\.67 ms to 95 %"):
+        controller.design(PLATE, settling_time=1.5e-3, voltage_limit=150.0, amplitude=2.0)
+    loop = controller.design(PLATE, settling_time=1.5e-3, voltage_limit=200.0, amplitude=2.0)
+    assert loop.bandwidth_bound == "settling" and loop.promise.settling <= 1.5e-3 + 1e-12
+
+
+def test_limits_are_those_that_the_logs_have_seen():
+    refused = r"amplitude = 2 cannot be had: it needs 100.*limit is 20 \(the largest drive of the logs\).*that can be had is 0\.4"
+    with pytest.raises(ValueError, match=refused):
+        controller.design(posterior(logs=logs_up_to(20.0)), amplitude=2.0)
+    loop = controller.design(posterior(logs=logs_up_to(20.0)))
+    assert loop.law.amplitude.highest == 20.0 == -loop.law.amplitude.lowest
+    low, high = loop.limits.frequency
+    assert (low, high) == pytest.approx((31800 - 95.36, 32800 + 95.36), abs=0.5)  # half a bandwidth beyond what was swept
+    beyond = controller.design(posterior(logs=logs_up_to(20.0)), amplitude=2.0, voltage_limit=120.0)
+    assert beyond.limits.said == "stated" and beyond.law.amplitude.highest == 120.0
+
+
+def test_a_finger_needs_twice_the_voltage():
+    refused = r"needs 200 under a finger of 1, and the voltage limit is 150.*nearest that can be had is 1\.5"
+    with pytest.raises(ValueError, match=refused):
+        controller.design(PLATE, amplitude=2.0, voltage_limit=150.0, finger=1.0)
+
+
+def test_a_resonance_that_leaves_the_window_is_refused():
+    with pytest.raises(ValueError, match=r"the tracker cannot follow.*32147\.6 to 32300 Hz.*window is 32200 to 32400"):
+        controller.design(PLATE, warming=(0.0, 15.0), frequency_window=(32200.0, 32400.0))
+
+
+def test_one_wish_at_a_time():
+    with pytest.raises(ValueError, match="expected one of them"):
+        controller.design(PLATE, bandwidth_hz=100.0, settling_time=2e-3)
+
+
+# --- the rig --------------------------------------------------------------------------------------------------------------
+
+RIG = """
+sample_time_us = 200
+latency_us = 150
+voltage_limit_V = 300
+bipolar = false
+voltage_slew_V_per_s = 1e6
+frequency_step_Hz = 10.4
+thermometer = true
+[sensor]
+gain = 0.98
+rotation_deg = 3
+delay_us = 1
+"""
+
+
+def test_a_rig_file(tmp_path):
+    (tmp_path / "rig.toml").write_text(RIG)
+    rig = Rig.from_toml(tmp_path / "rig.toml")
+    assert rig.sample_time == pytest.approx(2e-4) and rig.latency == pytest.approx(1.5e-4)
+    assert rig[2:7] == (300.0, False, 1e6, 10.4, True)
+    assert rig.sensor == (0.98, 3.0, pytest.approx(1e-6))
+    loop = controller.design(PLATE, rig=rig)
+    pi, tracker = loop.law
+    assert (pi.lowest, pi.highest) == (0.0, 300.0) and pi.slew == pytest.approx(200.0)
+    assert tracker.quantum == 10.4 and tracker.k_T == -10.16
+    assert loop.latency == pytest.approx(1.5e-4)
+    # 1 us at 32.3 kHz turns by -11.6 degrees, the sensor by 3: both are taken back
+    turned = loop.control.control.d + 1j * loop.control.control.q
+    assert abs(turned) == pytest.approx(1 / 0.98) and math.degrees(np.angle(turned)) == pytest.approx(11.628 - 3, abs=1e-3)
+    assert not any("sensor" in note for note in loop.notes)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("sampletime_us = 1", "sampletime_us: found 'an unknown key', expected one of"),
+    ("latency_V = 1", "latency_V: found \"the unit 'V'\", expected s or another of its kind"),
+    ("bipolar = 1", "bipolar: found 1, expected true or false"),
+    ("voltage_limit = -3", "voltage_limit: found -3.0, expected a number above zero"),
+    ("sensor = 1", "sensor: found 1, expected a table"),
+    ("[sensor]\ngain = 0", "expected a gain above zero"),
+    ("latency = 'soon'", "latency: found 'soon', expected a number in s"),
+    ("a = ", "cannot be read"),
+])  # fmt: skip
+def test_a_rig_file_that_is_wrong(tmp_path, text, said):
+    (tmp_path / "rig.toml").write_text(text)
+    with pytest.raises(RigError) as error:
+        Rig.from_toml(tmp_path / "rig.toml")
+    assert said in str(error.value) and "rig.toml" in str(error.value)
+
+
+def test_the_sensor_is_assumed_aloud():
+    assert "taken to be that of the logs" in controller.design(PLATE).notes[0]
+    assert Sensor(2.0, 0.0, 0.0).correction(32300.0) == 0.5
+
+
+def test_a_slew_limit_is_kept_and_costs_time():
+    rig = Rig(voltage_slew=2e5)  # 20 V in a sample
+    fast, slow = (controller.design(PLATE, voltage_limit=350.0, amplitude=2.0, rig=r) for r in (Rig(), rig))
+    assert slow.promise.settling > fast.promise.settling
+    inputs = {"drive": Profile.constant(100.0), "frequency": Profile.constant(32300.0)}
+    scene = Scene(PLATE, inputs, 200, 1e4, fidelity="envelope")
+    for loop in (slow, dataclasses.replace(slow, control=slow.law)):
+        trace = closed_loops(loop, [scene])[0]
+        assert np.abs(np.diff(trace.V, prepend=0.0)).max() <= 20.0 + 1e-9
+        assert trace.W[-1] == pytest.approx(2.0, rel=1e-6)
