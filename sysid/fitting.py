@@ -111,7 +111,7 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     known = {n: float(values[n]) if n in free else None for n in NAMES}
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
-    found = misfits(best, reference, free) if best.converged else []
+    found = misfits(best, reference, free, at)
     described, doubts = _described(best, found)
     warnings = warnings + doubts + described
     result = Result.successful if best.converged else Result.not_converged
@@ -121,7 +121,7 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in NAMES}
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
-    if result is Result.successful and described:
+    if described and result in (Result.successful, Result.not_converged):
         result = Result.misfit
     return replace(fitted, parameters=parameters, result=result)
 

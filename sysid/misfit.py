@@ -18,10 +18,12 @@ import numpy as np
 from sysid.experiment import Trial, freedom
 from sysid.minimise import NAMES, State
 from sysid.noise import log_likelihood
-from sysid.perturbed import Course
+from sysid.perturbed import Course, accumulated
 
 ENOUGH = 5.0  # log-likelihood: one of a hundred good fits is doubted
 UNCHANGED = 0.01  # sum of squares in units of the noise
+ROUGH = 5.0  # by which a residual is larger than the noise between its neighbours, and
+MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 LATE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
@@ -36,6 +38,7 @@ class Term:
     say: Callable[[np.ndarray, "View"], str | None]  # of the m coefficients; None: that sign or size makes no sense
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
+    beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
 
 
 @dataclass(frozen=True)
@@ -140,14 +143,15 @@ class View:
         return log_likelihood(left, self.trial.clock, freedom(self.trial))
 
 
-def misfits(state: State, reference: tuple[float, float], free: Sequence[str]) -> list[Found]:
-    """What the logs hold that the model leaves out, the most significant first."""
+def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> list[Found]:
+    """What the logs hold that the model leaves out, the most significant first. `at` (degC): where parameters are reported."""
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     index = [NAMES.index(n) for n in free]
     fit = _Linear(views, index, np.sqrt(np.diag(state.covariance))[index], [NAMES[i] for i in index])
-    terms = list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views), _between(views, free)))
+    terms = list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, 0.0 if at is None else at - reference[1]), _between(views, free)))
     threshold = ENOUGH + np.log(max(len(terms), 1))
     found = [f for t in terms if (f := fit.worth(t, threshold + t.freedom - 1)) is not None]
+    found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]
     std = float(np.sqrt(state.covariance[1, 1]))
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, std)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth)
@@ -162,6 +166,23 @@ def _very_late(i: int, view: View, std: float) -> Found | None:
     if np.sum(column**2) * view.late**2 < 2 * ENOUGH:
         return None
     return Found(_LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, {"tau": np.inf}, "late", i, 1)
+
+
+def _strange(i: int, view: View) -> Found | None:
+    """A log of which the model leaves most, smooth as it is: by what its own gain is off, if that is what it is."""
+    y, left = view.trial.log.response, view.residual
+    if len(y) < 8 or view.trial.log.drive is None:
+        return None
+    rough, total = np.sqrt(np.mean(np.abs(np.diff(left)) ** 2) / 2), np.sqrt(np.mean(np.abs(left) ** 2))
+    if total < ROUGH * rough or total < MOST * np.std(y):
+        return None
+    shape = view.course.forced if view.trial.signed else np.abs(view.course.forced)
+    ratio = float(np.abs(np.vdot(shape, y)) / max(np.vdot(shape, shape).real, 1e-300))
+    said = (
+        f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; G contradicts the other logs, about"
+        f" {ratio:.3g} times that of theirs; check its units, or leave it out"
+    )
+    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "gain", i, 1)
 
 
 _LATE = (
@@ -207,6 +228,8 @@ class _Linear:
         if gained < threshold or said is None:
             return None
         moves = dict(zip(self.names, shift / self.std, strict=True))
+        if term.beside is not None and term.beside[0] in moves:
+            moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
         return Found(said, float(gained), moves, term.name, term.log, term.freedom)
 
 
@@ -274,22 +297,18 @@ def _drift(i: int, view: View) -> Iterator[Term]:
 
 
 def _too_fast(i: int, view: View) -> Iterator[Term]:
-    """Settled points that had not settled: Z lags by (dZ/dt)/a."""
+    """Settled points that had not settled: after a dwell d each, Z_k = S_k + (Z_(k-1) - S_k) e^{a_k d}, S what it settles at."""
     log, c = view.trial.log, view.course
     if log.frequency is None or len(log) < 8 or np.mean(np.sign(np.diff(log.frequency))) ** 2 < 0.5:
         return
-
-    def say(value: np.ndarray, view: View) -> str | None:
-        if value[0] <= 0:
-            return None
-        dwell = f" (dwell about {1 / (value[0] * c.tau):.2g} tau)" if value[0] * c.tau > 1e-3 else ""
-        return (
-            f"{log.name}: swept too fast for settled points{dwell}; dwell {4 * c.tau:.2g} s or longer at each frequency, or"
-            " record the time of every row and say kind: transient"
+    for dwell in (0.5, 1.0, 2.0, 4.0):
+        decay = c.pole * c.tau * dwell
+        left = accumulated(decay[1:], -np.exp(decay[1:]) * np.diff(view.plate))
+        said = (
+            f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
+            " each frequency, or record the time of every row and say kind: transient"
         )
-
-    shape = view.observed((np.gradient(view.plate) / c.pole)[None])[0]
-    yield Term("swept too fast", {i: shape[:, None]}, say, i)
+        yield _term(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
 
 
 def _background(i: int, view: View) -> Iterator[Term]:
@@ -327,8 +346,9 @@ def _later(i: int, view: View) -> Iterator[Term]:
             yield _term(i, "late", shape, _LATE.format(log.name, share * c.tau), 1)
 
 
-def _of_all(views: list[View]) -> Iterator[Term]:
-    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature."""
+def _of_all(views: list[View], away: float) -> Iterator[Term]:
+    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
+    reported `away` (degC) from the logs' mean temperature."""
     resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
     top = max((float(np.max(np.abs(v.plate))) for v in resonant.values()), default=0.0)
     if top > 0:
@@ -355,7 +375,7 @@ def _of_all(views: list[View]) -> Iterator[Term]:
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
             shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
-            yield Term("temperature", shapes, _per_degree(symbol))
+            yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
 
 
 def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:

@@ -64,7 +64,7 @@ class Course:
             return (-push / poles)[hold.interval]
         target = push / poles
         grown = np.expm1(poles * hold.duration)
-        after = _accumulated(poles * hold.duration, grown * target)
+        after = accumulated(poles * hold.duration, grown * target)
         before = np.concatenate([[0.0], after[:-1]])[hold.interval]
         elapsed = hold.elapsed - delay
         late = elapsed < 0  # still in the interval before: one is enough for a delay shorter than an interval
@@ -103,7 +103,7 @@ class Course:
             return -begin / self.pole
         first, last = (begin[:-1], begin[1:]) if end is None else (begin[1:], end[1:])
         z, weigh_first, weigh_last = self._steps
-        return np.concatenate([[0.0], _accumulated(z, weigh_first * first + weigh_last * last)])
+        return np.concatenate([[0.0], accumulated(z, weigh_first * first + weigh_last * last)])
 
     def filtered(self, response: np.ndarray, tau: float, order: int) -> np.ndarray:
         """A response behind a lock-in's low-pass of `order` poles of `tau` seconds."""
@@ -113,7 +113,7 @@ class Course:
         for _ in range(order):
             push = h / tau * ((first - second) * response[:-1] + second * response[1:])
             start = response[0]
-            response = _accumulated(z, np.concatenate([[push[0] + np.exp(z[0]) * start], push[1:]]))
+            response = accumulated(z, np.concatenate([[push[0] + np.exp(z[0]) * start], push[1:]]))
             response = np.concatenate([[start], response])
         return response
 
@@ -154,7 +154,7 @@ def _phi(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.where(near, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (first - 1) / safe)
 
 
-def _accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
+def accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
     """z after each step of z+ = e^exponent z + push from zero, by cumulative sums over stretches that do not underflow."""
     found = np.empty(len(push), complex)
     total = np.cumsum(exponent)

@@ -1,0 +1,117 @@
+"""What the model leaves out is named, and logs that it describes are not doubted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+from conftest import SYNTHETIC
+
+import sysid
+from sysid import Result, Scene
+from sysid.scene import EFFECTS
+
+SCENES = SYNTHETIC / "scenes" / "plate"
+
+
+def simulated(name, seed, *effects, **changes):
+    """A log of a scene of data/synthetic with further effects, as someone writes it down who does not know of them."""
+    scene = Scene.from_toml(SCENES / f"{name}.toml")
+    kept = tuple(e for e in scene.effects if e.name not in {new.name for new in effects})
+    log = replace(scene, effects=(*kept, *effects)).simulate(seed)
+    return replace(log, bench={}, force=None, **changes)
+
+
+def other_plant(bench, **changes):
+    """The bench with another plate on it."""
+    other = object.__new__(type(bench))
+    other.plant = replace(bench.plant, **changes)
+    return other
+
+
+def finger_on_the_third(bench):
+    touched = other_plant(bench, G=0.6 * bench.plant.G, tau=0.6 * bench.plant.tau)
+    volts = np.repeat([0.0, 100.0], [20, 220])
+    logs = [bench.transient(seed=1), bench.transient(seed=2, volts=0.6 * volts), touched.transient(seed=3)]
+    return [replace(log, name=f"step {k + 1}") for k, log in enumerate(logs)]
+
+
+def late_trigger(bench):
+    log = bench.transient(seed=4)
+    return [replace(log, response=np.concatenate([log.response[:4], log.response[:-4]]))]
+
+
+def fourth_order_lock_in(bench):
+    return [simulated("step_100V_24C", 5, EFFECTS["lock_in"](tau=100e-6, order=4))]
+
+
+def softening(bench):
+    return [simulated("sweep_while_ringing", 6, EFFECTS["duffing"]())]
+
+
+def sine_law(bench):
+    return [simulated("duty_staircase", 7, EFFECTS["inverter"](supply=100.0, law="sine"))]
+
+
+def second_resonance(bench):
+    return [simulated("sweep_24C", 8, EFFECTS["second_mode"](f0=32450.0))]
+
+
+def saturated(bench):
+    return [simulated("step_100V_24C", 9, EFFECTS["saturation"](limit=1.5))]
+
+
+def hurried_sweep(bench):
+    """A sweep with a row per time constant, called settled."""
+    rows, tau = 101, bench.plant.tau
+    time, frequency = tau * np.arange(rows), np.linspace(31800, 32800, rows)
+    clean = reference.ringing(bench.plant, time, np.full(rows, 100.0), frequency, np.full(rows, 24.0))
+    settled = bench.sweep(seed=10)
+    return [replace(settled, response=clean + reference.noise(rows, 0.02, 10, time, 0.0))]
+
+
+def two_resonances(bench):
+    warmer = other_plant(bench, f0=bench.plant.f0 - 20.0)
+    return [bench.sweep(seed=11), replace(warmer.sweep(seed=12), name="other")]
+
+
+def softer_when_warm(bench):
+    return [
+        other_plant(bench, tau=bench.plant.tau * (1 + 0.01 * (degC - 24.0))).sweep(seed=13, temperature=degC)
+        for degC in (20.0, 24.0, 28.0, 32.0)
+    ]
+
+
+def millimetres(bench):
+    """One log a thousand times too large: nm called um."""
+    log = bench.transient(seed=15)
+    return [bench.transient(seed=14), bench.sweep(seed=16), replace(log, name="slipped", response=1000 * log.response)]
+
+
+@pytest.mark.parametrize(
+    ("logs", "said"),
+    [
+        (finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
+        (late_trigger, "begins late"),
+        (fourth_order_lock_in, "begins late, by a trigger or a demodulator's filter"),
+        (softening, "depend on the amplitude"),
+        (sine_law, "not proportional to the drive"),
+        (second_resonance, "a second resonance"),
+        (saturated, "saturated"),
+        (hurried_sweep, "swept too fast"),
+        (two_resonances, "the resonance contradicts the other logs"),
+        (softer_when_warm, "tau changes with the temperature"),
+        (millimetres, "slipped: G contradicts the other logs"),
+    ],
+    ids=lambda value: getattr(value, "__name__", ""),
+)
+def test_what_the_model_leaves_out_is_named(bench, logs, said):
+    fit = sysid.fit(logs(bench))
+    assert fit.result is Result.misfit, fit.parameters
+    assert any(said in warning for warning in fit.warnings), fit.warnings
+
+
+def test_logs_that_the_model_describes_are_not_doubted(bench):
+    """One of a hundred is the design: three or more of forty have a probability of 1 %."""
+    ends = [sysid.fit([bench.transient(seed=100 + k), bench.sweep(seed=200 + k)]).result for k in range(40)]
+    assert sum(end is not Result.successful for end in ends) <= 2, ends
