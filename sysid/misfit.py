@@ -148,7 +148,8 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     index = [NAMES.index(n) for n in free]
     fit = _Linear(views, index, np.sqrt(np.diag(state.covariance))[index], [NAMES[i] for i in index])
-    terms = list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, 0.0 if at is None else at - reference[1]), _between(views, free)))
+    away = 0.0 if at is None else at - reference[1]
+    terms = list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away), _between(views, free)))
     threshold = ENOUGH + np.log(max(len(terms), 1))
     found = [f for t in terms if (f := fit.worth(t, threshold + t.freedom - 1)) is not None]
     found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]

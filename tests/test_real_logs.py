@@ -50,7 +50,9 @@ def test_an_interfering_line_is_not_called_a_good_fit():
 def test_temperature_coefficient_of_a_reed():
     fit = fitted("02*/reed_temperature_sweeps.csv", "reed_temperature_window")
     k_T = fit.parameters["k_T"]
-    assert fit.result is sysid.Result.successful
+    # Q rises from 10.5 to 11.1 with the temperature in fits of one sweep at a time
+    assert fit.result is sysid.Result.misfit
+    assert any("tau changes with the temperature" in said for said in fit.warnings)
     assert abs(k_T.value + 0.02662) < 4 * np.hypot(k_T.std, 0.00078)
 
 
