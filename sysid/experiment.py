@@ -6,6 +6,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import gammainc
 
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.likelihood import OWN, Experiment, Groups, Layout
@@ -162,16 +163,36 @@ class Trial:
             if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
                 shapes.append(np.ones(n))
             if background and (np.ptp(drive) > 0 or not offset):
-                shapes.append(drive)
+                shapes.append(self._smoothed(drive))
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             shapes = []
         shapes = [s / np.max(np.abs(s)) for s in shapes if np.any(s)]
         return np.array(shapes).reshape(len(shapes), n)
 
+    def _smoothed(self, drive: np.ndarray) -> np.ndarray:
+        """What the lock-in's filter makes of the drive, (n,): of each of its steps the incomplete gamma function of its order."""
+        tau, order = self.smoothing
+        if not order:
+            return drive
+        hold = self.inputs
+        begun = np.append(0.0, np.cumsum(hold.duration)[:-1])
+        now = begun[hold.interval] + hold.elapsed
+        found = np.full(len(drive), hold.drive[0], float)
+        for at, step in zip(begun[1:], np.diff(hold.drive), strict=True):
+            if step:
+                found += step * gammainc(order, np.maximum(now - at, 0.0) / tau)
+        return found
+
     @property
     def looseness(self) -> float:
         """Standard deviation of the prior of what the bench adds: ten times the response."""
         return 10.0 * self.scale
+
+    @property
+    def smoothing(self) -> tuple[float, int]:
+        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated and matters."""
+        tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
+        return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 
     @property
     def lateness(self) -> float:
@@ -203,7 +224,8 @@ class Trial:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
         known = np.isfinite(self.inputs.omega)
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
-        return self.inputs._replace(offset=np.where(known, 2 * np.pi * reference[0] - self.inputs.omega, 0.0), warming=warming)
+        offset = np.where(known, 2 * np.pi * reference[0] - self.inputs.omega, 0.0)
+        return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
 
 
 def group(
@@ -285,7 +307,8 @@ def _experiment(
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
     late = not (search or trial.steady or carrier)
-    layout = Layout(amplitude, own_gain, moving and low_q and not carrier, carrier, late, trial.steady, rows, intervals)
+    both, order = moving and low_q and not carrier, 0 if search else trial.smoothing[1]
+    layout = Layout(amplitude, own_gain, both, carrier, late, order, trial.steady, rows, intervals)
     if search:
         trial = replace(trial, noise_time=0.0)
     now, before = (v[keep] for v in trial.whitening())
@@ -325,6 +348,7 @@ def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: i
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),
         turn=_pad(hold.turn[held], intervals),
+        smoothing=np.asarray(hold.smoothing or 1.0),
     )
 
 

@@ -39,6 +39,7 @@ class Layout(NamedTuple):
     both_modes: bool  # low Q
     carrier: bool  # its phase is known where the inputs change
     late: bool  # a transient, by an unknown time
+    order: int  # poles of the lock-in's filter
     steady: bool  # settled points
     rows: int
     intervals: int
@@ -102,7 +103,7 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)
         return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))
-    return respond(tau, detuning, hold, layout.both_modes, layout.carrier)
+    return respond(tau, detuning, hold, layout.both_modes, layout.carrier, layout.order)
 
 
 @partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it

@@ -54,8 +54,13 @@ class Course:
 
     @cached_property
     def forced(self) -> np.ndarray:
-        """Response to the drive from rest."""
-        return self.forced_at(self._poles)
+        """Response to the drive from rest, behind the lock-in's filter."""
+        return self._behind(self.forced_at(self._poles))
+
+    def _behind(self, response: np.ndarray) -> np.ndarray:
+        """A response from rest behind the lock-in's filter, as far as that is stated."""
+        tau, order = self.trial.smoothing
+        return self.filtered(response, tau, order) if order else response
 
     def forced_at(self, poles: np.ndarray, delay: float = 0.0) -> np.ndarray:
         """Response from rest of a mode with other poles (M,), by `delay` (s) later."""
@@ -87,7 +92,7 @@ class Course:
     @property
     def rate(self) -> np.ndarray:
         """Rate of change of `forced`, 1/s."""
-        return self.pole * self.forced + self.push
+        return self._behind(self.pole * self.forced_at(self._poles) + self.push)
 
     @cached_property
     def _steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -103,7 +108,7 @@ class Course:
             return -begin / self.pole
         first, last = (begin[:-1], begin[1:]) if end is None else (begin[1:], end[1:])
         z, weigh_first, weigh_last = self._steps
-        return np.concatenate([[0.0], accumulated(z, weigh_first * first + weigh_last * last)])
+        return self._behind(np.concatenate([[0.0], accumulated(z, weigh_first * first + weigh_last * last)]))
 
     def filtered(self, response: np.ndarray, tau: float, order: int) -> np.ndarray:
         """A response behind a lock-in's low-pass of `order` poles of `tau` seconds."""

@@ -71,7 +71,8 @@ class Hold(NamedTuple):
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
     rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
     the variance of the times that were averaged into the row (0: a single sample). Settled points are intervals of their own.
-    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known.
+    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `smoothing` s, the time
+    constant of a pole of the lock-in's filter.
     """
 
     duration: Leaf
@@ -83,6 +84,7 @@ class Hold(NamedTuple):
     elapsed: Leaf
     spread: Leaf
     turn: Leaf
+    smoothing: Leaf = 0.0
 
 
 class Response(NamedTuple):
@@ -93,16 +95,21 @@ class Response(NamedTuple):
     free: Array
 
 
-def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False) -> Response:
+def respond(
+    tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False, order: int = 0
+) -> Response:
     """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
+    `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began.
     """
     s = poles(tau, detuning, hold.omega)
     push = s.gain * hold.drive
     ripple = jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)
     kick = -jnp.diff(ripple, prepend=ripple[:1]).conj() * hold.turn if carrier else None
+    if order:
+        return _smoothed(s.slow, push, ripple, hold, order)
     slow = _propagate(s.slow, push, hold, kick)
     rest = _propagate(s.fast, -push, hold).forced if both_modes else ripple[hold.interval]
     return slow._replace(forced=slow.forced + rest)
@@ -169,6 +176,59 @@ def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) 
     grown = expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     forced = forced + grown * (forced + target)
     return Response(forced, pole * (forced + target), free + grown * free)
+
+
+def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int) -> Response:
+    """As `_propagate`, behind a cascade of one-pole filters.
+
+    Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled `ripple`. With
+    x = t/smoothing, stage j of the cascade is then, exactly,
+
+        y_j = e^{-x} (sum_{m<j} y_(j-m)(0) x^m/m! + (ripple - q) x^j phi_j(x) + (Z_0 + q) x^j phi_j(p t + x))
+    """
+    target = _over(push, pole)
+    (forced, free), _ = carried(expm1(pole * hold.duration), target)
+    rest, swing = ripple - target, forced + target
+
+    def pushed(j: int, x: Array, flat: list[Array], swung: list[Array], passed: list[Array], rest: Array, swing: Array) -> Array:
+        known = sum((passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j)), jnp.zeros_like(rest))
+        return jnp.exp(-x) * known + x**j * (rest * flat[j - 1] + swing * swung[j - 1])
+
+    x = hold.duration / hold.smoothing
+    flat, swung = phis(jnp.zeros_like(x) + 0j, x, order), phis(pole * hold.duration, x, order)
+    lost = jnp.expm1(-x)
+    held = jnp.where(lost == 0, 1.0, lost)
+    passed: list[Array] = []
+    for j in range(1, order + 1):
+        target = jnp.where(lost == 0, 0.0, pushed(j, x, flat, swung, passed, rest, swing)) / held
+        passed.append(carried(lost.astype(complex), target)[0][0])
+    at = jnp.stack([pole, rest, swing, free, *passed], axis=-1)[hold.interval]
+    pole, rest, swing, free, *passed = (at[..., i] for i in range(4 + order))
+    x = hold.elapsed / hold.smoothing
+    flat, swung = phis(jnp.zeros_like(x) + 0j, x, order), phis(pole * hold.elapsed, x, order)
+    stages = [jnp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]
+    before = stages[-2] if order > 1 else rest + swing * jnp.exp(pole * hold.elapsed)
+    return Response(stages[-1], (before - stages[-1]) / hold.smoothing, free * jnp.exp(pole * hold.elapsed))
+
+
+def phis(turned: Array, x: Array, order: int) -> list[Array]:
+    """e^{-x} phi_j(turned + x) for j = 1 to `order`, phi_j(z) = (phi_(j-1)(z) - 1/(j-1)!)/z, phi_0 = exp.
+
+    That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them cancels, also
+    where a pole of the plate is that of the filter, z = 0.
+    """
+    z, decay = turned + x, jnp.exp(-x)
+    near = jnp.abs(z) < 1
+    small, large = jnp.where(near, z, 0.0), jnp.where(near, 1.0, z)
+    series: Any = 0.0
+    for k in reversed(range(18)):
+        series = series * small + 1 / math.factorial(k + order)
+    below, above = [decay * series], [jnp.exp(turned)]
+    for j in range(1, order + 1):
+        above.append((above[-1] - decay / math.factorial(j - 1)) / large)
+    for j in range(order - 1, 0, -1):
+        below.append(small * below[-1] + decay / math.factorial(j))
+    return [jnp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["G", "tau", "f0", "k_T"], meta_fields=["reference_temperature"])

@@ -186,6 +186,32 @@ def test_a_delay_is_a_response_that_comes_later():
     np.testing.assert_allclose(forced, 1 - np.exp(-since / tau), atol=1e-15)  # the step's closed form
 
 
+@pytest.mark.parametrize(("order", "smoothing"), [(1, 3e-4), (4, 1e-4), (3, 2e-3), (2, 1e-6)])
+def test_a_lock_ins_filter_is_a_cascade_of_poles(order, smoothing):
+    """Against the matrix exponential of the slow mode and its stages, at resonance and beside it, slower and faster than tau."""
+    tau, time = 8e-4, np.arange(60) * 1e-4
+    drive = np.select([time < 0.95e-3, time < 3e-3], [0.0, 1.0], 0.3)
+    frequency = np.where(time < 4e-3, 32e3, 31.7e3)
+    hold = hold_inputs(time, drive, frequency, reference=(32.1e3, 0.0))._replace(smoothing=smoothing)
+    with jax.enable_x64(True):
+        s = poles(tau, hold.offset, hold.omega)
+        found = respond(tau, hold.offset, hold, order=order)
+    state, rows = np.zeros(order + 2, complex), [0.0]
+    state[-1] = 1.0
+    for k, h in enumerate(np.diff(time)):
+        i = hold.interval[k + 1]
+        push = complex(s.gain[i]) * hold.drive[i]
+        matrix = np.zeros((order + 2, order + 2), complex)
+        matrix[0, 0], matrix[0, -1] = complex(s.slow[i]), push
+        for j in range(1, order + 1):
+            matrix[j, j - 1], matrix[j, j] = 1 / smoothing, -1 / smoothing
+        matrix[1, -1] += push / complex(s.fast[i]) / smoothing  # what the fast mode settles at goes through the filter too
+        state = expm(matrix * h) @ state
+        rows.append(state[order])
+    # a filter of a microsecond has e^-100 left of a step: expm loses digits to its largest entries, not the cascade
+    np.testing.assert_allclose(found.forced, rows, atol=1e-11)
+
+
 def test_equal_inputs_are_one_interval_and_arrays_stay_as_they_were():
     time = np.linspace(0, 1e-3, 9)
     drive = np.repeat([0.0, 2.0, 0.0], 3)

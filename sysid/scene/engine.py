@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.plant import Leaf, Plant, expm1, poles, steady
+from sysid.plant import Leaf, Plant, expm1, phis, poles, steady
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
 
 RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
@@ -384,39 +384,19 @@ def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array,
         for z, p, target in zip(before, steps.poles, steps.targets, strict=True):
             rest = rest - weight * target
             swing = _sensed(front, weight * (z + target), chunk.inputs._replace(drive=jnp.zeros_like(x)))
-            terms.append((swing, _phis(p * chunk.duration, x, lock_in.order)))
-    terms.append((_sensed(front, rest, chunk.inputs), _phis(jnp.zeros_like(x), x, lock_in.order)))
+            terms.append((swing, phis(p * chunk.duration, x, lock_in.order)))
+    terms.append((_sensed(front, rest, chunk.inputs), phis(jnp.zeros_like(x), x, lock_in.order)))
     passed: list[Array] = []
     after: list[Array] = []
     for j in range(1, lock_in.order + 1):
         known = sum(passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j))
-        push = decay * known + x**j * sum(c * phis[j - 1] for c, phis in terms)
+        push = decay * known + x**j * sum(c * phi[j - 1] for c, phi in terms)
         # y+ = push + decay y: as growth (y + target) with growth = decay - 1
         target = jnp.where(lost == 0, 0.0, push) / jnp.where(lost == 0, -1.0, lost)
         stage, last = _gathered(lost.astype(complex), target, stages[j - 1])
         passed.append(stage)
         after.append(last)
     return passed[-1], tuple(after)
-
-
-def _phis(turned: Array, x: Array, order: int) -> list[Array]:
-    """e^{-x} phi_j(turned + x) for j = 1 to `order`, phi_j(z) = (phi_(j-1)(z) - 1/(j-1)!)/z, phi_0 = exp.
-
-    That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them cancels, also
-    where a pole of the plate is that of the filter, z = 0.
-    """
-    z, decay = turned + x, jnp.exp(-x)
-    near = jnp.abs(z) < 1
-    small, large = jnp.where(near, z, 0.0), jnp.where(near, 1.0, z)
-    series: Any = 0.0
-    for k in reversed(range(18)):
-        series = series * small + 1 / math.factorial(k + order)
-    below, above = [decay * series], [jnp.exp(turned)]
-    for j in range(1, order + 1):
-        above.append((above[-1] - decay / math.factorial(j - 1)) / large)
-    for j in range(order - 1, 0, -1):
-        below.append(small * below[-1] + decay / math.factorial(j))
-    return [jnp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
 
 
 def _key(key: Array, e: Any, count: Any) -> Array:
