@@ -48,6 +48,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
     )
+    parser.add_argument(
+        "--effects",
+        type=_effects,
+        metavar="LIST",
+        help="what the bench may have added to the logs, all unless stated: rotation,background,offset,start,late; or none;"
+        " --effects=-late leaves one out",
+    )
     parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
     parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
@@ -66,6 +73,19 @@ def _seed(text: str) -> int:
     if not 0 <= (value := int(text)) < 2**32:
         raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
     return value
+
+
+def _effects(text: str) -> tuple[str, ...]:
+    """`rotation,late`: those alone; `-late,-offset`: all but those; `none`."""
+    from sysid.experiment import NUISANCES
+
+    names = [] if text == "none" else [name.strip() for name in text.split(",")]
+    if unknown := {name.removeprefix("-") for name in names} - set(NUISANCES):
+        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(NUISANCES)}, or none")
+    out = {name[1:] for name in names if name.startswith("-")}
+    if out and len(out) < len(names):
+        raise argparse.ArgumentTypeError(f"found {text}, expected either those that are in or, with a minus, those that are out")
+    return tuple(name for name in NUISANCES if (name not in out if out else name in names))
 
 
 _number.__name__, _seed.__name__ = "temperature", "seed"  # argparse says: invalid temperature value
@@ -105,7 +125,8 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> 
         from sysid.fitting import fit
         from sysid.posterior import sample
     with stages("fit", "fitting the plant"):
-        fitted = fit(logs, reference_temperature=arguments.reference_temperature)
+        given = {} if arguments.effects is None else {"nuisances": arguments.effects}
+        fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
     with stages("sample", "sampling the posterior"):
         return sample(fitted, seed=arguments.seed)
 

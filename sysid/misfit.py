@@ -366,17 +366,19 @@ def _of_all(views: list[View], away: float) -> Iterator[Term]:
     if len(np.unique(levels[levels > 0])) > 1:
         cubed = {i: _driven(v, v.course.push * (v.trial.inputs.drive[v.trial.inputs.interval] / levels.max()) ** 2)
                  for i, v in enumerate(views) if v.trial.log.drive is not None}  # fmt: skip
-        yield Term(
-            "drive",
-            cubed,
-            lambda value, _: f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest:"
-            " an amplifier that clips, or a duty ratio whose voltage is not stated; state the voltage itself",
-        )
+        yield Term("drive", cubed, _out_of_proportion)
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
             shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+def _out_of_proportion(value: np.ndarray, _: View) -> str:
+    return (
+        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that clips,"
+        " or a duty ratio whose voltage is not stated; state the voltage itself"
+    )
 
 
 def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:

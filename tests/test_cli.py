@@ -225,3 +225,24 @@ def test_a_defect_is_no_result(monkeypatch, tmp_path, capsys):
 def test_names_cannot_steer_the_terminal(tmp_path):
     answer = identify("a\x1b[2J.csv", cwd=tmp_path)
     assert answer.code == 2 and "\x1b" not in answer.err and "a\\u001b[2J.csv" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("none", ()),
+        ("late,rotation", ("rotation", "late")),
+        ("-late", ("rotation", "background", "offset", "start")),
+        ("-start, -offset", ("rotation", "background", "late")),
+    ],
+)
+def test_effects_are_forced_in_or_out(text, kept):
+    assert cli._parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
+
+
+@pytest.mark.parametrize("text", ["lateness", "-rotation,late", "", "none,late"])
+def test_effects_that_are_not_understood_are_refused(text, capsys):
+    with pytest.raises(SystemExit) as refused:
+        cli._parser().parse_args([f"--effects={text}", "log.csv"])
+    assert refused.value.code == 2
+    assert "expected" in capsys.readouterr().err
