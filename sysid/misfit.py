@@ -376,8 +376,8 @@ def _of_all(views: list[View], away: float) -> Iterator[Term]:
 
 def _out_of_proportion(value: np.ndarray, _: View) -> str:
     return (
-        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that clips,"
-        " or a duty ratio whose voltage is not stated; state the voltage itself"
+        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that"
+        " clips, or a duty ratio whose voltage is not stated; state the voltage itself"
     )
 
 
