@@ -15,11 +15,11 @@ from sysid.minimise import NAMES
 from sysid.precision import compiled, float64
 from sysid.result import Parameter, Result
 
-WALKERS = 16
+WALKERS = 8
 ENOUGH = 1000.0  # effective draws of the worst parameter: Monte-Carlo error 3 % of a standard deviation
 AGREED = 1.01  # split R-hat
 BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
-ROUND = 100  # steps between two looks at the criteria
+ROUND = 50  # steps between two looks at the criteria
 ROUNDS = 100
 TAILS = 6.0  # degrees of freedom of the proposal's Student-t: heavier than any posterior of the model
 
