@@ -1,4 +1,4 @@
-"""What a small change of the physics adds to a log: shapes for the tests of `sysid.misfit`. Plain numpy, no compilation.
+"""What a small change of the physics adds to a log: the shapes of `sysid.terms`. Plain numpy, no compilation.
 
 Near the fitted plant the slow mode obeys Z' = a Z + b V. A change of the physics that adds epsilon(t) to the right-hand side adds
 

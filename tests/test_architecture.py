@@ -32,6 +32,8 @@ ORDER = [
     "start",
     "identify",
     "minimise",
+    "view",
+    "terms",
     "misfit",
     "fitting",
     "diagnostics",

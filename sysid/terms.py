@@ -1,0 +1,225 @@
+"""What a log may hold that the model leaves out: one more term each, as a shape to first order and a sentence."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+
+import numpy as np
+
+from sysid.perturbed import accumulated
+from sysid.view import View
+
+BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+LATE = (
+    "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
+    " delay_s, or lockin_tau_s and lockin_order"
+)
+
+
+@dataclass(frozen=True)
+class Term:
+    """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex or real."""
+
+    name: str
+    shapes: dict[int, np.ndarray] = field(repr=False)
+    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that sign or size makes no sense
+    log: int | None = None  # the one log that it is about
+    freedom: int = 1  # numbers that it has, its place on a grid among them
+    beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
+
+
+def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
+    """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
+    return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away), _between(views, free)))
+
+
+def _of_one(i: int, view: View) -> Iterator[Term]:
+    """What one log may hold for itself."""
+    trial = view.trial
+    if not trial.driven and not trial.steady:
+        return
+    name, size = trial.log.name, np.abs(view.model)
+    for power in (2, 6):
+        said = f"{name}: {{}} is compressed at its largest: saturated; record it again within the range"
+        yield _term(i, "saturation", size**power * view.model, said.format("the response"), -1)
+        if not trial.log.amplitude_only:
+            each = view.model.real ** (power + 1) + 1j * view.model.imag ** (power + 1)
+            yield _term(i, "saturation", each, said.format("a channel"), -1)
+    if trial.resonant:
+        yield from _second_resonance(i, view)
+        yield from _drift(i, view)
+    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else _later(i, view)
+
+
+def _term(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
+    """A term of one real number in one log, of the given sign (0: either)."""
+    return Term(name, {i: shape[:, None]}, lambda value, _: sentence if value[0] * sign >= 0 else None, i)
+
+
+def _second_resonance(i: int, view: View) -> Iterator[Term]:
+    c = view.course
+    half_bandwidth = 1 / (2 * np.pi * c.tau)
+    for beside in (*-BESIDE, *BESIDE):
+        shape = c.forced_at(c._poles + 2j * np.pi * beside * half_bandwidth)
+        shapes = view.observed(np.stack([shape, 1j * shape])).T
+        size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
+
+        def say(value: np.ndarray, view: View, beside: float = beside, size: float = size) -> str:
+            share = 100 * size * np.hypot(*value)
+            return (
+                f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
+                f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; leave its frequencies out"
+            )
+
+        yield Term("second resonance", {i: shapes}, say, i, freedom=3)
+
+
+def _drift(i: int, view: View) -> Iterator[Term]:
+    """A resonance that moves in proportion to the time, or to the heat that the plate has made since the first row."""
+    c, log = view.course, view.trial.log
+    order = np.arange(len(log)) if log.time is None else log.time
+    heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
+    for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
+        if np.ptp(along) == 0:
+            continue
+        shape = view.observed(c.response_to(2j * np.pi * along / np.ptp(along) * view.plate)[None])[0]
+
+        def say(value: np.ndarray, _: View, why: str = why) -> str:
+            return (
+                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"
+                " every row, or wait until it is constant"
+            )
+
+        yield Term("drift", {i: shape[:, None]}, say, i)
+
+
+def _too_fast(i: int, view: View) -> Iterator[Term]:
+    """Settled points that had not settled: after a dwell d each, Z_k = S_k + (Z_(k-1) - S_k) e^{a_k d}, S what it settles at."""
+    log, c = view.trial.log, view.course
+    if log.frequency is None or len(log) < 8 or np.mean(np.sign(np.diff(log.frequency))) ** 2 < 0.5:
+        return
+    for dwell in (0.5, 1.0, 2.0, 4.0):
+        decay = c.pole * c.tau * dwell
+        left = accumulated(decay[1:], -np.exp(decay[1:]) * np.diff(view.plate))
+        said = (
+            f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
+            " each frequency, or record the time of every row and say kind: transient"
+        )
+        yield _term(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
+
+
+def _background(i: int, view: View) -> Iterator[Term]:
+    """What lies in parallel to the resonance or behind it, over a sweep: a cable's delay, a background that bends."""
+    log = view.trial.log
+    if log.frequency is None or np.ptp(log.frequency) == 0 or not view.trial.signed:
+        return
+    x = (log.frequency - np.mean(log.frequency)) / np.ptp(log.frequency)
+
+    def late(value: np.ndarray, _: View) -> str:
+        seconds = -value[0] / (2 * np.pi * np.ptp(log.frequency))
+        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; take that out of the phase"
+
+    def bent(value: np.ndarray, _: View) -> str:
+        return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
+
+    yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
+    shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
+    yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
+
+
+def _later(i: int, view: View) -> Iterator[Term]:
+    """A transient whose response comes late by more than a row, or through a filter."""
+    c, log = view.course, view.trial.log
+    if not view.trial.changes and not view.trial.from_rest:
+        return
+    for rows in (1.5, 3, 6, 12):
+        delay = rows * view.trial.spacing
+        if delay < 2 * c.tau:
+            shape = view.observed((c.forced_at(c._poles, delay) - c.forced)[None])[0]
+            yield _term(i, "late", shape, LATE.format(log.name, delay), 1)
+    for share in (0.1, 0.3):
+        for order in (1, 4):
+            shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
+            yield _term(i, "late", shape, LATE.format(log.name, share * c.tau), 1)
+
+
+def _of_all(views: list[View], away: float) -> Iterator[Term]:
+    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
+    reported `away` (degC) from the logs' mean temperature."""
+    resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
+    top = max((float(np.max(np.abs(v.plate))) for v in resonant.values()), default=0.0)
+    if top > 0:
+        moved = {i: _changed(v, np.abs(v.plate / top) ** 2 * v.plate) for i, v in resonant.items()}
+        unit = views[0].trial.log.response_unit
+
+        def softer(value: np.ndarray, view: View) -> str:
+            hz, slower = value[1] / (2 * np.pi), -value[0] * view.course.tau
+            about = f"by about {hz:+.2g} Hz in f0 and {100 * slower:+.2g} % in 1/tau at {top:.2g} {unit}"
+            return f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
+
+        yield Term("amplitude", moved, softer, freedom=2)
+    levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
+    if len(np.unique(levels[levels > 0])) > 1:
+        cubed = {i: _driven(v, v.course.push * (v.trial.inputs.drive[v.trial.inputs.interval] / levels.max()) ** 2)
+                 for i, v in enumerate(views) if v.trial.log.drive is not None}  # fmt: skip
+        yield Term("drive", cubed, _out_of_proportion)
+    warm = [float(np.mean(v.course.hold.warming)) for v in views]
+    if np.ptp(warm) > 1.0:
+        for k, symbol in enumerate(("G", "tau")):
+            shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
+            yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+def _out_of_proportion(value: np.ndarray, _: View) -> str:
+    return (
+        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that"
+        " clips, or a duty ratio whose voltage is not stated; state the voltage itself"
+    )
+
+
+def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: (
+        f"{symbol} changes with the temperature, by {100 * value[0]:+.2g} % per degC; fit logs of one temperature, or hold it"
+    )
+
+
+def _changed(view: View, epsilon: np.ndarray) -> np.ndarray:
+    """(n, 2): what real and imaginary multiples of epsilon add."""
+    return view.observed(np.stack([view.course.response_to(epsilon), view.course.response_to(1j * epsilon)])).T
+
+
+def _driven(view: View, push: np.ndarray) -> np.ndarray:
+    """(n, 1): what one more push adds."""
+    return view.observed(view.course.response_to(push, push)[None]).T
+
+
+def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+    """What one log would have for itself if it contradicts the others."""
+    if len(views) < 2:
+        return
+    for i, v in enumerate(views):
+        name, columns = v.trial.log.name, v.derivatives
+        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", lambda x: f"{np.exp(x):.4g} times that"), i)
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", lambda x: f"{np.exp(x):.4g} times that"), i)
+        if "f0" in free:
+            yield Term("resonance", {i: columns[:, 2:3]}, _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that"), i)
+
+
+def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
+    def say(value: np.ndarray, _: View) -> str | None:
+        if value[0] <= 0:
+            return None
+        return (
+            f"{name}: G and tau are both lower than in the other logs, by about the factor {np.exp(-value[0]):.2g}: a finger, or"
+            " something else that damps, was left on the plate; leave this log out"
+        )
+
+    return say
+
+
+def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: (
+        f"{name}: {what} contradicts the other logs, about {put(float(value[0]))} of theirs; check its units, its sensor and its"
+        " temperature, or leave it out"
+    )
