@@ -37,7 +37,8 @@ PLANT = reference.Plant(G=1.0, tau=5e-3 / np.log(20), f0=32300.0, k_T=-8.0)
 NAMES = ("G", "tau", "f0", "k_T")
 MOVES = (1e-6, 1e-6 * PLANT.tau, 1e-3, 1e-3)  # of finite differences: far above rounding, far below every bound
 RATE, EARLY = 1e4, 20  # rows per second of a step; rows before it
-FREED = ("rotation", "feedthrough", "slope", "offset", "start")  # what the fit eliminates from every log
+ADDED = ("rotation", "feedthrough", "slope", "offset", "start")
+FREED = (*ADDED, "delay")  # what the fit eliminates from every log; a delay has a prior of a row
 MOSTLY = 0.9  # of the seeds determine a parameter that the case determines; of fewer, the noise has chosen which
 CHUNK = 25  # seeds that a process takes at once
 
@@ -191,6 +192,9 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
                       for name, v in rows.items()})  # fmt: skip
         labels += [label for label in parts[-1] if label not in labels]
     jacobian = np.concatenate([np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts])
+    rows = {i: np.diff(inputs.time).min() for i, inputs in enumerate(case.logs) if inputs.time is not None}
+    priors = [[(label == (i, "delay")) / row for label in labels] for i, row in rows.items()]
+    jacobian = np.concatenate([jacobian, np.array(priors).reshape(len(priors), len(labels))])
     size = np.linalg.norm(jacobian, axis=0)
     seen = size > 1e-9 * size.max()  # what no row depends on
     unit = jacobian[:, seen] / size[seen]
@@ -256,9 +260,9 @@ def cases() -> Iterator[Case]:
             yield Case(f"noise {100 * std:.0f} %, {name}", logs, Noise(std))
     for level in LEVELS:
         for what in ("rotation", "feedthrough", "delay"):
-            yield with_bench(Case(f"{what} at {level:g} of its std, step + sweep", two), what, level, (*FREED, "delay"))
+            yield with_bench(Case(f"{what} at {level:g} of its std, step + sweep", two), what, level, FREED)
         for what in ("rotation", "feedthrough"):  # a delay and a feedthrough together, one step cannot tell apart
-            yield with_bench(Case(f"{what} at {level:g} of its std, step", one), what, level, FREED)
+            yield with_bench(Case(f"{what} at {level:g} of its std, step", one), what, level, ADDED)
     yield Case("hurried sweep, dwell 1 tau, with its times", (hurried(TAU),))
 
 

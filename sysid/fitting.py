@@ -113,6 +113,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found = misfits(best, reference, free, at)
     described, doubts = _described(best, found)
+    if "G" in free and (hanging := identify.hangs_on_lateness(best.trials, np.sqrt(best.covariance[0, 0]), tau)):
+        doubts = [*doubts, hanging]
     warnings = warnings + doubts + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
