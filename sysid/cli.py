@@ -10,10 +10,12 @@ import io
 import math
 import os
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +130,8 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> 
         given = {} if arguments.effects is None else {"nuisances": arguments.effects}
         fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
     with stages("sample", "sampling the posterior"):
+        # The compiled density leaves the interpreter free: what the report needs is loaded beside it.
+        threading.Thread(target=import_module, args=("sysid.report.plots",), daemon=True).start()
         return sample(fitted, seed=arguments.seed)
 
 

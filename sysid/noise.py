@@ -44,14 +44,14 @@ def _fitted(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Des
         return white, 0.0, 0.0
     typical = np.median(steps[steps > 0])
     times = np.geomspace(0.2 * typical, max(0.3 * (clock[-1] - clock[0]), typical), TIMES)
-    found = [_whitened(residual, steps, t) for t in times]
-    shrunk = np.array([0.5 * channels * np.sum(np.log(shrink)) for _, shrink in found])
-    cost = shrunk + 0.5 * channels * len(residual) * np.log([power_of(u) / power for u, _ in found])
+    found, shrink = _whitened(residual, steps, times[:, None])
+    shrunk = 0.5 * channels * np.sum(np.log(shrink), axis=-1)
+    cost = shrunk + 0.5 * channels * len(residual) * np.log(power_of(found) / power)
     if np.min(cost) > -WORTH:
         return white, 0.0, 0.0
     if design is not None:
-        made = design() if channels == 2 else design().real
-        cost = np.array([_restricted(u, made, steps, t, channels) for (u, _), t in zip(found, times, strict=True)]) + shrunk
+        made = design().T if channels == 2 else design().T.real
+        cost = np.array([_restricted(u, made, steps, t, channels) for u, t in zip(found, times, strict=True)]) + shrunk
     share = np.exp(np.min(cost) - cost)
     time = float(np.exp(np.sum(share * np.log(times)) / np.sum(share)))
     whitened, shrink = _whitened(residual, steps, time)
@@ -59,8 +59,8 @@ def _fitted(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Des
 
 
 def _restricted(whitened: np.ndarray, design: np.ndarray, steps: np.ndarray, time: float, channels: int) -> float:
-    """Minus the restricted log-likelihood, its level integrated out, less the determinant of the correlation."""
-    columns = _whitened(design, steps, time)[0]
+    """Minus the restricted log-likelihood, its level integrated out, less the determinant of the correlation; `design` (K, n)."""
+    columns = _whitened(design, steps, time)[0].T
     unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     q, r = np.linalg.qr(unit)
     size = np.linalg.norm(columns, axis=0) * np.abs(np.diag(r))
@@ -70,17 +70,19 @@ def _restricted(whitened: np.ndarray, design: np.ndarray, steps: np.ndarray, tim
     return channels * float(np.sum(np.log(size[kept])) + 0.5 * free * np.log(power_of(left)))
 
 
-def power_of(v: np.ndarray) -> float:
-    return float(np.sum(v.real**2 + v.imag**2))
+def power_of(v: np.ndarray) -> np.ndarray:
+    """Sum of squares along the rows (..., n)."""
+    return np.sum(v.real**2 + v.imag**2, axis=-1)
 
 
-def _whitened(values: np.ndarray, steps: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (n, ...) less what each shares with the row before, of unit variance; and the variance (n - 1,) left of each."""
+def _whitened(values: np.ndarray, steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (..., n) less what each shares with the row before, of unit variance; and the variance (..., n - 1) left of each.
+    `time` is one, or (T, 1) for as many answers."""
     rho = np.minimum(np.exp(-steps / time), 1 - 1e-9)
     shrink = 1 - rho**2
-    along = (slice(None), *(None,) * (values.ndim - 1))
-    new = (values[1:] - rho[along] * values[:-1]) / np.sqrt(shrink)[along]
-    return np.concatenate([values[:1], new]), shrink
+    new = (values[..., 1:] - rho * values[..., :-1]) / np.sqrt(shrink)
+    first = np.broadcast_to(values[..., :1], (*new.shape[:-1], 1))
+    return np.concatenate([first, new], axis=-1), shrink
 
 
 def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
@@ -88,7 +90,7 @@ def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
     one of the same level: 1 and 1 where the noise is normal.
 
     Student-t of nu degrees of freedom in d channels, by its EM: w = (nu + d)/(nu + |u|^2), u = residual/level (Lange, Little &
-    Taylor, JASA 84, 881, 1989). The noise need not be of that kind: the information on a location is A^2/B with psi = w u,
+    Taylor, JASA 84, 881, 1989), expanded so that it takes few steps (Kent, Tyler & Vardi, Commun. Stat. 23, 441, 1994). The noise need not be of that kind: the information on a location is A^2/B with psi = w u,
     A = E psi' and B = E psi^2 (Huber, Robust Statistics, 1981).
     """
     n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
@@ -96,7 +98,7 @@ def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
     normal = 0.5 * n * channels * (np.log(max(np.mean(square) / channels, 1e-300)) + 1)
     if n < 20 or not np.any(square):
         return np.ones(n), 1.0
-    costs, weights = zip(*(_student(square, nu, channels) for nu in TAILS), strict=True)
+    costs, weights = _student(square, TAILS[:, None], channels)
     best = int(np.argmin(costs))
     if costs[best] > normal - WORTH:
         return np.ones(n), 1.0
@@ -106,17 +108,18 @@ def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
     return weight, float(min(slope**2 / (np.mean(weight * u) / channels * np.mean(weight)), 1.0))
 
 
-def _student(square: np.ndarray, nu: float, channels: int) -> tuple[float, np.ndarray]:
-    """Minus the log-likelihood at the best level, and the weights there."""
-    level = np.median(square) / channels + 1e-300
+def _student(square: np.ndarray, nu: np.ndarray, channels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Minus the log-likelihood (T,) at the best level, and the weights (T, n) there, for degrees of freedom `nu` (T, 1)."""
+    level = np.full(nu.shape, np.median(square) / channels + 1e-300)
     for _ in range(50):
         weight = (nu + channels) / (nu + square / level)
-        level, before = float(np.mean(weight * square)) / channels, level
-        if abs(level / before - 1) < 1e-6:
+        expanded = np.sum(weight * square, axis=1, keepdims=True) / np.sum(weight, axis=1, keepdims=True)
+        level, before = expanded / channels, level
+        if np.all(np.abs(level / before - 1) < 1e-6):
             break
     norm = gammaln(0.5 * (nu + channels)) - gammaln(0.5 * nu) + 0.5 * channels * np.log(2 / nu)
-    cost = 0.5 * (nu + channels) * np.log1p(square / (nu * level)) + 0.5 * channels * np.log(level)
-    return float(np.sum(cost) - len(square) * norm), weight
+    cost = 0.5 * (nu + channels) * np.log1p(square / (nu * level)) + 0.5 * channels * np.log(level) - norm
+    return np.sum(cost, axis=1), weight
 
 
 _AMPLITUDE = np.linspace(0, 12, 600)

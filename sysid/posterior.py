@@ -1,5 +1,6 @@
 """The posterior of the plant: emcee over the compiled density, proposals from the fit's own minima."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import emcee
@@ -19,9 +20,10 @@ WALKERS = 8
 ENOUGH = 1000.0  # effective draws of the worst parameter: Monte-Carlo error 3 % of a standard deviation
 AGREED = 1.01  # split R-hat
 BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
-ROUND = 50  # steps between two looks at the criteria
+FIRST, LEAST = 150, 16  # steps before the first look at the criteria, and before any other
 ROUNDS = 100
-TAILS = 6.0  # degrees of freedom of the proposal's Student-t: heavier than any posterior of the model
+BATCH = 16  # proposals per call of the compiled density: as many as the processor's cache takes
+TAILS = 12.0  # degrees of freedom of the proposal's Student-t: tails heavier than those of all but the shortest logs
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,9 @@ def sample(fit: Fit, seed: int = 0) -> Posterior:
         return full
 
     def density(z: np.ndarray) -> np.ndarray:
-        value = np.asarray(_log_densities(theta(z), layouts, arrays))
-        return np.where(np.isfinite(value), value, -np.inf)
+        full = theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % BATCH, axis=0)]))
+        value = np.concatenate([_log_densities(part, layouts, arrays) for part in full.reshape(-1, BATCH, full.shape[1])])
+        return np.where(np.isfinite(value), value, -np.inf)[: len(z)]
 
     proposal = _proposal(fit, index, triangle)
     sampler, worst, agreed = _run(density, proposal, len(index), seed, ROUNDS if fit.result.bounded else 1)
@@ -140,27 +143,45 @@ def _proposal(fit: Fit, index: list[int], triangle: np.ndarray) -> _Mixture:
     return _Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 
 
+class _Independence(emcee.moves.Move):
+    """Independence Metropolis of all walkers: what is proposed does not depend on where they are, so that the proposals of many
+    steps are evaluated together beforehand."""
+
+    def __init__(self, proposal: _Mixture, density: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator):
+        self.proposal, self.density, self.rng = proposal, density, rng
+        self.ahead: Iterator[tuple[np.ndarray, np.ndarray]] = iter(())
+
+    def prepare(self, steps: int) -> None:
+        """Draw and evaluate what the next `steps` will propose."""
+        z = self.proposal.draw(steps * WALKERS, self.rng)
+        log_density = self.density(z)
+        self.ahead = zip(z.reshape(steps, WALKERS, -1), log_density.reshape(steps, WALKERS), strict=True)
+
+    def propose(self, model, state):
+        z, log_density = next(self.ahead)
+        rise = log_density - state.log_prob + self.proposal.log_density(state.coords) - self.proposal.log_density(z)
+        accepted = np.log(model.random.rand(WALKERS)) < rise
+        return self.update(state, emcee.State(z, log_prob=log_density), accepted), accepted
+
+
 def _run(density, proposal: _Mixture, dimension: int, seed: int, rounds: int):
     """Run emcee in rounds until the criteria hold. Returns the sampler, the smallest ESS and the largest R-hat."""
     rng = np.random.default_rng(seed)
-
-    def propose(coordinates, _random):
-        new = proposal.draw(len(coordinates), rng)
-        return new, proposal.log_density(coordinates) - proposal.log_density(new)
-
-    sampler = emcee.EnsembleSampler(
-        WALKERS, dimension, density, moves=emcee.moves.MHMove(propose, ndim=dimension), vectorize=True
-    )
+    move = _Independence(proposal, density, rng)
+    sampler = emcee.EnsembleSampler(WALKERS, dimension, density, moves=move, vectorize=True)
     # emcee accepts by the legacy generator and takes its state from numpy's global one unless told otherwise.
     state = emcee.State(proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state())
-    worst, agreed = 0.0, np.inf
+    worst, agreed, steps = 0.0, np.inf, FIRST
     for _ in range(rounds):
-        state = sampler.run_mcmc(state, ROUND, skip_initial_state_check=True)
+        move.prepare(steps)
+        state = sampler.run_mcmc(state, steps, skip_initial_state_check=True)
         chains = np.swapaxes(sampler.get_chain(discard=BURN), 0, 1)
         worst = min(ess(chains[..., k]) for k in range(dimension))
         agreed = max(rhat(chains[..., k]) for k in range(dimension))
         if worst >= ENOUGH and agreed < AGREED:
             break
+        short = 1.05 * sampler.iteration * (ENOUGH / max(worst, 1.0) - 1.0)  # steps, at the rate seen so far
+        steps = int(np.clip(short, LEAST, sampler.iteration))
     return sampler, float(worst), float(agreed)
 
 
