@@ -90,8 +90,9 @@ def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
     one of the same level: 1 and 1 where the noise is normal.
 
     Student-t of nu degrees of freedom in d channels, by its EM: w = (nu + d)/(nu + |u|^2), u = residual/level (Lange, Little &
-    Taylor, JASA 84, 881, 1989), expanded so that it takes few steps (Kent, Tyler & Vardi, Commun. Stat. 23, 441, 1994). The noise need not be of that kind: the information on a location is A^2/B with psi = w u,
-    A = E psi' and B = E psi^2 (Huber, Robust Statistics, 1981).
+    Taylor, JASA 84, 881, 1989), expanded so that it takes few steps (Kent, Tyler & Vardi, Commun. Stat. 23, 441, 1994). The
+    noise need not be of that kind: the information on a location is A^2/B with psi = w u, A = E psi' and B = E psi^2 (Huber,
+    Robust Statistics, 1981).
     """
     n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
     square = np.abs(residual) ** 2

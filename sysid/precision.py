@@ -13,7 +13,6 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 import jax.export
-import numpy as np
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -63,7 +62,8 @@ def _version() -> str:
 
 
 class compiled:
-    """`function(*arrays, layouts, groups)`, all of them arrays of 64 bits, compiled once for each layout; with `keep_programs`, traced once for all time.
+    """`function(*arrays, layouts, groups)` compiled once for each layout; with `keep_programs`, traced once for all time.
+    The arrays, and those in the groups, are of 64 bits.
 
     A trace is kept as StableHLO, which is data: nothing in it runs when it is read.
     """
