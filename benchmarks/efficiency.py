@@ -17,7 +17,8 @@ from sysid import Log, fit
 
 G, TAU, F0 = 1.0, 5e-3 / np.log(20), 32300.0
 NOISE = 0.01
-TIME, FREQUENCY = 1e-4 * np.arange(200), F0 + np.linspace(-500, 500, 101)
+ROW = 1e-4  # s
+TIME, FREQUENCY = ROW * np.arange(200), F0 + np.linspace(-500, 500, 101)
 U = (FREQUENCY - F0) / 500
 TRUTH = np.array([G, TAU, F0])
 STEPS = np.array([1e-6, 1e-6 * TAU, 1e-3])  # of finite differences
@@ -41,21 +42,33 @@ def sweep(p: np.ndarray) -> np.ndarray:
     return p[0] * (w0 / omega) / (1 - 1j * (w0**2 - omega**2) * p[1] / (2 * omega))
 
 
+def rising(turning: complex) -> np.ndarray:
+    """Rate of change, per row, of a step's response: what "late" adds to it."""
+    return ROW * G / TAU * np.where(TIME > 0, np.exp((turning - 1 / TAU) * TIME), 0)
+
+
 @dataclass(frozen=True)
 class Kind:
-    """One log: its noiseless rows, the shapes that "background" adds to them, and the log made of noisy rows."""
+    """One log: its noiseless rows, the shapes that "background" adds to them, the log made of noisy rows, and what "late" adds."""
 
     model: Model
     amplitude: bool
     shapes: tuple[np.ndarray, ...]
     log: Callable[[np.ndarray], Log]
+    late: np.ndarray | None = None
 
 
 ON = (TIME > 0).astype(float)
 ONE, ONES = np.ones(len(TIME)), np.ones(len(FREQUENCY))
 KINDS = {
-    "step W": Kind(first_order, True, (), lambda y: Log("step", y, time=TIME, drive=ONE, sampling="instant")),
-    "step dq": Kind(step, False, (ON,), lambda y: Log("step", y, time=TIME, drive=ONE, frequency=F0 * ONE, sampling="instant")),
+    "step W": Kind(first_order, True, (), lambda y: Log("step", y, time=TIME, drive=ONE, sampling="instant"), rising(0).real),
+    "step dq": Kind(
+        step,
+        False,
+        (ON,),
+        lambda y: Log("step", y, time=TIME, drive=ONE, frequency=F0 * ONE, sampling="instant"),
+        rising(1j * (np.sqrt((2 * np.pi * F0) ** 2 - TAU**-2) - 2 * np.pi * F0)),
+    ),
     "sweep W": Kind(lambda p: np.abs(sweep(p)), True, (), lambda y: Log("sweep", y, drive=ONES, frequency=FREQUENCY)),
     "sweep dq": Kind(sweep, False, (ONES, U), lambda y: Log("sweep", y, drive=ONES, frequency=FREQUENCY)),
 }
@@ -71,7 +84,7 @@ class Row:
     differs: str = ""
 
 
-PHI, KAPPA = ("rotation",), ("rotation", "background")
+PHI, KAPPA, LATE = ("rotation",), ("rotation", "background"), ("late",)
 SLOPE, OWN = "background with a slope", "a rotation (and background) for each log"
 ROWS = (
     Row(("step W",), (), (0.085, 0.55, None), "no frequency recorded; noise on the signed first-order output"),
@@ -86,6 +99,8 @@ ROWS = (
     Row(("step dq",), KAPPA, (0.52, 0.80, 0.76)),
     Row(("sweep dq",), KAPPA, (0.26, 0.46, 0.44), SLOPE),
     Row(("step dq", "sweep dq"), KAPPA, (0.14, 0.31, 0.30), f"{SLOPE}; {OWN}"),
+    Row(("step W",), LATE, (0.087, 0.80, None), "no frequency recorded; noise on the signed first-order output"),
+    Row(("step dq", "sweep dq"), (*KAPPA, *LATE), (0.14, 0.32, 0.30), f"{SLOPE}; {OWN}; a lateness that may be complex"),
 )
 
 
@@ -104,6 +119,8 @@ def slopes(row: Row) -> np.ndarray:
         others = [real(1j * y)] if "rotation" in row.nuisances and not kind.amplitude else []
         if "background" in row.nuisances:
             others += [real(c * shape.astype(complex)) for shape in kind.shapes for c in (1, 1j)]
+        if "late" in row.nuisances and kind.late is not None:  # its prior, of one row, is wide beside what the rows say of it
+            others += [kind.late] if kind.amplitude else [real(c * kind.late) for c in (1, 1j)]
         if others:
             A = np.array(others).T
             J = J - A @ np.linalg.lstsq(A, J, rcond=None)[0]

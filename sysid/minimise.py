@@ -14,7 +14,7 @@ from sysid.likelihood import linearised, rows
 from sysid.noise import estimate, rice_spread, tails
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
-from sysid.precision import compiled
+from sysid.precision import seldom
 from sysid.start import Search, joint, local
 
 NAMES = ("G", "tau", "f0", "k_T")
@@ -40,7 +40,7 @@ class State:
     low_q: bool  # with the ripple of the fast mode
 
 
-@compiled
+@seldom
 def _search(theta, directions, layouts, groups):
     """theta + directions @ x that makes the residual rows smallest, by Levenberg-Marquardt."""
 
@@ -54,7 +54,7 @@ def _search(theta, directions, layouts, groups):
     return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
 
 
-@compiled
+@seldom
 def _linearise(theta, directions, layouts, groups):
     """Of each log, group by group: the Gram matrix of the Jacobian along `directions`, the gradient, and the residual."""
 

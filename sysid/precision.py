@@ -3,10 +3,11 @@
 Public functions run under `float64` and leave the host program's JAX flags as they were.
 """
 
+import math
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -30,10 +31,15 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
 
 
 @cache
-def _options() -> dict[str, bool | str]:
-    """Compiler options that this JAX knows: without fusion emitters the fit compiles in two thirds of the time, and a
-    program's optimization barriers, which the CPU's compiler drops by itself, halve the time of the density."""
-    options: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False, "xla_disable_hlo_passes": "cse_barrier_expander"}
+def _options(level: int) -> dict[str, bool | int | str]:
+    """Compiler options that this JAX knows. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a
+    program is as fast and compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The
+    optimization barriers of a program, which the CPU's compiler drops by itself, halve the time of the density."""
+    options: dict[str, bool | int | str] = {
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_backend_optimization_level": level,
+        "xla_disable_hlo_passes": "cse_barrier_expander",
+    }
     try:
         jax.jit(jax.lax.optimization_barrier, compiler_options=options).lower(1.0).compile()
     except Exception:  # an option that another version does not know is not worth a failure
@@ -41,6 +47,7 @@ def _options() -> dict[str, bool | str]:
     return options
 
 
+LARGE = 1 << 16  # numbers in the largest array from which on a program that is seldom called is worth optimising
 _traced: list[Path] = []  # the folder of traced programs, when there is one
 
 
@@ -65,11 +72,12 @@ class compiled:
     """`function(*arrays, layouts, groups)` compiled once for each layout; with `keep_programs`, traced once for all time.
     The arrays, and those in the groups, are of 64 bits.
 
+    `seldom`: called so few times that compiling it well costs more than it saves.
     A trace is kept as StableHLO, which is data: nothing in it runs when it is read.
     """
 
-    def __init__(self, function: Callable[..., Any]):
-        self.function = function
+    def __init__(self, function: Callable[..., Any], seldom: bool = False):
+        self.function, self.seldom = function, seldom
         self.programs: dict[tuple, Callable[..., Any]] = {}
 
     def __call__(self, *args: Any) -> Any:
@@ -88,7 +96,11 @@ class compiled:
         if _traced:
             key = f"{_version()} {layouts} {shapes}"
             traced = _kept(_traced[0] / f"{self.function.__name__}-{sha256(key.encode()).hexdigest()}", traced, shapes)
-        return jax.jit(traced, compiler_options=_options())
+        largest = max(math.prod(x.shape) for x in jax.tree.leaves(shapes))
+        return jax.jit(traced, compiler_options=_options(0 if self.seldom and largest < LARGE else 1))
+
+
+seldom = partial(compiled, seldom=True)
 
 
 def _kept(path: Path, program: Any, shapes: tuple) -> Callable[..., Any]:

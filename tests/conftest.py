@@ -6,6 +6,7 @@ A fit compiles for some ten seconds, so every fit that more than one test looks 
 import os
 import tomllib
 import warnings
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -60,13 +61,17 @@ def bundled():
 
 
 @pytest.fixture(scope="session")
-def joint_fits(bundled):
-    """{folder: the fit of all its logs}."""
+def joint_fit(bundled):
+    """The fit of all logs of a folder, made when it is first asked for."""
     import sysid
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        return {name: sysid.fit(list(logs.values())) for name, logs in bundled.items()}
+    @cache
+    def of(folder):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return sysid.fit(list(bundled[folder].values()))
+
+    return of
 
 
 # --- simulated logs: physics and noise are those of tests/reference.py, which shares no code with the package -------------

@@ -52,8 +52,8 @@ def distance(fit, truth):
 
 
 @pytest.mark.parametrize("folder", ["plate", "quartz", "low_q"])
-def test_all_logs_of_a_folder_together(folder, joint_fits, truths):
-    fit = joint_fits[folder]
+def test_all_logs_of_a_folder_together(folder, joint_fit, truths):
+    fit = joint_fit(folder)
     assert fit.result is Result.successful
     scores = errors(fit, truths[folder]) / np.sqrt(np.diag(fit.covariance))
     assert np.all(np.abs(scores) < FAR), dict(zip(fit.names, scores, strict=True))
@@ -84,13 +84,13 @@ def test_a_sweep_that_moves_while_the_plate_rings(alone):
     assert fit.parameters["tau"].std < 0.01 * fit.plant.tau
 
 
-def test_the_noise_of_each_log_is_that_of_its_making(joint_fits, bundled):
+def test_the_noise_of_each_log_is_that_of_its_making(joint_fit, bundled):
     import tomllib
     from pathlib import Path
 
     text = (Path(__file__).parents[1] / "data" / "synthetic" / "truth.toml").read_text(encoding="utf-8")
     made = tomllib.loads(text)["logs"]
-    for fitted in joint_fits["plate"].logs:
+    for fitted in joint_fit("plate").logs:
         truth = made[fitted.log.name.removesuffix(".csv")]
         scale = 1000.0 if fitted.log.response_unit == "nm" else 1.0
         if truth["noise_time_s"]:
@@ -210,8 +210,8 @@ def told(parameter):
     return parameter
 
 
-def test_every_parameter_has_numbers_or_a_reason(joint_fits, alone):
-    for fit in [*joint_fits.values(), *alone.values()]:
+def test_every_parameter_has_numbers_or_a_reason(joint_fit, alone):
+    for fit in [*map(joint_fit, ("plate", "quartz", "low_q")), *alone.values()]:
         assert set(fit.parameters) == {"G", "tau", "f0", "k_T"}
         assert all(told(p) for p in fit.parameters.values())
 
@@ -226,9 +226,9 @@ def test_one_temperature_says_so_and_f0_is_at_it(bench):
     assert fit.result is Result.successful  # k_T is not what a controller needs
 
 
-def test_without_a_temperature_there_is_no_reference(joint_fits):
-    assert joint_fits["low_q"].reference_temperature is None
-    assert "no temperature" in told(joint_fits["low_q"].parameters["k_T"]).why
+def test_without_a_temperature_there_is_no_reference(joint_fit):
+    assert joint_fit("low_q").reference_temperature is None
+    assert "no temperature" in told(joint_fit("low_q").parameters["k_T"]).why
 
 
 def test_the_amplitude_of_a_step_beside_resonance_has_two_solutions(bench):

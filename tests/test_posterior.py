@@ -117,8 +117,8 @@ def test_what_the_fit_found_wanting_stays_wanting(bench):
     assert not posterior.summary()["tau"].determined
 
 
-def test_together_all_logs_of_a_folder_are_sampled_as_they_are_fitted(joint_fits):
-    fit = joint_fits["quartz"]
+def test_together_all_logs_of_a_folder_are_sampled_as_they_are_fitted(joint_fit):
+    fit = joint_fit("quartz")
     posterior = sysid.sample(fit)
     assert posterior.result is Result.successful
     std = dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)), strict=True))
