@@ -60,13 +60,23 @@ def case(seed: int) -> Case:
     logs, lines, aliased = [], [], False
     for i in range(dq + amplitude):
         only = i >= dq
-        kind = str(rng.choice(AMPLITUDE_KINDS if only else KINDS))
+        kind = str(rng.choice(_kinds(i, dq, only)))
         temperature = 24.0 + (rng.uniform(-10, 20) if warm == "spread" else 0.0)
         log, line, fast = one_log(rng, truth, kind, only, temperature, warm != "none", f"log{i}")
         logs.append(log)
         lines.append(line)
         aliased |= fast
     return Case(seed, Plant(truth.G, tau, f0, k_T), logs, lines, aliased)
+
+
+def _kinds(i: int, dq: int, amplitude_only: bool) -> tuple[str, ...]:
+    """What the log at place i may be. Of three or more d/q logs half are sweeps: with every number of sweeps from none to all, each
+    a compiled program, the study would compile for most of its time."""
+    if amplitude_only:
+        return AMPLITUDE_KINDS
+    if dq < 3:
+        return KINDS
+    return ("sweep",) if i < dq // 2 else tuple(k for k in KINDS if k != "sweep")
 
 
 def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, warm: bool, name: str) -> tuple[Log, str, bool]:

@@ -6,6 +6,7 @@
 from importlib import import_module
 
 _HOME = {
+    "Comparison": "sysid.compare",
     "Fit": "sysid.fitting",
     "FittedLog": "sysid.fitting",
     "Log": "sysid.log",
@@ -17,6 +18,7 @@ _HOME = {
     "Result": "sysid.result",
     "Scene": "sysid.scene.scene",
     "SceneError": "sysid.scene.scene",
+    "compare": "sysid.compare",
     "fit": "sysid.fitting",
     "read_logs": "sysid.log",
     "sample": "sysid.posterior",

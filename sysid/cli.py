@@ -172,9 +172,12 @@ def _write(posterior: Any, loop: Any, warnings: list[str], folder: Path, stages:
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
+    from sysid.compare import compare
     from sysid.report import html
 
-    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings)
+    with stages("compare", "comparing descriptions"):
+        compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
+    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared)
     with outputs.staging(folder) as fresh:
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)

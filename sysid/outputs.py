@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sysid.compare import Comparison
     from sysid.fitting import FittedLog
     from sysid.posterior import Posterior
     from sysid.result import Parameter
@@ -23,7 +24,12 @@ FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.htm
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
-def document(posterior: "Posterior", controller: Mapping[str, Any] | None, warnings: Sequence[str]) -> dict[str, Any]:
+def document(
+    posterior: "Posterior",
+    controller: Mapping[str, Any] | None,
+    warnings: Sequence[str],
+    compared: "Sequence[Comparison]" = (),
+) -> dict[str, Any]:
     """The content of fit.json; `files` and `cost` are empty until the other files are written."""
     fit = posterior.fit
     content = {
@@ -34,6 +40,7 @@ def document(posterior: "Posterior", controller: Mapping[str, Any] | None, warni
         "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat},
         "warnings": list(warnings),
         "logs": [_log(fitted) for fitted in fit.logs],
+        "models": _models(compared) if compared else None,
         "controller": controller,
         "files": {},
         "seed": posterior.seed,
@@ -69,6 +76,17 @@ def _log(fitted: "FittedLog") -> dict[str, Any]:
         "noise_time_s": None if log.time is None and fitted.noise_time else fitted.noise_time,
         "notes": log.notes,
     }
+
+
+def _models(compared: "Sequence[Comparison]") -> dict[str, Any]:
+    """Descriptions of the logs that leave something out of the fit's, and what the logs say of them in one line."""
+    from sysid.compare import verdict
+
+    rows = [
+        {"description": c.description, "elpd_difference": c.difference, "elpd_error": c.error, "moves": c.moves, "worse": c.worse}
+        for c in compared
+    ]
+    return {"verdict": verdict(compared), "compared": rows}
 
 
 def _plain(value: Any) -> Any:

@@ -37,7 +37,7 @@ class Course:
         return float(np.exp(self.theta[1]))
 
     @cached_property
-    def _poles(self) -> np.ndarray:
+    def poles(self) -> np.ndarray:
         """(M,) slow pole of each interval; at resonance where no frequency is recorded."""
         detuning = self.hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * self.hold.warming)
         return -1 / self.tau + 1j * np.where(np.isfinite(self.hold.omega), detuning, 0.0)
@@ -45,7 +45,7 @@ class Course:
     @property
     def pole(self) -> np.ndarray:
         """Slow pole over the step that ends at each row."""
-        return self._poles[self.hold.interval]
+        return self.poles[self.hold.interval]
 
     @property
     def push(self) -> np.ndarray:
@@ -55,7 +55,7 @@ class Course:
     @cached_property
     def forced(self) -> np.ndarray:
         """Response to the drive from rest, behind the lock-in's filter."""
-        return self._behind(self.forced_at(self._poles))
+        return self._behind(self.forced_at(self.poles))
 
     def _behind(self, response: np.ndarray) -> np.ndarray:
         """A response from rest behind the lock-in's filter, as far as that is stated."""
@@ -86,13 +86,13 @@ class Course:
         """Decay of a unit start at the beginning of the first interval."""
         if self.trial.steady:
             return np.zeros(len(self.trial.log), complex)
-        begun = np.concatenate([[0.0], np.cumsum(self._poles * self.hold.duration)[:-1]])
+        begun = np.concatenate([[0.0], np.cumsum(self.poles * self.hold.duration)[:-1]])
         return np.exp(begun[self.hold.interval] + self.pole * self.hold.elapsed)
 
     @property
     def rate(self) -> np.ndarray:
         """Rate of change of `forced`, 1/s."""
-        return self._behind(self.pole * self.forced_at(self._poles) + self.push)
+        return self._behind(self.pole * self.forced_at(self.poles) + self.push)
 
     @cached_property
     def _steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -60,7 +60,7 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     c = view.course
     half_bandwidth = 1 / (2 * np.pi * c.tau)
     for beside in (*-BESIDE, *BESIDE):
-        shape = c.forced_at(c._poles + 2j * np.pi * beside * half_bandwidth)
+        shape = c.forced_at(c.poles + 2j * np.pi * beside * half_bandwidth)
         shapes = view.observed(np.stack([shape, 1j * shape])).T
         size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
 
@@ -135,7 +135,7 @@ def _later(i: int, view: View) -> Iterator[Term]:
     for rows in (1.5, 3, 6, 12):
         delay = rows * view.trial.spacing
         if delay < 2 * c.tau:
-            shape = view.observed((c.forced_at(c._poles, delay) - c.forced)[None])[0]
+            shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
             yield _term(i, "late", shape, LATE.format(log.name, delay), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):

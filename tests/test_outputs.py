@@ -14,9 +14,9 @@ import xarray
 from sysid import outputs
 from sysid.result import Result
 
-# The contract's example of fit.json, in its order.
-KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "controller"]
-KEYS += ["files", "seed", "versions", "cost"]
+# What every fit.json holds, in its order.
+KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "models"]
+KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 
 def strict(text):

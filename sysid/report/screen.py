@@ -57,6 +57,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     result = document["result"]
     good = result == "successful"
     lines = [*_reasons(document), *(("note", note) for note in grouped(document["logs"]))]
+    if document["models"]:
+        lines.append(("models", document["models"]["verdict"]))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
