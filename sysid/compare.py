@@ -19,8 +19,8 @@ from sysid.fitting import Fit
 from sysid.minimise import NAMES
 from sysid.view import View
 
-# Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 4.6 % of cases when k = 1,
-# in 5.0 % when k = 2, and more seldom the larger k is.
+# Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 4.6 % of cases if k = 1,
+# in 5.0 % if k = 2, and more seldom the larger k is.
 NEEDED = 1.0
 
 
@@ -75,7 +75,7 @@ class _Logs:
         self.fit, self.state = fit, fit.modes[0]
         self.index = [NAMES.index(n) for n in fit.names]
         self.std = np.sqrt(np.diag(self.state.covariance))[self.index]
-        self._view = cache(self._view)
+        self.view = cache(self._view)  # of a log, by its place, with these nuisances
 
     def _view(self, log: int, kept: tuple[str, ...]) -> View:
         trial, model = self.state.trials[log], self.state.models[log]
@@ -87,8 +87,8 @@ class _Logs:
         views, left = [], []
         for i, trial in enumerate(self.state.trials):
             kept = tuple(n for n in trial.nuisances if n in nuisances)
-            views.append(self._view(i, kept))
-            left.append(views[-1].off(_left(self._view(i, trial.nuisances), kept, physics)))
+            views.append(self.view(i, kept))
+            left.append(views[-1].off(_left(self.view(i, trial.nuisances), kept, physics)))
         jacobians = [v.jacobian[:, index] for v in views]
         size = np.sqrt(sum(np.sum(j**2, axis=0) for j in jacobians)) + 1e-300
         jacobians = [j / size for j in jacobians]

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from sysid.experiment import Trial
-from sysid.plant import Hold
+from sysid.plant import Hold, steady
 
 BLOCK = 30.0  # e-folds of decay that are summed at once: more would underflow
 
@@ -56,6 +56,17 @@ class Course:
     def forced(self) -> np.ndarray:
         """Response to the drive from rest, behind the lock-in's filter."""
         return self._behind(self.forced_at(self.poles))
+
+    @cached_property
+    def exact(self) -> np.ndarray:
+        """`forced` as the fit has it: the exact settled response, the settled ripple of the fast mode in a transient."""
+        hold, omega = self.hold, self.hold.omega
+        if self.trial.steady:
+            detuning = hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * hold.warming)
+            return (self.gain * hold.drive * steady(self.tau, detuning, omega, np))[hold.interval]
+        fast = -1 / self.tau - 1j * (2 * omega + self.poles.imag)
+        ripple = np.where(np.isfinite(omega), self.gain / self.tau * hold.drive / fast, 0.0)
+        return self.forced + self._behind(ripple[hold.interval])
 
     def _behind(self, response: np.ndarray) -> np.ndarray:
         """A response from rest behind the lock-in's filter, as far as that is stated."""

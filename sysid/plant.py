@@ -55,11 +55,12 @@ def poles(tau: Leaf, detuning: Leaf, omega: Leaf) -> Poles:
     return Poles(slow, fast, jnp.where(known, omega0 / damped, 1.0) / tau)
 
 
-def steady(tau: Leaf, detuning: Leaf, omega: Leaf) -> Array:
-    """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega (rad/s)."""
-    known = jnp.isfinite(omega)
-    omega = jnp.where(known, omega, 1.0)
-    detuning = jnp.where(known, detuning, 0.0)
+def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
+    """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega (rad/s); arrays of
+    the module `xp`."""
+    known = xp.isfinite(omega)
+    omega = xp.where(known, omega, 1.0)
+    detuning = xp.where(known, detuning, 0.0)
     x = detuning * (2.0 * omega + detuning) / (2.0 * omega) * tau
     size = (1.0 + detuning / omega) / (1.0 + x**2)
     return size + 1j * (size * x)

@@ -47,7 +47,7 @@ class View:
             return real + ([] if trial.steady else [(0.5 / np.maximum(self.model, 1e-300) * loose**2, 1.0)])
         columns = [*trial.columns.astype(complex)]
         complexes: list[Any] = [*columns, *(own if trial.start_free else []), *([-c.rate * lateness / loose] if lateness else [])]
-        rows = self.weight[:, None] * np.stack([c.forced, *complexes], axis=1)
+        rows = self.weight[:, None] * np.stack([c.exact, *complexes], axis=1)
         rows = np.concatenate([rows, np.eye(1 + len(complexes)) / loose])
         rows[len(self.model), 0] = 0.0  # the gain has no prior
         size = np.linalg.norm(rows, axis=0) + 1e-300
@@ -58,7 +58,7 @@ class View:
         if lateness:
             self.late = float((found[-1] / self.turn).real) * lateness / loose
         self.bench = np.stack([np.zeros_like(c.forced), *complexes], axis=1) @ np.append(0.0, found[1:])
-        self.plate = (abs(found[0]) if trial.log.drive is None else 1.0) * c.forced + start / self.turn * c.free
+        self.plate = (abs(found[0]) if trial.log.drive is None else 1.0) * c.exact + start / self.turn * c.free
         turned = [self.turn * 1j * self.plate] if "rotation" in trial.nuisances or trial.log.drive is None else []
         turned += [self.turn * self.plate] if trial.log.drive is None else []
         return [(s * f, loose) for f in complexes for s in (1.0, 1j)] + [(t, np.inf) for t in turned]

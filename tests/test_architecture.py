@@ -36,6 +36,7 @@ ORDER = [
     "terms",
     "misfit",
     "fitting",
+    "compare",
     "diagnostics",
     "posterior",
     "outputs",

@@ -21,7 +21,6 @@ def study():
     ("seed", "result"),
     [
         (1132, "successful"),  # Q of 19: with or without the ripple of the fast mode
-        (5012, "successful"),  # a search that stops before the noise level has settled
         (5062, "successful"),  # two amplitudes at two temperatures: an image of an image
         (100104, "successful"),  # sweeps a sixth of a degree apart
     ],
