@@ -6,7 +6,7 @@
 from importlib import import_module
 
 _HOME = {
-    "Comparison": "sysid.compare",
+    "Comparison": "sysid.comparison",
     "Fit": "sysid.fitting",
     "FittedLog": "sysid.fitting",
     "Log": "sysid.log",
@@ -18,7 +18,7 @@ _HOME = {
     "Result": "sysid.result",
     "Scene": "sysid.scene.scene",
     "SceneError": "sysid.scene.scene",
-    "compare": "sysid.compare",
+    "compare": "sysid.comparison",
     "fit": "sysid.fitting",
     "read_logs": "sysid.log",
     "sample": "sysid.posterior",

@@ -172,7 +172,7 @@ def _write(posterior: Any, loop: Any, warnings: list[str], folder: Path, stages:
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
-    from sysid.compare import compare
+    from sysid.comparison import compare
     from sysid.report import html
 
     with stages("compare", "comparing descriptions"):

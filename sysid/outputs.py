@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sysid.compare import Comparison
+    from sysid.comparison import Comparison
     from sysid.fitting import FittedLog
     from sysid.posterior import Posterior
     from sysid.result import Parameter
@@ -80,7 +80,7 @@ def _log(fitted: "FittedLog") -> dict[str, Any]:
 
 def _models(compared: "Sequence[Comparison]") -> dict[str, Any]:
     """Descriptions of the logs that leave something out of the fit's, and what the logs say of them in one line."""
-    from sysid.compare import verdict
+    from sysid.comparison import verdict
 
     rows = [
         {"description": c.description, "elpd_difference": c.difference, "elpd_error": c.error, "moves": c.moves, "worse": c.worse}

@@ -36,7 +36,7 @@ ORDER = [
     "terms",
     "misfit",
     "fitting",
-    "compare",
+    "comparison",
     "diagnostics",
     "posterior",
     "outputs",

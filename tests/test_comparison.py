@@ -8,7 +8,7 @@ import reference
 from scipy.stats import binom, norm
 
 import sysid
-from sysid.compare import _elpd, compare, verdict
+from sysid.comparison import _elpd, compare, verdict
 from sysid.experiment import NUISANCES
 
 VOLTS, FREQUENCY = np.full(101, 100.0), np.linspace(31800, 32800, 101)
