@@ -10,12 +10,11 @@ import io
 import math
 import os
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -111,17 +110,18 @@ def _identify(arguments: argparse.Namespace) -> int:
         rig = _rig(arguments.rig, logs[0].drive_unit)
     except ValueError as error:
         return _refuse(str(error))
-    posterior = _posterior(logs, arguments, stages)
+    posterior, drawn = _posterior(logs, arguments, stages)
     loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, folder, stages)
+        content, text = _write(posterior, loop, warnings, drawn, folder, stages)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     _say(content, text, posterior, folder, arguments.json)
     return 0 if content["result"] == "successful" else 1
 
 
-def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> Any:
+def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> tuple[Any, dict[str, bytes]]:
+    """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
     with stages("load", "starting"):
         _keep_programs()
         from sysid.fitting import fit
@@ -129,10 +129,15 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> 
     with stages("fit", "fitting the plant"):
         given = {} if arguments.effects is None else {"nuisances": arguments.effects}
         fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
-    with stages("sample", "sampling the posterior"):
-        # The compiled density leaves the interpreter free: what the report needs is loaded beside it.
-        threading.Thread(target=import_module, args=("sysid.report.plots",), daemon=True).start()
-        return sample(fitted, seed=arguments.seed)
+    with stages("sample", "sampling the posterior"), ThreadPoolExecutor(1) as beside:
+        drawing = beside.submit(_draw, fitted)
+        return sample(fitted, seed=arguments.seed), drawing.result()
+
+
+def _draw(fitted: Any) -> dict[str, bytes]:
+    from sysid.report.plots import log_figures
+
+    return log_figures(fitted)
 
 
 def _keep_programs() -> None:
@@ -168,7 +173,9 @@ def _design(posterior: Any, rig: Any) -> tuple[Any, list[str]]:
         return None, [*warnings, str(error)]
 
 
-def _write(posterior: Any, loop: Any, warnings: list[str], folder: Path, stages: "_Stages") -> tuple[dict, str]:
+def _write(
+    posterior: Any, loop: Any, warnings: list[str], drawn: dict[str, bytes], folder: Path, stages: "_Stages"
+) -> tuple[dict, str]:
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
@@ -181,7 +188,7 @@ def _write(posterior: Any, loop: Any, warnings: list[str], folder: Path, stages:
     with outputs.staging(folder) as fresh:
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)
-            (fresh / outputs.REPORT).write_text(html.render(content, posterior), encoding="utf-8", newline="\n")
+            (fresh / outputs.REPORT).write_text(html.render(content, posterior, drawn), encoding="utf-8", newline="\n")
         if loop is not None:
             (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
             controller.export_c(loop, fresh / outputs.HEADER)

@@ -280,11 +280,9 @@ def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
 
 
 def _bucket(n: int, least: int = 1) -> int:
-    """The next of a few sizes, 1, 2, 3, 4, 6, 8, 12, 16, ..., so that logs of new lengths find a compiled program."""
-    size = least
-    while size < n:
-        size = 1 << size.bit_length() if size & (size - 1) else max(size * 3 // 2, size + 1)
-    return size
+    """The next of four sizes per octave, 8, 10, 12, 14, 16, ..., so that logs of new lengths find a compiled program."""
+    step = 1 << max((max(n, least) - 1).bit_length() - 3, 0)
+    return max(-(-n // step) * step, least)
 
 
 def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:

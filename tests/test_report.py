@@ -168,7 +168,7 @@ def test_the_same_inputs_give_the_same_report():
 )
 def test_every_kind_of_log_is_drawn(logs, titles):
     posterior = standin.posterior(logs)
-    images = plots.figures(posterior, document(posterior)["parameters"])
+    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, document(posterior)["parameters"])
     assert list(images) == [*titles, "Residuals, in units of the noise", "Posterior"]
     for png in images.values():
         pixels = imread(io.BytesIO(png))[..., :3]
@@ -188,6 +188,6 @@ def test_a_figure_shows_points_and_fit_where_they_are():
 
 def test_images_travel_whole():
     posterior = standin.posterior()
-    images = plots.figures(posterior, document(posterior)["parameters"])
+    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, document(posterior)["parameters"])
     found = re.findall(r'base64,([^"]+)"', rendered(posterior))
     assert [base64.b64decode(image) for image in found] == list(images.values())

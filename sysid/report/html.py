@@ -11,25 +11,26 @@ if TYPE_CHECKING:
     from sysid.posterior import Posterior
 
 
-def render(document: Mapping[str, Any], posterior: "Posterior") -> str:
-    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs, the same text."""
+def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[str, bytes] | None = None) -> str:
+    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs, the same text.
+    `drawn`: the figures of the logs, where there are any already."""
     import jinja2
 
-    from sysid.report.plots import PANELS, figures
+    from sysid.report.plots import PANELS, log_figures, posterior_figure
 
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
     environment = jinja2.Environment(
         loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
-    images = {title: b64encode(png).decode() for title, png in figures(posterior, document["parameters"]).items()}
+    figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
     return environment.get_template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),
         advice=ADVICE.get(document["result"], ""),
         gains=gains(document["controller"]) if document["controller"] else [],
         notes=grouped(document["logs"]),
-        images=images,
+        images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,
     )
 

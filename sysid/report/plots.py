@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
-    from sysid.fitting import FittedLog
+    from sysid.fitting import Fit, FittedLog
     from sysid.posterior import Posterior
 
 POINTS = 2000  # of one log in one figure
@@ -41,19 +41,31 @@ DOTS: dict[str, Any] = {"ls": "", "marker": "o", "alpha": 0.35, "mew": 0}
 Numbered = tuple[int, "FittedLog"]
 
 
-def figures(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, bytes]:
-    """PNG images by title, of the kinds that there are; `parameters` as in fit.json. The same draws give the same bytes."""
-    logs = list(enumerate(posterior.fit.logs, 1))
+Wanted = Sequence[tuple[str, Callable[[], Figure], Any]]  # a title, what draws it, and whether there is anything to draw
+
+
+def log_figures(fit: "Fit") -> dict[str, bytes]:
+    """PNG images of the logs and their fit by title, of the kinds that there are."""
+    logs = list(enumerate(fit.logs, 1))
     sweeps = [(i, f) for i, f in logs if _is_sweep(f)]
     others = [(i, f) for i, f in logs if not _is_sweep(f)]
+    return _drawn(
+        [
+            ("Over time", lambda: _panels(others[:PANELS]), others),
+            ("Sweeps", lambda: _sweeps(sweeps), sweeps),
+            ("Residuals, in units of the noise", lambda: _residuals(logs), True),
+        ]
+    )
+
+
+def posterior_figure(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, bytes]:
+    """PNG image of the draws by its title; `parameters` as in fit.json. The same draws give the same bytes."""
     # Draws of what the logs do not bound may reach to infinity.
     names = [name for name, p in parameters.items() if name in posterior.draws and (p["determined"] or "modes" in p)]
-    wanted: list[tuple[str, Callable[[], Figure], Any]] = [
-        ("Over time", lambda: _panels(others[:PANELS]), others),
-        ("Sweeps", lambda: _sweeps(sweeps), sweeps),
-        ("Residuals, in units of the noise", lambda: _residuals(logs), True),
-        ("Posterior", lambda: _corner(posterior, parameters, names), names),
-    ]
+    return _drawn([("Posterior", lambda: _corner(posterior, parameters, names), names)])
+
+
+def _drawn(wanted: Wanted) -> dict[str, bytes]:
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks is shown as boxes
         return {title: _png(draw()) for title, draw, needed in wanted if needed}
