@@ -20,6 +20,8 @@ from sysid.start import Search, joint, local
 NAMES = ("G", "tau", "f0", "k_T")
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+RISE = 1e-4  # of the cost, after which a Gauss-Newton step is taken back
+STILL = 1e-6  # a relative move of the noise, below which the costs of two rounds compare
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -115,12 +117,14 @@ class Minimiser:
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
         last, step, converged, begin = np.inf, None, False, theta
+        damping, compares = 1.0, False
         if all(np.all(t.log.response == t.log.response[0]) for t in trials):
             return self._unbounded(trials, begin, low_q)
         for k in range(rounds):
             groups, members = group(trials, self.reference, low_q=low_q)
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
+            before = theta, trials
             theta = np.asarray(theta + step if step is not None else _search(theta, directions, layouts, arrays))
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
@@ -129,9 +133,14 @@ class Minimiser:
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            change, last = abs(last - cost), cost
+            if step is not None and np.any(step) and cost > last + RISE:
+                shrink = 0.25 if compares else 0.0  # a derivative vanishes, as on resonance; or `last` was with another noise
+                (theta, trials), step, damping, compares = before, shrink * step, damping * (shrink or 1.0), True
+                continue
+            change, last, compares = abs(last - cost), cost, moved < STILL
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            step = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
+            short = left <= NEAR and np.max(np.abs(newton)) < SHORT
+            step, damping = (damping * directions @ newton if short else None), min(1.0, 2 * damping)
             if converged and max(change, 0.0 if step is None else left) < 1e-7 + 1e-13 * abs(cost):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
@@ -182,16 +191,15 @@ class Minimiser:
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
     def _mirrored(self, state: State) -> list[np.ndarray]:
-        """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level,
-        where amplitudes are all there is; by its temperature coefficient, about the temperature of the other logs."""
+        """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level; by
+        its temperature coefficient, about the temperature of the other logs."""
         resonant = [t for t in state.trials if t.resonant]
         level, drift = state.theta[2:] * [1, "k_T" in self.free]
         warming = {id(t): float(np.mean(t.hold(self.reference).warming)) for t in resonant}
         mirrored = set()
         for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
             image = 2 * (trial.log.frequency[0] - self.reference[0]) - level - drift * warming[id(trial)]
-            if all(t.log.amplitude_only for t in resonant):
-                mirrored.add((image - drift * warming[id(trial)], drift))
+            mirrored.add((image - drift * warming[id(trial)], drift))
             others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]
             if "k_T" in self.free and others:
                 pivot = float(np.mean(others))

@@ -64,8 +64,9 @@ class Course:
         if self.trial.steady:
             detuning = hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * hold.warming)
             return (self.gain * hold.drive * steady(self.tau, detuning, omega, np))[hold.interval]
-        fast = -1 / self.tau - 1j * (2 * omega + self.poles.imag)
-        ripple = np.where(np.isfinite(omega), self.gain / self.tau * hold.drive / fast, 0.0)
+        known = np.isfinite(omega)
+        fast = -1 / self.tau - 1j * (2 * np.where(known, omega, 0.0) + self.poles.imag)
+        ripple = np.where(known, self.gain / self.tau * hold.drive / fast, 0.0)
         return self.forced + self._behind(ripple[hold.interval])
 
     def _behind(self, response: np.ndarray) -> np.ndarray:

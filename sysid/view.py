@@ -13,12 +13,13 @@ from sysid.perturbed import Course
 class View:
     """One log at the fit: its residual and derivatives, less all that its nuisances can make of them, as real rows.
 
-    `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `late` (s) how late it
-    comes; `bench` (n,) what else a d/q log holds. `coloured`: rows of correlated noise are made independent.
+    `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
+    whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
+    `coloured`: rows of correlated noise are made independent.
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
-        self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
+        self.trial, self.own, self.late, self.bench = trial, 1.0, 0.0, np.zeros_like(model)
         self._memory = trial.memory() if coloured else np.zeros(len(model))
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
@@ -27,7 +28,7 @@ class View:
         self.basis = self._orthonormal(self._nuisances())
         self.recorded = self._rows(self.residual)
         self.r = self.off(self.residual)
-        self.derivatives = self.observed(self.course.derivatives(self.plate).T).T
+        self.derivatives = self.own * self.observed(self.course.derivatives(self.plate / self.own).T).T
         self.jacobian = np.stack([self.off(c) for c in self.derivatives.T], axis=1)
 
     def _nuisances(self) -> list[tuple[np.ndarray, float]]:
@@ -38,6 +39,9 @@ class View:
         if not trial.signed:
             self.turn, start = 1.0, trial.start if trial.start_free else 0.0
             self.plate = c.forced + start * c.free - trial.late * c.rate * (lateness > 0)
+            if trial.log.drive is None:
+                self.own = float(np.abs(self.plate) @ self.model / np.maximum(np.sum(np.abs(self.plate) ** 2), 1e-300)) or 1.0
+                self.plate = self.own * self.plate
             self.late = trial.late
             columns = [(s * f, loose) for s in (1.0, 1j) for f in own if trial.start_free]
             columns += [(-c.rate, lateness)] if lateness else []
@@ -58,7 +62,8 @@ class View:
         if lateness:
             self.late = float((found[-1] / self.turn).real) * lateness / loose
         self.bench = np.stack([np.zeros_like(c.forced), *complexes], axis=1) @ np.append(0.0, found[1:])
-        self.plate = (abs(found[0]) if trial.log.drive is None else 1.0) * c.exact + start / self.turn * c.free
+        self.own = abs(found[0]) if trial.log.drive is None and found[0] else 1.0
+        self.plate = self.own * c.exact + start / self.turn * c.free
         turned = [self.turn * 1j * self.plate] if "rotation" in trial.nuisances or trial.log.drive is None else []
         turned += [self.turn * self.plate] if trial.log.drive is None else []
         return [(s * f, loose) for f in complexes for s in (1.0, 1j)] + [(t, np.inf) for t in turned]

@@ -104,7 +104,7 @@ def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):
     assert content["result"] == "successful" and content["reference_temperature_degC"] == 24.0
     assert content["files"] == {name: sha256(first.files[name]).hexdigest() for name in sorted(ALL - {"fit.json"})}
     assert json.loads(first.files["controller.json"]) == content["controller"]
-    assert set(content["cost"]) == {"read_s", "load_s", "fit_s", "sample_s", "report_s"}
+    assert set(content["cost"]) == {"read_s", "load_s", "fit_s", "sample_s", "compare_s", "report_s"}
 
 
 def test_parameters_are_those_that_the_logs_were_made_from(first):
