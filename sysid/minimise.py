@@ -20,7 +20,7 @@ from sysid.start import Search, joint, local
 NAMES = ("G", "tau", "f0", "k_T")
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
-RISE = 1e-4  # of the cost, after which a Gauss-Newton step is taken back
+RISE = 1e-6  # of the cost, after which a Gauss-Newton step is taken back
 STILL = 1e-6  # a relative move of the noise, below which the costs of two rounds compare
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
@@ -133,14 +133,14 @@ class Minimiser:
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            if step is not None and np.any(step) and cost > last + RISE:
+            if step is not None and np.any(step) and cost > last + RISE + 1e-13 * abs(cost):
                 shrink = 0.25 if compares else 0.0  # a derivative vanishes, as on resonance; or `last` was with another noise
                 (theta, trials), step, damping, compares = before, shrink * step, damping * (shrink or 1.0), True
                 continue
             change, last, compares = abs(last - cost), cost, moved < STILL
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             short = left <= NEAR and np.max(np.abs(newton)) < SHORT
-            step, damping = (damping * directions @ newton if short else None), min(1.0, 2 * damping)
+            step = damping * directions @ newton if short else None
             if converged and max(change, 0.0 if step is None else left) < 1e-7 + 1e-13 * abs(cost):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
