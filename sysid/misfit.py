@@ -45,9 +45,9 @@ class Found:
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> list[Found]:
     """What the logs hold that the model leaves out, the most significant first. `at` (degC): where parameters are reported."""
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
-    index = [NAMES.index(n) for n in free]
-    fit = _Linear(views, index, np.sqrt(np.diag(state.covariance))[index], [NAMES[i] for i in index])
-    tried = terms(views, free, 0.0 if at is None else at - reference[1])
+    away = 0.0 if at is None else at - reference[1]
+    fit = _Linear(views, state.covariance, [n for n in NAMES if n in free], away)
+    tried = terms(views, free, away)
     threshold = ENOUGH + np.log(max(len(tried), 1))
     found = [f for t in tried if (f := fit.worth(t, threshold + t.freedom - 1)) is not None]
     found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]
@@ -85,10 +85,15 @@ def _strange(i: int, view: View) -> Found | None:
 
 
 class _Linear:
-    """The joint fit, linearised: what one more term would change."""
+    """The joint fit of the parameters `names`, linearised: what one more term would change of what is reported `away` (degC)
+    from the mean temperature."""
 
-    def __init__(self, views: list[View], index: list[int], std: np.ndarray, names: list[str]):
-        self.views, self.std, self.names = views, std, names
+    def __init__(self, views: list[View], covariance: np.ndarray, names: list[str], away: float):
+        index = [NAMES.index(n) for n in names]
+        reported = np.eye(len(NAMES))
+        reported[2, 3] = away
+        self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
+        self.std = np.sqrt(np.diag(self.reported @ covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         gram = sum(j.T @ j for j in self.jacobians)
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -120,7 +125,7 @@ class _Linear:
         said = term.say(value / np.where(scale > 0, scale, 1.0), self.views[term.log or 0])
         if gained < threshold or said is None:
             return None
-        moves = dict(zip(self.names, shift / self.std, strict=True))
+        moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
         if term.beside is not None and term.beside[0] in moves:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
         return Found(said, float(gained), moves, term.name, term.log, term.freedom)
