@@ -21,7 +21,7 @@ NAMES = ("G", "tau", "f0", "k_T")
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 RISE = 1e-6  # of the cost, after which a Gauss-Newton step is taken back
-STILL = 1e-6  # a relative move of the noise, below which the costs of two rounds compare
+LEAST_DAMPING = 0.01  # below, what rises is not the step's doing
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -133,11 +133,12 @@ class Minimiser:
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            if step is not None and np.any(step) and cost > last + RISE + 1e-13 * abs(cost):
+            moving = step is not None and bool(np.any(step))
+            if moving and cost > last + RISE + 1e-13 * abs(cost) and damping > LEAST_DAMPING:
                 shrink = 0.25 if compares else 0.0  # a derivative vanishes, as on resonance; or `last` was with another noise
-                (theta, trials), step, damping, compares = before, shrink * step, damping * (shrink or 1.0), True
+                (theta, trials), step, damping = before, shrink * step, damping * (shrink or 1.0)
                 continue
-            change, last, compares = abs(last - cost), cost, moved < STILL
+            change, last, compares = abs(last - cost), cost, step is not None and not moving
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             short = left <= NEAR and np.max(np.abs(newton)) < SHORT
             step = damping * directions @ newton if short else None
