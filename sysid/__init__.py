@@ -20,6 +20,7 @@ _HOME = {
     "SceneError": "sysid.scene.scene",
     "compare": "sysid.comparison",
     "fit": "sysid.fitting",
+    "nuisances": "sysid.bench",
     "read_logs": "sysid.log",
     "sample": "sysid.posterior",
     "write_log": "sysid.log",

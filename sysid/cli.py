@@ -179,12 +179,14 @@ def _write(
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
+    from sysid.bench import nuisances
     from sysid.comparison import compare
     from sysid.report import html
 
     with stages("compare", "comparing descriptions"):
         compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
-    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared)
+        added = nuisances(posterior.fit)
+    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added)
     with outputs.staging(folder) as fresh:
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)

@@ -33,7 +33,8 @@ class Trial:
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
-    late: float = 0.0  # s, by which the response of an amplitude log is late
+    late: float = 0.0  # s, by which the response is late
+    turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
@@ -147,27 +148,32 @@ class Trial:
         return weight / left, memory * np.roll(weight, 1) / left
 
     @cached_property
-    def columns(self) -> np.ndarray:
-        """Known shapes that the bench adds, (K, n): offset, feedthrough of the drive, its slope over a sweep; at most 1."""
+    def shapes(self) -> dict[str, np.ndarray]:
+        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep."""
+        if not self.signed or (not self.driven and self.steady and not self.resonant):
+            return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
         offset, background = "offset" in self.nuisances, "background" in self.nuisances and self.resonant
-        shapes: list[np.ndarray] = []
+        shapes: dict[str, np.ndarray] = {}
         if self.steady:
-            swept = background and np.ptp(self.log.frequency) > 0
-            if swept:
-                f = self.log.frequency - np.mean(self.log.frequency)
-                shapes += [drive] + ([drive * f] if n >= 12 else [])
+            if background and np.ptp(self.log.frequency) > 0:
+                shapes["feedthrough"] = drive
+                if n >= 12:
+                    shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
             if offset and np.ptp(drive) > 0:
-                shapes.append(np.ones(n))
-        elif self.signed:
+                shapes["offset"] = np.ones(n)
+        else:
             if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
-                shapes.append(np.ones(n))
+                shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
-                shapes.append(self._smoothed(drive))
-        if not self.signed or (not self.driven and self.steady and not self.resonant):
-            shapes = []
-        shapes = [s / np.max(np.abs(s)) for s in shapes if np.any(s)]
-        return np.array(shapes).reshape(len(shapes), n)
+                shapes["feedthrough"] = self._smoothed(drive)
+        return {name: shape for name, shape in shapes.items() if np.any(shape)}
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """The known shapes that the bench adds, (K, n), each at most 1."""
+        columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
+        return np.array(columns).reshape(len(columns), len(self.log))
 
     def _smoothed(self, drive: np.ndarray) -> np.ndarray:
         """What the lock-in's filter makes of the drive, (n,): of each of its steps the incomplete gamma function of its order."""

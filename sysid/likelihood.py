@@ -76,7 +76,8 @@ class Experiment(NamedTuple):
 
 class Residual(NamedTuple):
     """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values;
-    `late` in units of `lateness`."""
+    `late` in units of `lateness`; `turn` is by what the demodulator turns the plate's response, times its gain where that is the
+    log's own."""
 
     rows: Array
     driven: Array
@@ -84,6 +85,7 @@ class Residual(NamedTuple):
     floor: Array
     late: Array
     gain: Array
+    turn: Array
 
 
 for _type in (Hold, Experiment, Residual):  # so that a traced program can be kept
@@ -201,7 +203,7 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
 
     driven = _modelled(shapes, nuisances, layout)
     late = (nuisances[2] * jnp.conj(turn)).real
-    return Residual(left - turn * shape, driven, x.start, x.floor, late, gain), nuisances, off
+    return Residual(left - turn * shape, driven, x.start, x.floor, late, gain, turn), nuisances, off
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
@@ -211,7 +213,7 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     weights = span.weights(x.response)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _modelled(shapes, nuisances, layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]))
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
@@ -220,7 +222,7 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     now = (jnp.ones(()), x.start, x.late, x.floor)
     size = _modelled(shapes, now, layout)
     if layout.steady:
-        return Residual(x.response - _whiten(size, x), size, x.start, x.floor, x.late, gain), now, lambda v: v
+        return Residual(x.response - _whiten(size, x), size, x.start, x.floor, x.late, gain, now[0]), now, lambda v: v
     towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
     along = towards * shapes.free
     scale = 1 / x.tightness
@@ -233,7 +235,7 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
     found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
     late = found[3] if layout.late else x.late
-    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, late, gain), now, span.off
+    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, late, gain, now[0]), now, span.off
 
 
 def _held(column: Array, i: int, x: Experiment) -> Array:

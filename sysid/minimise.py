@@ -271,7 +271,7 @@ def _update(trials, members, found, courses: Sequence[Course], round_: int):
         for k, i in enumerate(logs):
             models[i] = trials[i].completed(detail.driven[k][: len(trials[i].log)])
             own = complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
-            new = _renew(trials[i], models[i], courses[i], *own, round_)
+            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=complex(detail.turn[k]))
             cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
             moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)

@@ -29,8 +29,10 @@ def document(
     controller: Mapping[str, Any] | None,
     warnings: Sequence[str],
     compared: "Sequence[Comparison]" = (),
+    added: "Sequence[Mapping[str, Parameter]]" = (),
 ) -> dict[str, Any]:
-    """The content of fit.json; `files` and `cost` are empty until the other files are written."""
+    """The content of fit.json, with what the bench `added` to each log; `files` and `cost` are empty until the other files are
+    written."""
     fit = posterior.fit
     content = {
         "schema": SCHEMA,
@@ -39,7 +41,7 @@ def document(
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat},
         "warnings": list(warnings),
-        "logs": [_log(fitted) for fitted in fit.logs],
+        "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "controller": controller,
         "files": {},
@@ -60,7 +62,7 @@ def _parameter(p: "Parameter") -> dict[str, Any]:
     return shown | ({"modes": list(p.modes)} if p.modes else {})
 
 
-def _log(fitted: "FittedLog") -> dict[str, Any]:
+def _log(fitted: "FittedLog", own: "Mapping[str, Parameter]") -> dict[str, Any]:
     log = fitted.log
     return {
         "path": log.path,
@@ -74,6 +76,7 @@ def _log(fitted: "FittedLog") -> dict[str, Any]:
         "noise_std": fitted.noise_std,
         # Without time the correlation is known in rows, which are no seconds.
         "noise_time_s": None if log.time is None and fitted.noise_time else fitted.noise_time,
+        "parameters": {name: _parameter(p) for name, p in own.items()},
         "notes": log.notes,
     }
 

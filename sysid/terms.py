@@ -200,8 +200,8 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
         yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
-        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", lambda x: f"{np.exp(x):.4g} times that"), i)
-        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", lambda x: f"{np.exp(x):.4g} times that"), i)
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", _times), i)
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", _times), i)
         if "f0" in free:
             yield Term("resonance", {i: columns[:, 2:3]}, _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that"), i)
 
@@ -216,6 +216,11 @@ def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
         )
 
     return say
+
+
+def _times(x: float) -> str:
+    """A factor to first order: 1 + x, and never below 0."""
+    return f"{1 + x if x > 0 else np.exp(x):.4g} times that"
 
 
 def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:

@@ -1,6 +1,6 @@
 """One log at the fit, as the tests of misfits see it: rows less all that the bench may have added."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,6 +8,15 @@ from sysid.experiment import Trial, freedom
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
+
+
+class Column(NamedTuple):
+    """What the bench may add to a log: `shape` (n,), the standard deviation of its coefficient's `prior`, its `value` here."""
+
+    name: str
+    shape: np.ndarray
+    prior: float
+    value: float
 
 
 class View:
@@ -19,54 +28,58 @@ class View:
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
-        self.trial, self.own, self.late, self.bench = trial, 1.0, 0.0, np.zeros_like(model)
+        self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
+        size = abs(trial.turn)
+        self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._memory = trial.memory() if coloured else np.zeros(len(model))
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.log.response - self.model
         self.weight = trial.weight / (trial.noise_std or trial.scale)
-        self.basis = self._orthonormal(self._nuisances())
-        self.recorded = self._rows(self.residual)
+        self.columns = self._nuisances()
+        self.priors = len(self.columns)
+        self.basis = self._orthonormal()
+        self.recorded = self.rows(self.residual)
         self.r = self.off(self.residual)
         self.derivatives = self.own * self.observed(self.course.derivatives(self.plate / self.own).T).T
         self.jacobian = np.stack([self.off(c) for c in self.derivatives.T], axis=1)
 
-    def _nuisances(self) -> list[tuple[np.ndarray, float]]:
-        """Real columns that the bench may add, with the standard deviation of the prior of each."""
+    def _nuisances(self) -> list[Column]:
+        """What the bench may add, linear about the fit."""
+        return self._in_dq() if self.trial.signed else self._in_amplitude()
+
+    def _in_amplitude(self) -> list[Column]:
         trial, c, loose = self.trial, self.course, self.trial.looseness
-        own: list[Any] = [] if trial.steady else [c.free]
-        lateness = trial.lateness
-        if not trial.signed:
-            self.turn, start = 1.0, trial.start if trial.start_free else 0.0
-            self.plate = c.forced + start * c.free - trial.late * c.rate * (lateness > 0)
-            if trial.log.drive is None:
-                self.own = float(np.abs(self.plate) @ self.model / np.maximum(np.sum(np.abs(self.plate) ** 2), 1e-300)) or 1.0
-                self.plate = self.own * self.plate
-            self.late = trial.late
-            columns = [(s * f, loose) for s in (1.0, 1j) for f in own if trial.start_free]
-            columns += [(-c.rate, lateness)] if lateness else []
-            real = [(self.observed(s[None])[0], std) for s, std in columns]
-            if trial.log.drive is None:
-                real.append((np.abs(c.forced), loose))
-            return real + ([] if trial.steady else [(0.5 / np.maximum(self.model, 1e-300) * loose**2, 1.0)])
-        columns = [*trial.columns.astype(complex)]
-        complexes: list[Any] = [*columns, *(own if trial.start_free else []), *([-c.rate * lateness / loose] if lateness else [])]
-        rows = self.weight[:, None] * np.stack([c.exact, *complexes], axis=1)
-        rows = np.concatenate([rows, np.eye(1 + len(complexes)) / loose])
-        rows[len(self.model), 0] = 0.0  # the gain has no prior
-        size = np.linalg.norm(rows, axis=0) + 1e-300
-        seen = np.append(self.weight * self.model, np.zeros(1 + len(complexes)))
-        found = np.linalg.lstsq(rows / size, seen, rcond=1e-12)[0] / size
-        self.turn = found[0] / abs(found[0]) if found[0] else 1.0
-        start = found[1 + len(columns)] if own and trial.start_free else 0.0
-        if lateness:
-            self.late = float((found[-1] / self.turn).real) * lateness / loose
-        self.bench = np.stack([np.zeros_like(c.forced), *complexes], axis=1) @ np.append(0.0, found[1:])
-        self.own = abs(found[0]) if trial.log.drive is None and found[0] else 1.0
-        self.plate = self.own * c.exact + start / self.turn * c.free
-        turned = [self.turn * 1j * self.plate] if "rotation" in trial.nuisances or trial.log.drive is None else []
-        turned += [self.turn * self.plate] if trial.log.drive is None else []
-        return [(s * f, loose) for f in complexes for s in (1.0, 1j)] + [(t, np.inf) for t in turned]
+        start, self.late = trial.start if trial.start_free else 0.0, trial.late
+        self.plate = self.own * (c.forced + start * c.free - trial.late * c.rate * (trial.lateness > 0))
+        columns = [Column("start_d", c.free, loose, start.real), Column("start_q", 1j * c.free, loose, start.imag)]
+        columns = columns if trial.start_free else []
+        columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
+        columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
+        if trial.log.drive is None:
+            columns.append(Column("gain", np.abs(c.forced), loose, self.own))
+        floor = Column("floor", 0.5 / np.maximum(self.model, 1e-300), loose**2, trial.floor)
+        return columns if trial.steady else [*columns, floor]
+
+    def _in_dq(self) -> list[Column]:
+        trial, c, loose = self.trial, self.course, self.trial.looseness
+        forced = self.turn * self.own * c.exact
+        shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
+        shapes |= {"start": c.free} if trial.start_free else {}
+        # In the plate's own frame: its real part is how late the response is.
+        shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
+        columns = [Column(f"{n}_{part}", by * x, loose, 0.0) for n, x in shapes.items() for part, by in (("d", 1.0), ("q", 1j))]
+        found = self._fitted(columns, trial.log.response - forced)
+        columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
+        value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))
+        self.bench = sum((v * shapes[name] for name, v in value.items()), np.zeros_like(forced))
+        self.plate = (forced + value.get("start", 0.0) * c.free) / self.turn
+        self.late = float(value.get("late", 0j).real) * trial.lateness / loose
+        if np.iscomplexobj(trial.log.response) and ("rotation" in trial.nuisances or trial.log.drive is None):
+            columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
+        if trial.log.drive is None:
+            columns.append(Column("gain", forced / self.own, np.inf, self.own))
+        return columns
 
     def observed(self, shapes: np.ndarray) -> np.ndarray:
         """(m, n) shapes of the plate's part as they show in the log."""
@@ -74,27 +87,38 @@ class View:
             return self.turn * shapes
         return (np.conj(self.plate) * shapes).real / np.maximum(self.model, 1e-300)
 
-    def _orthonormal(self, columns: list[tuple[np.ndarray, float]]) -> np.ndarray:
-        """Basis of the weighted columns, with a row for each one's prior."""
-        self.priors = len(columns)
+    def weighted(self, columns: list[Column]) -> np.ndarray:
+        """Columns as real, weighted rows, with a row for each one's prior."""
+        rows = np.stack([self.rows(c.shape, len(columns)) for c in columns], axis=1)
+        rows[len(rows) - len(columns) :] = np.diag([1 / c.prior for c in columns])
+        return rows
+
+    def _fitted(self, columns: list[Column], target: np.ndarray) -> np.ndarray:
+        """Least-squares coefficients of the columns in `target`, with their priors."""
         if not columns:
-            return np.zeros((len(self._rows(self.residual)), 0))
-        rows = np.stack([np.append(self._rows(c)[: -self.priors or None], np.zeros(self.priors)) for c, _ in columns], axis=1)
-        for k, (_, std) in enumerate(columns):
-            rows[len(rows) - self.priors + k, k] = 0.0 if np.isinf(std) else 1 / std
+            return np.zeros(0)
+        rows = self.weighted(columns)
+        size = np.linalg.norm(rows, axis=0)
+        return np.linalg.lstsq(rows / size, self.rows(target, len(columns)), rcond=1e-12)[0] / size
+
+    def _orthonormal(self) -> np.ndarray:
+        """Basis of the bench's columns."""
+        if not self.columns:
+            return np.zeros((len(self.rows(self.residual, 0)), 0))
+        rows = self.weighted(self.columns)
         size = np.linalg.norm(rows, axis=0)
         u, s, _ = np.linalg.svd(rows[:, size > 0] / size[size > 0], full_matrices=False)
         return u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
 
-    def _rows(self, shape: np.ndarray) -> np.ndarray:
-        """Real, weighted rows of a shape, and zeros where the priors' rows are."""
+    def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
+        """Real, weighted rows of a shape, and zeros where the rows of `priors` (of all columns, unless given) are."""
         v = self.weight * shape
         v = np.append(v[:1], (v[1:] - self._memory[1:] * v[:-1]) / np.sqrt(1 - self._memory[1:] ** 2))
         real = np.concatenate([v.real, v.imag]) if np.iscomplexobj(self.residual) else v.real
-        return np.append(real, np.zeros(self.priors))
+        return np.append(real, np.zeros(self.priors if priors is None else priors))
 
     def off(self, shape: np.ndarray) -> np.ndarray:
-        rows = self._rows(shape)
+        rows = self.rows(shape)
         return rows - self.basis @ (self.basis.T @ rows)
 
     def likelihood(self, rows: np.ndarray) -> float:

@@ -36,6 +36,7 @@ ORDER = [
     "terms",
     "misfit",
     "fitting",
+    "bench",
     "comparison",
     "diagnostics",
     "posterior",

@@ -1,11 +1,11 @@
 """report.html: one file for an engineer to keep; it asks for nothing else and holds no program."""
 
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import ADVICE, clean, derived, gains, grouped, mode, number, row, seconds, taken_for
+from sysid.report.text import ADVICE, cell, clean, derived, gains, grouped, mode, number, row, seconds, taken_for
 
 if TYPE_CHECKING:
     from sysid.posterior import Posterior
@@ -22,7 +22,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     environment = jinja2.Environment(
         loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
+    environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
     figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
     return environment.get_template("template.html.j2").render(
         document,
@@ -30,9 +30,16 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
         advice=ADVICE.get(document["result"], ""),
         gains=gains(document["controller"]) if document["controller"] else [],
         notes=grouped(document["logs"]),
+        added=_added(document["logs"]),
         images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,
     )
+
+
+def _added(logs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of all that the bench added to any log; the noise and the start have no column of their own."""
+    names = dict.fromkeys(name for log in logs for name in log["parameters"])
+    return [name for name in names if name != "noise" and not name.startswith("start")]
 
 
 def _finalize(value: Any) -> Any:

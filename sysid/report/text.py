@@ -34,7 +34,7 @@ def seconds(value: float) -> str:
 def measured(value: float, std: float, others: Iterable[float] = (), unit: str = "") -> tuple[list[str], str]:
     """[value, std, *others] to two digits of the error, and their unit; a time comes with a prefix."""
     if unit == "s":
-        unit, factor = _prefix(value)
+        unit, factor = _prefix(max(abs(value), std))
         value, std, others = value * factor, std * factor, [x * factor for x in others]
     size = max(abs(value), std)
     exponent = 3 * math.floor(math.log10(size) / 3) if size > 0 and (size < 1e-3 or std >= 1e6) else 0
@@ -48,6 +48,14 @@ def row(parameter: Mapping[str, Any]) -> tuple[str, str, str]:
     """Value and error, 95 % interval, unit of a determined parameter in the form of fit.json."""
     (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
     return f"{value} ± {std}", f"{low} to {high}", unit
+
+
+def cell(parameter: Mapping[str, Any]) -> str:
+    """A parameter in the form of fit.json in a few characters."""
+    if not parameter["determined"]:
+        return "cannot tell"
+    value, _, unit = row(parameter)
+    return f"{value} {unit}"
 
 
 def mode(found: Mapping[str, float | None]) -> str:
