@@ -6,6 +6,7 @@
 from importlib import import_module
 
 _HOME = {
+    "Advice": "sysid.planning",
     "Comparison": "sysid.comparison",
     "Fit": "sysid.fitting",
     "FittedLog": "sysid.fitting",
@@ -18,6 +19,7 @@ _HOME = {
     "Result": "sysid.result",
     "Scene": "sysid.scene.scene",
     "SceneError": "sysid.scene.scene",
+    "advise": "sysid.planning",
     "compare": "sysid.comparison",
     "fit": "sysid.fitting",
     "nuisances": "sysid.bench",

@@ -56,6 +56,11 @@ def _parser() -> argparse.ArgumentParser:
         help="what the bench may have added to the logs, all unless stated: rotation,background,offset,start,late; or none;"
         " --effects=-late leaves one out",
     )
+    parser.add_argument(
+        "--advise",
+        choices=("G", "tau", "f0", "k_T", "worst"),
+        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst) most per second",
+    )
     parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
     parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
@@ -113,7 +118,7 @@ def _identify(arguments: argparse.Namespace) -> int:
     posterior, drawn = _posterior(logs, arguments, stages)
     loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, folder, stages)
+        content, text = _write(posterior, loop, warnings, drawn, arguments.advise, folder, stages)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     _say(content, text, posterior, folder, arguments.json)
@@ -174,19 +179,21 @@ def _design(posterior: Any, rig: Any) -> tuple[Any, list[str]]:
 
 
 def _write(
-    posterior: Any, loop: Any, warnings: list[str], drawn: dict[str, bytes], folder: Path, stages: "_Stages"
+    posterior: Any, loop: Any, warnings: list[str], drawn: dict[str, bytes], wanted: str | None, folder: Path, stages: "_Stages"
 ) -> tuple[dict, str]:
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
     from sysid.bench import nuisances
     from sysid.comparison import compare
+    from sysid.planning import advise
     from sysid.report import html
 
     with stages("compare", "comparing descriptions"):
         compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
         added = nuisances(posterior.fit)
-    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added)
+        advice = None if wanted is None else advise(posterior.fit, wanted)
+    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added, advice)
     with outputs.staging(folder) as fresh:
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)

@@ -93,13 +93,13 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.one_level for t in trials if t.driven):
         return (
             "cannot tell, because no row shows the response without drive, so that an output offset, a plate that still rings"
-            f" and a gain look alike; record {_seconds(tau)} before the step, with the drive at zero"
+            f" and a gain look alike; record {seconds(tau)} before the step, with the drive at zero"
         )
     driven = [t for t in trials if t.driven]
     if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
         return (
             "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a step; record a sweep"
-            f" across the resonance, or rows {_seconds(0.05 * tau)} apart or closer"
+            f" across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
         )
     return "cannot tell, because noise or background hide the response to the drive; record a larger voltage step"
 
@@ -125,12 +125,12 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             return hidden
         if all(_settles_between(t) for t in moving):
             return (
-                f"cannot tell, because rows are {_seconds(step)} apart and the response settles between two of them;"
-                f" record rows {_seconds(step / 100)} apart or closer"
+                f"cannot tell, because rows are {seconds(step)} apart and the response settles between two of them;"
+                f" record rows {seconds(step / 100)} apart or closer"
             )
         if window < 4 * tau:
             return (
-                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {_seconds(10 * window)} or more"
+                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {seconds(10 * window)} or more"
                 " after a voltage step"
             )
     if swept and not moving:
@@ -186,7 +186,7 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     )
 
 
-def _seconds(t: float) -> str:
+def seconds(t: float) -> str:
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if t >= size:
             return f"{t / size:.3g} {unit}"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sysid.comparison import Comparison
     from sysid.fitting import FittedLog
+    from sysid.planning import Advice
     from sysid.posterior import Posterior
     from sysid.result import Parameter
 
@@ -30,9 +31,10 @@ def document(
     warnings: Sequence[str],
     compared: "Sequence[Comparison]" = (),
     added: "Sequence[Mapping[str, Parameter]]" = (),
+    advice: "Sequence[Advice] | None" = None,
 ) -> dict[str, Any]:
-    """The content of fit.json, with what the bench `added` to each log; `files` and `cost` are empty until the other files are
-    written."""
+    """The content of fit.json, with what the bench `added` to each log, and `advice` where it was asked for; `files` and `cost`
+    are empty until the other files are written."""
     fit = posterior.fit
     content = {
         "schema": SCHEMA,
@@ -43,6 +45,7 @@ def document(
         "warnings": list(warnings),
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
+        "advice": None if advice is None else [_advice(a) for a in advice],
         "controller": controller,
         "files": {},
         "seed": posterior.seed,
@@ -90,6 +93,15 @@ def _models(compared: "Sequence[Comparison]") -> dict[str, Any]:
         for c in compared
     ]
     return {"verdict": verdict(compared), "compared": rows}
+
+
+def _advice(a: "Advice") -> dict[str, Any]:
+    """An experiment to record next, as numbers and as a sentence."""
+    e = a.experiment
+    experiment = {"kind": e.kind, "drive": e.drive, "drive_unit": e.unit, "frequency_Hz": e.frequency, "rows": e.rows}
+    experiment |= {"temperature_degC": e.temperature, "record_s": e.record}
+    errors = {"parameter": a.parameter, "std_before": a.before, "std_after": a.after, "unit": a.unit}
+    return {"sentence": str(a), **errors, "seconds": a.seconds, "experiment": experiment}
 
 
 def _plain(value: Any) -> Any:

@@ -96,9 +96,7 @@ class Response(NamedTuple):
     free: Array
 
 
-def respond(
-    tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False, order: int = 0
-) -> Response:
+def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False, order: int = 0) -> Response:
     """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where

@@ -38,6 +38,7 @@ ORDER = [
     "fitting",
     "bench",
     "comparison",
+    "planning",
     "diagnostics",
     "posterior",
     "outputs",

@@ -15,7 +15,7 @@ from sysid import outputs
 from sysid.result import Result
 
 # What every fit.json holds, in its order.
-KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "models"]
+KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "models", "advice"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 

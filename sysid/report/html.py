@@ -27,7 +27,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     return environment.get_template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),
-        advice=ADVICE.get(document["result"], ""),
+        remedy=ADVICE.get(document["result"], ""),
         gains=gains(document["controller"]) if document["controller"] else [],
         notes=grouped(document["logs"]),
         added=_added(document["logs"]),

@@ -12,6 +12,7 @@ from rich.text import Text
 from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
+NO_ADVICE = "no step or sweep can be laid out: no log has a drive and a frequency, or tau is not known"
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
@@ -59,6 +60,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     lines = [*_reasons(document), *(("note", note) for note in grouped(document["logs"]))]
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
+    if document["advice"] is not None:
+        lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))

@@ -48,9 +48,7 @@ def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
     recorder = [e for e in scene.effects if isinstance(e, Saturation | Quantisation)]
     rest = tuple(e for e in scene.effects if not isinstance(e, Saturation | Quantisation | LockIn))
     count = int(np.floor(scene.duration * rate * (1 + 1e-12))) + 1
-    fast = dataclasses.replace(
-        scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False
-    )
+    fast = dataclasses.replace(scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False)
     theta, first = partial(_phase, fast, _made(scene)), 0
     for columns in fast._stream(seed, theta):
         time = columns["time"]

@@ -1,0 +1,218 @@
+"""Which experiment next: the step or sweep that shrinks the error of one parameter most per second at the bench.
+
+What a log of known noise would tell is known before it is recorded: its Fisher information J^T J about theta, less what its own
+nuisances take (Atkinson, Donev & Tobias, Optimum Experimental Designs, 2007). It adds to that of the logs there are, and the
+error that is then left stands against the seconds that recording takes.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.experiment import Trial, with_noise
+from sysid.fitting import Fit
+from sysid.identify import limits, seconds
+from sysid.log import Log
+from sysid.minimise import NAMES
+from sysid.perturbed import Course
+from sysid.view import View
+
+UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
+KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
+AWAY = 10.0  # degC, to another temperature
+FINE = 20  # rows per tau, where the logs do not say what the bench can do
+MOST = 4000  # rows of a step
+DWELL = 6.0  # tau at each point of a sweep
+WORTH = 0.95  # of its error is what an experiment must leave of it at most
+REST = 0.1  # share of a step's rows before it
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A voltage step at one frequency, or settled points over a range of them; `record` seconds long."""
+
+    kind: str  # "step" | "sweep"
+    drive: float
+    frequency: tuple[float, float]  # Hz, the first and the last row's
+    temperature: float | None  # degC
+    rows: int
+    record: float  # s
+    unit: str  # of the drive
+
+    def __str__(self) -> str:
+        at = "" if self.temperature is None else f", at {self.temperature:.1f} degC"
+        low, high = self.frequency
+        if self.kind == "step":
+            span = f"{seconds(self.record)} long, {seconds(REST * self.record)} at rest before"
+            return f"a step to {self.drive:.3g} {self.unit} at {low:.6g} Hz, {span}, {self.rows} rows{at}"
+        dwell = seconds(self.record / self.rows)
+        return f"a sweep from {low:.6g} to {high:.6g} Hz at {self.drive:.3g} {self.unit}, {self.rows} points, {dwell} at each{at}"
+
+    def log(self, response: np.ndarray, like: Log) -> Log:
+        """Its log, with units as those of another."""
+        step, rest = self.kind == "step", int(REST * self.rows)
+        return Log(
+            self.kind,
+            response,
+            time=np.linspace(0.0, self.record, self.rows) if step else None,
+            drive=np.where((np.arange(self.rows) < rest) & step, 0.0, self.drive),
+            frequency=np.linspace(*self.frequency, self.rows),
+            temperature=None if self.temperature is None else np.full(self.rows, self.temperature),
+            kind="transient" if step else "steady",
+            sampling="instant" if step else None,
+            response_unit=like.response_unit,
+            drive_unit=self.unit,
+        )
+
+
+@dataclass(frozen=True)
+class Advice:
+    """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
+    the largest standard deviation that counts as determined."""
+
+    experiment: Experiment
+    parameter: str
+    before: float
+    after: float
+    seconds: float
+    limit: float
+    unit: str
+
+    def __str__(self) -> str:
+        before = "what the logs do not tell" if self.before > 0.9 * UNKNOWN * self.limit else f"± {self.before:.2g}"
+        return f"{self.experiment}: {self.parameter} from {before} to ± {self.after:.2g} {self.unit}, in {self.seconds:.3g} s"
+
+    @property
+    def rate(self) -> float:
+        """Factors of e that the error loses per second."""
+        return float(np.log(self.before / self.after)) / self.seconds
+
+    @property
+    def settles(self) -> bool:
+        """Whether the parameter is determined afterwards."""
+        return self.after <= self.limit
+
+
+def advise(
+    fit: Fit,
+    parameter: str = "worst",
+    *,
+    drive: float | None = None,
+    temperatures: Sequence[float] | None = None,
+    setup: float = 10.0,
+    warming: float = 600.0,
+) -> tuple[Advice, ...]:
+    """What to record next for `parameter` (worst: the one furthest from what counts as determined), the best first: of each kind
+    of experiment and temperature the one that shrinks its error most per second, those that settle it before others, none that
+    hardly shrinks it.
+
+    `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default the logs' own and
+    AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at the logs' temperature. Noise is that
+    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is not known.
+    Raises ValueError for a parameter that there is not.
+    """
+    if parameter not in (*NAMES, "worst"):
+        raise ValueError(f"found {parameter!r}, expected one of {', '.join(NAMES)}, worst")
+    bench = _Bench.of(fit)
+    if bench is None:
+        return ()
+    error = bench.errors(bench.information)
+    known = len(NAMES) if bench.warm else NAMES.index("k_T")  # without a thermometer no experiment tells k_T
+    chosen = NAMES[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
+    index = NAMES.index(chosen)
+    best: dict[tuple, Advice] = {}
+    for e in bench.experiments(drive, temperatures):
+        after = float(bench.errors(bench.information + bench.told_by(e))[index])
+        took = setup + e.record + (warming if bench.elsewhere(e) else 0.0)
+        found = Advice(e, chosen, float(error[index]), after, took, float(bench.limits[index]), fit.units[chosen])
+        key = (e.kind, e.temperature)
+        if found.after < WORTH * found.before:
+            best[key] = max(best.get(key, found), found, key=_merit)
+    return tuple(sorted(best.values(), key=_merit, reverse=True))
+
+
+def _merit(advice: Advice) -> tuple[bool, float]:
+    return advice.settles, advice.rate
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """What the fit knows of plant and bench. Errors are standard deviations of G, tau, f0 and k_T in their units."""
+
+    fit: Fit
+    trials: tuple[Trial, ...]  # with a drive and a frequency
+    information: np.ndarray  # (4, 4) of theta, from all logs
+    limits: np.ndarray
+    units: np.ndarray  # of the parameters per unit of theta
+
+    @classmethod
+    def of(cls, fit: Fit) -> "_Bench | None":
+        """None where there is nothing to go by."""
+        state = fit.modes[0]
+        trials = tuple(t for t in state.trials if t.resonant and t.driven)
+        if not trials or np.sqrt(state.covariance[1, 1]) > KNOWN:
+            return None
+        views = [View(t, m, state, fit.reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
+        jacobians = [np.sqrt(v.trial.efficiency) * v.jacobian for v in views]
+        G, tau = (float(x) for x in np.exp(state.theta[:2]))
+        known = limits(G, tau)
+        return cls(
+            fit, trials, sum(j.T @ j for j in jacobians), np.array([known[n] for n in NAMES]), np.array([G, tau, 1.0, 1.0])
+        )
+
+    def errors(self, information: np.ndarray) -> np.ndarray:
+        """(4,) with the little that is known of a parameter of which the logs say nothing."""
+        least = np.diag((self.units / (UNKNOWN * self.limits)) ** 2)
+        return self.units * np.sqrt(np.diag(np.linalg.inv(information + least)))
+
+    def told_by(self, experiment: Experiment) -> np.ndarray:
+        """(4, 4) information of theta that a log of it would hold."""
+        state, reference = self.fit.modes[0], self.fit.reference
+        steady = experiment.kind == "sweep"
+        kind = "steady" if steady else "transient"
+        silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)
+        response, (std, time) = Course(silent, silent.hold(reference), state.theta).exact, self._noise(steady)
+        if all(t.log.amplitude_only for t in self.trials):
+            response = np.hypot(np.abs(response), std)  # noise lifts an amplitude
+        trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time)
+        view = View(trial, response.astype(complex), state, reference, coloured=True)
+        return view.jacobian.T @ view.jacobian
+
+    def _noise(self, steady: bool) -> tuple[float, float]:
+        """Standard deviation per channel and correlation time (s) that a row is expected to have."""
+        alike = [t for t in self.trials if t.steady == steady] or self.trials
+        std = float(np.median([t.noise_std for t in alike]))
+        return std, 0.0 if steady else float(np.median([0.0 if t.steady else t.noise_time for t in alike]))
+
+    def experiments(self, drive: float | None, temperatures: Sequence[float] | None) -> Iterator[Experiment]:
+        """Steps on resonance and beside it, sweeps narrow and wide, at each temperature."""
+        theta, (f, degC) = self.fit.modes[0].theta, self.fit.reference
+        tau = float(np.exp(theta[1]))
+        hb = 1 / (2 * np.pi * tau)
+        seen = [t.spacing for t in self.trials if t.spacing > 0 and not t.steady]
+        spacing = max(min([*seen, tau / FINE]), tau / 200)
+        drive = max(float(np.max(np.abs(t.log.drive))) for t in self.trials) if drive is None else drive
+        unit = self.trials[0].log.drive_unit
+        reached = temperatures or (degC, degC + AWAY, degC - AWAY)
+        for at in reached if self.warm else (None,):
+            f0 = float(f + theta[2] + theta[3] * (0.0 if at is None else at - degC))
+            for window in (5.0, 10.0, 20.0):
+                rows = min(int(window * tau / spacing / (1 - REST)) + 1, MOST)
+                for beside in (0.0, -1.0, 1.0):
+                    yield Experiment("step", drive, (f0 + beside * hb,) * 2, at, rows, window * tau / (1 - REST), unit)
+            for half in (2.0, 5.0):
+                for rows in (21, 101):
+                    low = max(f0 - half * hb, 0.05 * f0)
+                    yield Experiment("sweep", drive, (low, f0 + half * hb), at, rows, rows * DWELL * tau, unit)
+
+    @property
+    def warm(self) -> bool:
+        """Whether temperatures are recorded."""
+        return any(t.log.temperature is not None for t in self.trials)
+
+    def elsewhere(self, experiment: Experiment) -> bool:
+        """Whether it is at a temperature that no log was recorded at."""
+        logs = [t.log.temperature for t in self.trials if t.log.temperature is not None]
+        at = experiment.temperature
+        return at is not None and not any(np.min(w) - 1.0 <= at <= np.max(w) + 1.0 for w in logs)
