@@ -3,6 +3,7 @@
 from typing import Any
 
 from controller.adaptive import Adaptive
+from controller.commission import sheet
 from controller.design import Loop
 from controller.dq import DQ
 from controller.scalar import NO_LIMIT
@@ -16,7 +17,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
 
     Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
     """
-    return {
+    content = {
         "schema": SCHEMA,
         "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
         "reference_temperature_degC": loop.reference_temperature,
@@ -36,6 +37,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
     }
+    return content | {"commissioning": [stage._asdict() for stage in sheet(content)]}
 
 
 def _law(loop: Loop) -> dict[str, Any]:

@@ -190,5 +190,3 @@ def _text(unit: str, most: int = 24) -> str:
 def _guard(name: str) -> str:
     """An identifier from a file name; the prefix keeps it from starting with a digit or a reserved underscore."""
     return "SYSID_" + re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
-
-

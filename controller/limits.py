@@ -65,5 +65,3 @@ def limits_of(
             f" (frequency_window states another)"
         )
     return Limits(voltage, window, said)
-
-

@@ -331,5 +331,3 @@ def settling_time(time: np.ndarray, W: np.ndarray, target: float, tolerance: flo
     if not len(outside):
         return 0.0
     return float(time[outside[-1] + 1] - time[0]) if outside[-1] + 1 < len(time) else float("inf")
-
-

@@ -1,17 +1,17 @@
 """The rig that a controller will run on: its clock, its limits, and the loop's own sensor. A TOML file:
 
-    sample_time_us = 100
-    latency_us = 100             # from a sample to when its command takes effect; one sample unless stated
-    voltage_limit_V = 350
-    bipolar = true               # false: an amplifier that cannot turn its voltage round
-    voltage_slew_V_per_s = 1e6   # abrupt changes are heard
-    frequency_step_Hz = 10.4     # what the source can make: multiples of it
-    thermometer = true           # the loop is told the plate's temperature
+sample_time_us = 100
+latency_us = 100             # from a sample to when its command takes effect; one sample unless stated
+voltage_limit_V = 350
+bipolar = true               # false: an amplifier that cannot turn its voltage round
+voltage_slew_V_per_s = 1e6   # abrupt changes are heard
+frequency_step_Hz = 10.4     # what the source can make: multiples of it
+thermometer = true           # the loop is told the plate's temperature
 
-    [sensor]                     # where the loop's sensor is not that of the logs
-    gain = 0.98                  # what it shows of one unit of the logs' response
-    rotation_deg = 3
-    delay_us = 1
+[sensor]                     # where the loop's sensor is not that of the logs
+gain = 0.98                  # what it shows of one unit of the logs' response
+rotation_deg = 3
+delay_us = 1
 """
 
 import cmath

@@ -23,9 +23,12 @@ from sysid import __version__
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
-    arguments = _parser().parse_args(argv)
+    parser = _parser()
+    arguments = parser.parse_args(argv)
+    if bool(arguments.logs) == bool(arguments.check):
+        parser.error("expected LOGS to fit, or --check FILE" if arguments.check else "the following arguments are required: LOGS")
     try:
-        return _identify(arguments)
+        return _check(arguments) if arguments.check else _identify(arguments)
     except KeyboardInterrupt:
         print("identify: interrupted", file=sys.stderr)
         return 130
@@ -43,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
         allow_abbrev=False,
     )
-    parser.add_argument("logs", nargs="+", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
+    parser.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
     parser.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
     parser.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
     parser.add_argument(
@@ -60,6 +63,9 @@ def _parser() -> argparse.ArgumentParser:
         "--advise",
         choices=("G", "tau", "f0", "k_T", "worst"),
         help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst) most per second",
+    )
+    parser.add_argument(
+        "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
     )
     parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
     parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
@@ -123,6 +129,30 @@ def _identify(arguments: argparse.Namespace) -> int:
         return _refuse(f"{folder}: cannot be written: {error}")
     _say(content, text, posterior, folder, arguments.json)
     return 0 if content["result"] == "successful" else 1
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    """Whether a closed loop does what its controller.json predicts: 0 or 1; 2 when one of them cannot be read."""
+    import json
+
+    from controller.check import check
+    from sysid import outputs
+    from sysid.log import LogError, read_logs
+    from sysid.report.screen import findings
+
+    path = Path(arguments.folder) / outputs.CONTROLLER
+    try:
+        predicted = json.loads(path.read_text(encoding="utf-8"))
+        found = check(predicted, read_logs([arguments.check], arguments.columns)[0])
+    except LogError as error:
+        return _refuse(str(error), error.mapping)
+    except (OSError, ValueError) as error:
+        return _refuse(f"{path}: cannot be read: {error}; identify writes it")
+    if arguments.json:
+        sys.stdout.write(outputs.to_json({"kept": all(f.kept for f in found), "findings": [f._asdict() for f in found]}))
+    else:
+        findings(found, sys.stdout)
+    return 0 if all(f.kept for f in found) else 1
 
 
 def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> tuple[Any, dict[str, bytes]]:

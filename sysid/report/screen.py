@@ -1,6 +1,6 @@
 """The one screen that a run prints."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -22,6 +22,16 @@ def show(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], 
     console.print(_logs(document["logs"]), "")
     console.print(_parameters(document, derived), "")
     console.print(_sentences(document, folder))
+
+
+def findings(found: Sequence[Any], file: IO[str]) -> None:
+    """Print what a closed loop did beside what was predicted of it."""
+    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
+    table = _table("", "found", "expected", "")
+    for f in found:
+        said = Text("as predicted", style="green") if f.kept else Text(clean(f"no: {f.hint}"), style="red")
+        table.add_row(*(Text(clean(cell)) for cell in (f.what, f.found, f.expected)), said)
+    console.print(table)
 
 
 def _logs(logs: list[Mapping[str, Any]]) -> Table:

@@ -1,0 +1,116 @@
+"""Does the loop do what was predicted?  A record of the closed loop beside its controller.json.
+
+The record begins before the amplitude is asked for, and holds it to its end: time, Wd and Wq, the voltage and the frequency.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.log import Log, LogError
+
+BAND = 0.05  # about the last amplitude, within which it counts as settled
+LAST = 0.2  # share of the rows that are its end
+NOISE = 4.0  # standard deviations of a row about the end, for which noise may carry it beyond a promise
+NEAR_STEADY = 0.1  # relative, for the voltage at the end
+TRACKED = 0.1  # of the half bandwidth, for the frequency's distance from the resonance
+
+
+class Finding(NamedTuple):
+    """One prediction: what was found, what was expected, whether it was kept, and what it hints at where it was not."""
+
+    what: str
+    found: str
+    expected: str
+    kept: bool
+    hint: str = ""
+
+
+def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
+    """The predictions of a controller.json against a record of its loop. Raises LogError for a record that cannot be judged."""
+    begin, end = _begin(controller, log), int((1 - LAST) * len(log))
+    W, V = np.abs(log.response), np.abs(log.drive)
+    target = float(np.median(W[end:]))
+    noise = float(np.std(W[end:]))
+    found = [_settling(controller, log, W, target, noise, begin), _overshoot(controller, W[begin:], target, noise)]
+    found += [_voltage(controller, V, target, float(np.median(V[end:])))]
+    if controller["plant"]["f0"] is not None and controller["tracker"]:
+        found += _frequency(controller, log, end)
+    return [f for f in found if f is not None]
+
+
+def _begin(controller: Mapping[str, Any], log: Log) -> int:
+    """The last row before the voltage rises."""
+    what = f"{log.name}: a record of a closed loop"
+    for name, values in (("voltage_*", log.drive), ("time_*", log.time)):
+        if values is None:
+            raise LogError(f"{what}: found no {name} column, expected one")
+    if log.amplitude_only:
+        raise LogError(f"{what}: found an amplitude alone, expected wd and wq")
+    for kind, unit in (("response", log.response_unit), ("drive", log.drive_unit)):
+        if controller["units"][kind] not in (None, unit):
+            raise LogError(f"{what}: found {unit}, expected {controller['units'][kind]} as in controller.json")
+    V = np.abs(log.drive)
+    if V[0] > 0.05 * np.max(V) or np.max(V) == 0:
+        raise LogError(f"{what}: found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest")
+    begin = int(np.argmax(0.05 * np.max(V) < V)) - 1
+    if len(log) - begin < 20:
+        raise LogError(f"{what}: found {len(log) - begin - 1} rows after the voltage rises, expected 20 or more")
+    return begin
+
+
+def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float, noise: float, begin: int) -> Finding | None:
+    promised = controller["promise"]["settling_s"]
+    if promised is None:
+        return None
+    outside = np.flatnonzero(np.abs(W[begin:] - target) > BAND * target + NOISE * noise)
+    last = begin + (int(outside[-1]) if len(outside) else 0)
+    row = float(np.median(np.diff(log.time)))
+    # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage follows.
+    taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
+    kept = taken <= promised + row + controller["sample_time_s"]
+    hint = "a slower plate (a finger?), a voltage at its limit, or more delay than latency_s says"
+    return Finding("settled to 5 %", f"{1e3 * taken:.3g} ms", f"at most {1e3 * promised:.3g} ms", kept, hint)
+
+
+def _overshoot(controller: Mapping[str, Any], W: np.ndarray, target: float, noise: float) -> Finding | None:
+    promised = controller["promise"]["overshoot"]
+    if promised is None:
+        return None
+    most = max(float(np.max(W)) / target - 1, 0.0)
+    kept = most <= promised + 0.01 + NOISE * noise / target
+    hint = "more delay in the loop than latency_s says, or a sensor with another gain"
+    return Finding("overshoot", f"{100 * most:.2g} %", f"at most {100 * promised:.2g} %, and noise", kept, hint)
+
+
+def _voltage(controller: Mapping[str, Any], V: np.ndarray, target: float, steady: float) -> Finding:
+    expected = target / abs(controller["plant"]["G"])
+    unit, ratio = controller["units"]["drive"] or "", steady / expected
+    limit = controller["voltage_limit"]
+    kept = abs(ratio - 1) <= NEAR_STEADY and (limit is None or float(np.max(V)) <= limit * (1 + 1e-6))
+    hint = f"{ratio:.3g} times as much: the plate is damped, beside its resonance, or the sensor's gain is another"
+    if limit is not None and float(np.max(V)) > limit * (1 + 1e-6):
+        hint = f"up to {np.max(V):.4g} {unit}, above the limit of {limit:.4g}"
+    return Finding("voltage at the end", f"{steady:.4g} {unit}", f"{expected:.4g} {unit} within 10 %", kept, hint)
+
+
+def _frequency(controller: Mapping[str, Any], log: Log, end: int) -> list[Finding]:
+    hb = 1 / (2 * np.pi * controller["plant"]["tau"])
+    last = np.mean(log.response[end:])
+    beside = float(last.imag / last.real) * hb if last.real else np.inf
+    found = [
+        Finding(
+            "resonance less frequency",
+            f"{beside:+.3g} Hz",
+            f"within {TRACKED * hb:.3g} Hz",
+            abs(beside) <= TRACKED * hb,
+            "the tracker is off or has not come so far; by Wq/Wd, a rotation of the sensor is not seen in it",
+        )
+    ]
+    if log.frequency is None:
+        return found
+    low, high = controller["frequency_window_Hz"] or (0.0, np.inf)
+    inside = bool(np.all((log.frequency >= low) & (log.frequency <= high)))
+    seen = f"{np.min(log.frequency):.7g} to {np.max(log.frequency):.7g} Hz"
+    return [*found, Finding("frequency", seen, f"{low:.7g} to {high:.7g} Hz", inside, "beyond the window that was designed for")]

@@ -1,0 +1,139 @@
+"""The sheet's predictions against simulated stages; the check of a closed loop against loops that are as designed, or not."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+import controller
+from controller.check import check
+from controller.commission import SLOWER, sheet
+from sysid import Log, LogError, Plant, Profile, Scene
+from sysid.cli import main
+from sysid.scene.effects import EFFECTS
+
+TAU, T = 5e-3 / math.log(20), 1e-4
+PLATE = Plant(0.02, TAU, 32300.0, -10.16)
+LOOP = controller.design(PLATE, voltage_limit=160.0, amplitude=2.0, frequency_window=(31800.0, 32800.0))
+NOTE = json.loads(json.dumps(controller.as_dict(dataclasses.replace(LOOP, drive_unit="V", response_unit="um"))))
+STAGES = {stage.name: stage for stage in sheet(NOTE)}
+
+
+def number(text, before):
+    """The number that stands before a word."""
+    return float(text.split(before)[0].split()[-1])
+
+
+def run(plant=PLATE, loop=LOOP, seed=0, **changes):
+    """A record of the loop at a plate, asked for 2 um after 3 ms, with noise of 10 nm."""
+    volts = Profile(np.array([0.0, 0.003]), np.array([0.0, 100.0]))
+    given = {"drive": volts, "frequency": Profile.constant(32300.0)}
+    scene = Scene(plant, given, 501, 1e4, (EFFECTS["white_noise"](std=0.01), *changes.pop("effects", ())), fidelity="envelope")
+    trace = controller.closed_loop(loop, scene, reference=Profile(np.array([0.0, 0.003]), np.array([0.0, 2.0])), seed=seed)
+    columns = {"time": trace.time, "drive": trace.V, "frequency": trace.f, "kind": "transient", "sampling": "instant"}
+    return Log("loop.csv", trace.measured, **columns | changes)
+
+
+def verdicts(log):
+    return {f.what: f.kept for f in check(NOTE, log)}
+
+
+def test_every_stage_is_there_in_its_order():
+    assert list(STAGES) == ["demodulator", "sign of q", "slow loop", "tracker", "full", "touch", "fault"]
+
+
+def test_the_demodulator_s_stage_is_the_open_loop():
+    assert number(STAGES["demodulator"].expect, " um") == pytest.approx(0.02 * 16, rel=1e-3)
+    assert number(STAGES["demodulator"].expect, " ms") == pytest.approx(5.0, rel=1e-3)
+
+
+def test_half_a_bandwidth_below_q_is_as_large_as_d_and_positive():
+    frequency = float(STAGES["sign of q"].do.split(" Hz")[0].split()[-1])
+    W = complex(PLATE.steady(16.0, frequency, 24.0))
+    assert W.real == pytest.approx(W.imag, rel=5e-3) == pytest.approx(number(STAGES["sign of q"].expect, " um"), rel=5e-3)
+
+
+def test_the_slow_loop_takes_as_long_as_it_says():
+    # W+ = alpha W + G (1 - alpha) V, V a latency later, by hand
+    gains, W, before, integral, rows = NOTE["gains"]["d"], 0.0, 0.0, 0.0, []
+    alpha = math.exp(-T / TAU)
+    for _ in range(1000):
+        rows.append(W)
+        error = 0.32 - W
+        integral += gains["Ki_Ts"] / SLOWER * error
+        now = (gains["Kp"] - gains["Ki_Ts"]) / SLOWER * error + integral
+        W, before = alpha * W + 0.02 * (1 - alpha) * before, now
+    taken = T * np.flatnonzero(np.array(rows) < 0.95 * 0.32)[-1]
+    assert max(rows) < 0.32 * 1.001
+    # the sample of delay, which the sheet leaves out, speeds a loop of K = 0.018 up by as much
+    assert number(STAGES["slow loop"].expect, " ms") == pytest.approx(1e3 * taken, rel=0.025)
+
+
+def test_the_tracker_is_there_when_it_is_said_to_be():
+    tracker, period = LOOP.law.tracker, NOTE["tracker"]["period_s"]
+    hb, f, W = 1 / (2 * math.pi * TAU), 32300.0 + 1 / (2 * math.pi * TAU), 0.32 / (1 + 1j)
+    taken = number(STAGES["tracker"].expect, " ms") * 1e-3
+    for _ in range(round(taken / period)):
+        f += max(min(tracker.gain * W.imag / W.real, tracker.max_step), -tracker.max_step)
+        pole = -1 / TAU + 2j * np.pi * (32300.0 - f)
+        settled = -0.02 / TAU * 16 / pole
+        W = settled + (W - settled) * np.exp(pole * period)
+    assert abs(f - 32300.0) <= 0.1 * hb
+
+
+def test_without_f0_there_is_no_tracker_to_commission():
+    loop = controller.design(Plant(0.02, TAU, None, None), voltage_limit=160.0, amplitude=2.0)
+    assert [s.name for s in sheet(controller.as_dict(loop))] == ["demodulator", "slow loop", "full", "touch", "fault"]
+
+
+def test_a_loop_as_designed_is_called_that():
+    for seed in range(5):
+        assert all(verdicts(run(seed=seed)).values()), check(NOTE, run(seed=seed))
+
+
+def test_a_loop_that_is_not_as_designed_is_told_by_what():
+    damped = verdicts(run(Plant(0.012, 0.6 * TAU, 32300.0, -10.16)))
+    assert not damped["voltage at the end"]
+    late = run(loop=dataclasses.replace(LOOP, latency=6e-4))
+    assert not verdicts(late)["overshoot"]
+    still = dataclasses.replace(LOOP, control=LOOP.law._replace(tracker=None))
+    beside = verdicts(run(Plant(0.02, TAU, 32360.0, -10.16), still))
+    assert not beside["resonance less frequency"] and not beside["voltage at the end"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"drive": None}, "no voltage_* column"),
+        ({"drive": np.full(501, 100.0)}, "expected it to begin at rest"),
+        ({"response_unit": "nm"}, "expected um as in controller.json"),
+    ],
+)
+def test_a_record_that_cannot_be_judged_is_refused(changes, said):
+    with pytest.raises(LogError, match=said.replace("*", r"\*")):
+        check(NOTE, run(**changes))
+
+
+def test_the_command_judges_a_record(tmp_path, capsys):
+    log, folder = run(), tmp_path / "identified"
+    folder.mkdir()
+    (folder / "controller.json").write_text(json.dumps(NOTE))
+    rows = zip(log.time, log.response.real, log.response.imag, log.drive, log.frequency, strict=True)
+    record = tmp_path / "closed_loop.csv"
+    record.write_text("time_s,wd_um,wq_um,voltage_V,frequency_Hz\n" + "\n".join(",".join(map(repr, map(float, r))) for r in rows))
+    assert main(["--check", str(record), "-o", str(folder)]) == 0
+    assert "as predicted" in capsys.readouterr().out
+    assert main(["--check", str(record), "-o", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kept"] is True
+    assert main(["--check", str(record), "-o", str(tmp_path / "nowhere")]) == 2
+    assert "controller.json: cannot be read" in capsys.readouterr().err
+
+
+def test_logs_or_a_check_but_not_both_nor_none(capsys):
+    for arguments in ([], ["a.csv", "--check", "b.csv"]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+    capsys.readouterr()
