@@ -16,9 +16,10 @@ from controller.rig import Rig, RigError, Sensor
 from controller.tracker import SignTracker, Tracker
 
 _LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
+_LATER |= {name: "controller.interop" for name in ("loop_systems", "plant_system")}
 __all__ = [
     "DQ", "PI", "Adaptive", "Command", "Guard", "Loop", "Rig", "RigError", "Sensor", "SignTracker", "Trace", "Tracker",
-    "as_dict", "closed_loop", "closed_loops", "design", "export_c", "settling_time",
+    "as_dict", "closed_loop", "closed_loops", "design", "export_c", "loop_systems", "plant_system", "settling_time",
 ]  # fmt: skip
 
 

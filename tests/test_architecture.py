@@ -105,7 +105,8 @@ def test_every_module_says_what_it_is(path):
 
 def test_what_is_imported_is_declared():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    declared = {re.split(r"[<>=\[ ]", d)[0].lower() for d in project["dependencies"]}
+    extras = [d for name, of in project["optional-dependencies"].items() if name not in ("test", "bench") for d in of]
+    declared = {re.split(r"[<>=\[ ]", d)[0].lower() for d in (*project["dependencies"], *extras)}
     used = {name.split(".")[0] for path in MODULES for name in imported(path)} - {"sysid", "controller"}
     foreign = {NAMES.get(name, name).lower() for name in used - sys.stdlib_module_names}
     assert foreign <= declared, foreign - declared

@@ -1,0 +1,51 @@
+"""Plant and loop as objects of python-control (the extra `control`), for its own analysis and plots.
+
+The plant driven at one frequency is, in its slowly varying frame,
+
+    Wd' = -Wd/tau - delta Wq + (G/tau) V,    Wq' = delta Wd - Wq/tau,    delta = 2 pi (f0 + k_T (T - T0) - f).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller.design import Loop
+from controller.margins import linearised
+
+
+class Systems(NamedTuple):
+    """Discrete systems of one sample time: `controller`, from the amplitude's error to the voltage; `plant`, from the voltage,
+    with the latency, to Wd at resonance. `controller * plant` is the open loop."""
+
+    controller: Any
+    plant: Any
+
+
+def plant_system(plant: Any, frequency: float | None = None, temperature: float | None = None) -> Any:
+    """control.StateSpace from V (drive unit) to Wd, Wq (response unit) of a `sysid.Plant`, driven at `frequency` Hz (None: at
+    resonance) and at `temperature` degC (None: its reference temperature)."""
+    import control
+
+    shift = 0.0 if temperature is None else (plant.k_T or 0.0) * (temperature - plant.reference_temperature)
+    delta = 0.0 if frequency is None else 2 * math.pi * (plant.f0 + shift - frequency)
+    A = [[-1 / plant.tau, -delta], [delta, -1 / plant.tau]]
+    B = [[plant.G / plant.tau], [0.0]]
+    return control.ss(A, B, np.eye(2), np.zeros((2, 1)), inputs=["V"], outputs=["Wd", "Wq"], name="plant")
+
+
+def loop_systems(loop: Loop) -> Systems:
+    """The amplitude loop of a design about its settled state, without limits."""
+    import control
+
+    T = loop.sample_time
+    A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau])))
+    law = control.ss(A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller")
+    whole = math.floor(loop.latency / T + 1e-9)
+    part = max(loop.latency - whole * T, 0.0)
+    alpha, late = math.exp(-T / loop.tau), math.exp(-(T - part) / loop.tau)
+    # A command that takes effect within a sample acts on this one by its last part, on the next by its first.
+    within = part > 1e-9 * T
+    numerator = [loop.G * (1 - late), loop.G * (late - alpha)] if within else [loop.G * (1 - alpha)]
+    delayed = control.tf(numerator, [1.0, -alpha, *[0.0] * (whole + within)], T)
+    return Systems(law, control.ss(delayed, inputs=["V"], outputs=["Wd"], name="plant"))
