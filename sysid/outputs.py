@@ -21,6 +21,13 @@ if TYPE_CHECKING:
     from sysid.result import Parameter
 
 SCHEMA = 1
+PRIORS = {  # sysid/likelihood.py has the equations
+    "G, tau": "flat in the logarithm",
+    "f0, k_T, rotation": "flat",
+    "offset, feedthrough, slope, start": "normal about zero, ten times as wide as the log's largest response",
+    "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
+    "noise": "flat in the logarithm of its level; its colour as estimated",
+}
 FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
@@ -41,7 +48,7 @@ def document(
         "result": posterior.result.value,
         "parameters": {name: _parameter(p) for name, p in posterior.summary().items()},
         "reference_temperature_degC": fit.reference_temperature,
-        "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat},
+        "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat, "priors": PRIORS},
         "warnings": list(warnings),
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
