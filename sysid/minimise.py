@@ -68,6 +68,33 @@ def _linearise(theta, directions, layouts, groups):
     return tuple(jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True))
 
 
+@dataclass
+class _Steps:
+    """Gauss-Newton steps; where one raises the cost, as where a derivative vanishes on resonance, all are shortened."""
+
+    next: np.ndarray | None = None  # None: a search instead
+    cost: float = np.inf  # after the last one that was kept
+    damping: float = 1.0
+    compares: bool = False  # `cost` was of the noise that the next one will be of
+
+    def too_long(self, cost: float) -> bool:
+        """Whether the step that led to `cost` is to be taken back. The next one goes nowhere, to measure the cost there once more
+        with the noise as it is now, or is shorter."""
+        moving = self.next is not None and bool(np.any(self.next))
+        if not moving or cost <= self.cost + RISE + 1e-13 * abs(cost) or self.damping <= LEAST_DAMPING:
+            return False
+        shrink = 0.25 if self.compares else 0.0
+        self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
+        return True
+
+    def kept(self, cost: float, newton: np.ndarray | None) -> float:
+        """The change of the cost; `newton` is what would come next, None for a search."""
+        change, self.cost = abs(self.cost - cost), cost
+        self.compares = self.next is not None and not np.any(self.next)
+        self.next = None if newton is None else self.damping * newton
+        return change
+
+
 @dataclass(frozen=True)
 class Minimiser:
     """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are taken from."""
@@ -116,8 +143,7 @@ class Minimiser:
 
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
-        last, step, converged, begin = np.inf, None, False, theta
-        damping, compares = 1.0, False
+        steps, converged, begin = _Steps(), False, theta
         if all(np.all(t.log.response == t.log.response[0]) for t in trials):
             return self._unbounded(trials, begin, low_q)
         for k in range(rounds):
@@ -125,7 +151,7 @@ class Minimiser:
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
             before = theta, trials
-            theta = np.asarray(theta + step if step is not None else _search(theta, directions, layouts, arrays))
+            theta = np.asarray(_search(theta, directions, layouts, arrays) if steps.next is None else theta + steps.next)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
@@ -133,16 +159,13 @@ class Minimiser:
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            moving = step is not None and bool(np.any(step))
-            if moving and cost > last + RISE + 1e-13 * abs(cost) and damping > LEAST_DAMPING:
-                shrink = 0.25 if compares else 0.0  # a derivative vanishes, as on resonance; or `last` was with another noise
-                (theta, trials), step, damping = before, shrink * step, damping * (shrink or 1.0)
+            if steps.too_long(cost):
+                theta, trials = before
                 continue
-            change, last, compares = abs(last - cost), cost, step is not None and not moving
-            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             short = left <= NEAR and np.max(np.abs(newton)) < SHORT
-            step = damping * directions @ newton if short else None
-            if converged and max(change, 0.0 if step is None else left) < 1e-7 + 1e-13 * abs(cost):
+            change = steps.kept(cost, directions @ newton if short else None)
+            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
+            if converged and max(change, 0.0 if steps.next is None else left) < 1e-7 + 1e-13 * abs(cost):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=True)])
