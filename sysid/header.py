@@ -15,6 +15,9 @@ from sysid.mapping import Plan, Source, template
 
 DRIVES = ("voltage", "drive", "duty")
 INPUTS = ("time", "frequency", "temperature", "force")
+# Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
+SYNONYMS = {"timestamp": "time", "freq": "frequency", "temp": "temperature", "volt": "voltage", "volts": "voltage"}
+LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
 
 def contract_plan(head: Head) -> Plan:
@@ -35,6 +38,7 @@ def contract_plan(head: Head) -> Plan:
         elif name and name.quantity != "response":
             number = metadata_number(head, key, value)
             _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number))
+    notes += _add_synonyms(head, sources, unknown)
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
@@ -49,6 +53,36 @@ def contract_plan(head: Head) -> Plan:
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
     )
+
+
+def _add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> list[str]:
+    """Enter inputs that have another usual name, columns before metadata; they leave `unknown`. Returns a note on each."""
+    notes = []
+    for label in list(unknown):
+        if quantity := _meant(label, SYNONYMS | LETTERS, sources):
+            name = units.split_unit(label)[0]
+            _add_source(head, sources, quantity + label.strip()[len(name) :], Source(label, "", column=head.names.index(label)))
+            unknown.remove(label)
+            notes.append(f"column {label} is read as {quantity}")
+    for key, value in head.metadata.items():
+        if quantity := _meant(key, SYNONYMS, sources):
+            source = Source(f"metadata {key!r}", "", constant=metadata_number(head, key, value))
+            _add_source(head, sources, quantity + key.strip()[len(units.split_unit(key)[0]) :], source)
+            notes.append(f"metadata {key!r} is read as {quantity}")
+    return notes
+
+
+def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:
+    """The input that a label names by another word, when that input is missing and the unit is of its kind; else None."""
+    name, unit, _ = units.split_unit(label)
+    quantity = words.get(name.casefold())
+    if quantity is None or sources.keys() & ({*DRIVES} if quantity in DRIVES else {quantity}):
+        return None
+    try:
+        units.check_unit(quantity, units.split_amplitude(unit)[0])
+    except ValueError:
+        return None
+    return quantity
 
 
 def _add_source(head: Head, sources: dict[str, Source], label: str, source: Source) -> bool:

@@ -128,6 +128,29 @@ def test_a_column_log_splits_the_file(save):
     assert second.time.tolist() == [0.0]  # time begins anew in each part
 
 
+@pytest.mark.parametrize(
+    ("header", "name", "values"),
+    [
+        ("freq_kHz,w_um", "frequency", [1000.0, 2000.0]),
+        ("timestamp_ms,w_um", "time", [1e-3, 2e-3]),
+        ("T [s],w_um", "time", [1.0, 2.0]),
+        ("U (V) pp,w_um", "drive", [0.5, 1.0]),
+    ],
+)
+def test_inputs_by_other_usual_names_are_read_and_noted(save, header, name, values):
+    log = read_one(save(f"# temp_degC: 25\n{header}\n1,1\n2,1\n" if name != "drive" else f"{header},freq_Hz\n1,1,5\n2,1,5\n"))
+    assert getattr(log, name).tolist() == pytest.approx(values)
+    assert f"column {header.split(',')[0]} is read as {'voltage' if name == 'drive' else name}" in log.notes
+    if name != "drive":
+        assert log.temperature.tolist() == [25.0, 25.0] and "metadata 'temp_degC' is read as temperature" in log.notes
+
+
+def test_another_name_gives_way_to_ours_and_to_a_unit_of_another_kind(save):
+    log = read_one(save("t_s,time_s,w_um,duty,u_V,temp_C\n9,0,1,0.1,5,24\n9,1,2,0.1,5,24\n"))
+    assert log.time.tolist() == [0.0, 1.0] and log.drive.tolist() == [0.1, 0.1] and log.temperature is None
+    assert log.notes == tuple(f"column {name} is kept out of the fit" for name in ("t_s", "u_V", "temp_C"))
+
+
 def test_other_columns_are_noted_and_never_read(save):
     log = read_one(save("time_s,note,w_um,wd_err_um\n0,start,1,\n1,a;b,2,nan\n"))
     assert log.notes == ("column note is kept out of the fit", "column wd_err_um is kept out of the fit")
