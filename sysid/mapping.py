@@ -236,8 +236,10 @@ def template(head: Head) -> str:
     lines += ['# kind = "steady"  # or "transient"']
     lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
     if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
-        lines += ['quantity = "?"  # what the signal shows: "displacement", "velocity", "charge" or "current"']
-        lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
+        quantity = _quantity(head, guessed)
+        lines += [f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"']
+        if "phase" in guessed or "magnitude" not in guessed:
+            lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
     dialect = head.dialect
     lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
     lines += ['decimal = ","'] if dialect.decimal == "," else []
@@ -255,6 +257,14 @@ def template(head: Head) -> str:
     unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
     lines += [f"# not used: {', '.join(unused)}"] if unused else []
     return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
+
+
+def _quantity(head: Head, guessed: Mapping[str, int]) -> str:
+    """What a signal shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
+    index = guessed.get("x", guessed.get("magnitude"))
+    unit = split_ending(head.names[index], False)[0] if index is not None else ""
+    kinds = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A"}
+    return next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
 
 
 def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:
