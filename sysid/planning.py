@@ -45,9 +45,9 @@ class Experiment:
         low, high = self.frequency
         if self.kind == "step":
             span = f"{seconds(self.record)} long, {seconds(REST * self.record)} at rest before"
-            return f"a step to {self.drive:.3g} {self.unit} at {low:.6g} Hz, {span}, {self.rows} rows{at}"
+            return f"a step to {self.drive:.3g} {self.unit} at {low:.8g} Hz, {span}, {self.rows} rows{at}"
         dwell = seconds(self.record / self.rows)
-        return f"a sweep from {low:.6g} to {high:.6g} Hz at {self.drive:.3g} {self.unit}, {self.rows} points, {dwell} at each{at}"
+        return f"a sweep from {low:.8g} to {high:.8g} Hz at {self.drive:.3g} {self.unit}, {self.rows} points, {dwell} at each{at}"
 
     def log(self, response: np.ndarray, like: Log) -> Log:
         """Its log, with units as those of another."""
