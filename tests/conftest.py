@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 import reference
 
+# The tests compile many programs and run each a few times. The fit's and the sampler's say themselves how they are compiled.
+os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 FOLDERS = ("plate", "quartz", "low_q")
 
