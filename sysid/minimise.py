@@ -20,8 +20,8 @@ from sysid.start import Search, joint, local
 NAMES = ("G", "tau", "f0", "k_T")
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
-RISE = 1e-6  # of the cost, after which a Gauss-Newton step is taken back
-LEAST_DAMPING = 0.01  # below, what rises is not the step's doing
+DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
+LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -70,29 +70,34 @@ def _linearise(theta, directions, layouts, groups):
 
 @dataclass
 class _Steps:
-    """Gauss-Newton steps; where one raises the cost, as where a derivative vanishes on resonance, all are shortened."""
+    """Gauss-Newton steps along `next` (None: a search instead), shortened where they lead away from the minimum, as they do where
+    a derivative vanishes on resonance: `left`, g^T (J^T J)^-1 g, which falls on the way to it, would rise."""
 
-    next: np.ndarray | None = None  # None: a search instead
-    cost: float = np.inf  # after the last one that was kept
+    next: np.ndarray | None = None
+    left: float = np.inf  # where the next one begins
     damping: float = 1.0
-    compares: bool = False  # `cost` was of the noise that the next one will be of
+    measured: bool = False  # `left` is that of the noise with which the next one will be judged
 
-    def too_long(self, cost: float) -> bool:
-        """Whether the step that led to `cost` is to be taken back. The next one goes nowhere, to measure the cost there once more
-        with the noise as it is now, or is shorter."""
-        moving = self.next is not None and bool(np.any(self.next))
-        if not moving or cost <= self.cost + RISE + 1e-13 * abs(cost) or self.damping <= LEAST_DAMPING:
+    def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
+        """Whether to begin once more where the last step began: it was too long, or the noise had changed before it, and `left`
+        is measured anew by a step of no length."""
+        if self.next is None:
             return False
-        shrink = 0.25 if self.compares else 0.0
+        if not np.any(self.next):
+            self._begin(left, newton, measured=True)
+            return True
+        if left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
+            return False
+        shrink = 0.25 if self.measured else 0.0
         self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
         return True
 
-    def kept(self, cost: float, newton: np.ndarray | None) -> float:
-        """The change of the cost; `newton` is what would come next, None for a search."""
-        change, self.cost = abs(self.cost - cost), cost
-        self.compares = self.next is not None and not np.any(self.next)
-        self.next = None if newton is None else self.damping * newton
-        return change
+    def kept(self, left: float, newton: np.ndarray | None) -> None:
+        """Go on from here; `newton` is the whole step, None where it is too long to be trusted."""
+        self._begin(left, newton, measured=False)
+
+    def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
+        self.next, self.left, self.measured = None if newton is None else self.damping * newton, left, measured
 
 
 @dataclass(frozen=True)
@@ -143,7 +148,7 @@ class Minimiser:
 
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
-        steps, converged, begin = _Steps(), False, theta
+        steps, last, converged, begin = _Steps(), np.inf, False, theta
         if all(np.all(t.log.response == t.log.response[0]) for t in trials):
             return self._unbounded(trials, begin, low_q)
         for k in range(rounds):
@@ -157,15 +162,16 @@ class Minimiser:
             grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
-            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
-            trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            if steps.too_long(cost):
+            whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
+            if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            short = left <= NEAR and np.max(np.abs(newton)) < SHORT
-            change = steps.kept(cost, directions @ newton if short else None)
+            steps.kept(left, whole)
+            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+            trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
+            change, last = abs(last - cost), cost
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if converged and max(change, 0.0 if steps.next is None else left) < 1e-7 + 1e-13 * abs(cost):
+            if converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=True)])
