@@ -22,6 +22,7 @@ NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard d
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
+STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -76,6 +77,7 @@ class _Steps:
     next: np.ndarray | None = None
     left: float = np.inf  # where the next one begins
     damping: float = 1.0
+    still: bool = False  # the noise hardly changed before it
     measured: bool = False  # `left` is that of the noise with which the next one will be judged
 
     def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
@@ -86,14 +88,15 @@ class _Steps:
         if not np.any(self.next):
             self._begin(left, newton, measured=True)
             return True
-        if left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
+        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
             return False
         shrink = 0.25 if self.measured else 0.0
         self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
         return True
 
-    def kept(self, left: float, newton: np.ndarray | None) -> None:
-        """Go on from here; `newton` is the whole step, None where it is too long to be trusted."""
+    def kept(self, left: float, newton: np.ndarray | None, moved: float) -> None:
+        """Go on from here, where the noise has `moved`; `newton` is the whole step, None where it is too long to be trusted."""
+        self.still = moved < STILL
         self._begin(left, newton, measured=False)
 
     def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
@@ -151,7 +154,8 @@ class Minimiser:
         steps, last, converged, begin = _Steps(), np.inf, False, theta
         if all(np.all(t.log.response == t.log.response[0]) for t in trials):
             return self._unbounded(trials, begin, low_q)
-        for k in range(rounds):
+        k = 0
+        for _ in range(2 * rounds):
             groups, members = group(trials, self.reference, low_q=low_q)
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
@@ -166,12 +170,12 @@ class Minimiser:
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            steps.kept(left, whole)
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
-            change, last = abs(last - cost), cost
+            steps.kept(left, whole, moved)
+            change, last, k = abs(last - cost), cost, k + 1
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost):
+            if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=True)])
