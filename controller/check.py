@@ -33,6 +33,10 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     W, V = np.abs(log.response), np.abs(log.drive)
     target = float(np.median(W[end:]))
     noise = float(np.std(W[end:]))
+    if target == 0:
+        raise LogError(
+            f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude that was asked for"
+        )
     found = [_settling(controller, log, W, target, noise, begin), _overshoot(controller, W[begin:], target, noise)]
     found += [_voltage(controller, V, target, float(np.median(V[end:])))]
     if controller["plant"]["f0"] is not None and controller["tracker"]:

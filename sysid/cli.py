@@ -143,6 +143,8 @@ def _check(arguments: argparse.Namespace) -> int:
     path = Path(arguments.folder) / outputs.CONTROLLER
     try:
         predicted = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(predicted, dict) or predicted.get("schema") != outputs.SCHEMA or "promise" not in predicted:
+            return _refuse(f"{path}: found no controller of schema {outputs.SCHEMA}; identify writes it")
         found = check(predicted, read_logs([arguments.check], arguments.columns)[0])
     except LogError as error:
         return _refuse(str(error), error.mapping)

@@ -85,7 +85,7 @@ class _Steps:
         is measured anew by a step of no length."""
         if self.next is None:
             return False
-        if not np.any(self.next):
+        if not (np.any(self.next) or self.measured):
             self._begin(left, newton, measured=True)
             return True
         if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:

@@ -1,4 +1,4 @@
-"""One log at the fit, as the tests of misfits see it: rows less all that the bench may have added."""
+"""One log at the fit, linear about it, as misfits, comparisons and plans look at it: rows, and what the bench may have added."""
 
 from typing import NamedTuple
 

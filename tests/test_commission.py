@@ -109,6 +109,7 @@ def test_a_loop_that_is_not_as_designed_is_told_by_what():
         ({"drive": None}, "no voltage_* column"),
         ({"drive": np.full(501, 100.0)}, "expected it to begin at rest"),
         ({"response_unit": "nm"}, "expected um as in controller.json"),
+        ({"frequency": None, "time": None, "kind": "steady", "sampling": None}, "no time_* column"),
     ],
 )
 def test_a_record_that_cannot_be_judged_is_refused(changes, said):
@@ -129,6 +130,16 @@ def test_the_command_judges_a_record(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["kept"] is True
     assert main(["--check", str(record), "-o", str(tmp_path / "nowhere")]) == 2
     assert "controller.json: cannot be read" in capsys.readouterr().err
+    for broken in ("[1]", "{}", '{"schema": 9}'):
+        (folder / "controller.json").write_text(broken)
+        assert main(["--check", str(record), "-o", str(folder)]) == 2
+        assert "found no controller of schema 1" in capsys.readouterr().err
+
+
+def test_a_sensor_that_shows_nothing_is_refused():
+    log = run()
+    with pytest.raises(LogError, match="found no response at its end"):
+        check(NOTE, dataclasses.replace(log, response=0 * log.response))
 
 
 def test_logs_or_a_check_but_not_both_nor_none(capsys):
