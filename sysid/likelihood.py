@@ -19,7 +19,7 @@ log p = -sum_logs (degrees of freedom / 2) log S.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.export
@@ -295,14 +295,14 @@ def rows(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ..
     )
 
 
-def log_density(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> Array:
-    """Log posterior density of theta up to a constant: flat in log G, log tau, f0 and k_T, noise levels integrated out.
+def density(squares: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp) -> Leaf:
+    """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened residual rows: flat in
+    log G, log tau, f0 and k_T, noise levels integrated out. `xp`: numpy or jax.numpy.
 
     No level is below that of rounding, so that the density of logs without noise is finite and of its width.
     """
-    total = jnp.zeros(())
-    for left, x in zip(rows(theta, layouts, groups), groups, strict=True):
-        power = jnp.sum(jnp.abs(left) ** 2, axis=-1) + x.freedom * x.rounding
+    total = 0.0
+    for square, x in zip(squares, groups, strict=True):
         blank = x.freedom == 0  # padding of its group
-        total = total - 0.5 * jnp.sum(x.freedom * jnp.log(jnp.where(blank, 1.0, power)))
+        total = total - 0.5 * xp.sum(x.freedom * xp.log(xp.where(blank, 1.0, square + x.freedom * x.rounding)), axis=-1)
     return total

@@ -40,6 +40,7 @@ ORDER = [
     "comparison",
     "planning",
     "diagnostics",
+    "surrogate",
     "posterior",
     "outputs",
     "report",

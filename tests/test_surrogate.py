@@ -1,0 +1,57 @@
+"""The polynomial density against the exact one: where it is used, and what happens where it does not hold."""
+
+import numpy as np
+import pytest
+
+import sysid
+from sysid import surrogate
+from sysid.experiment import group
+from sysid.precision import float64
+
+
+def densities(fit, smooth):
+    best = fit.modes[0]
+    triangle = np.linalg.cholesky(best.covariance[: len(fit.names), : len(fit.names)])
+    groups, _ = group(best.trials, fit.reference, low_q=best.low_q)
+    return surrogate.Density(lambda z: best.theta + np.pad(z @ triangle.T, ((0, 0), (0, 4 - len(fit.names)))), groups, smooth)
+
+
+@pytest.fixture(scope="module")
+def fit(bench):
+    return sysid.fit([bench.sweep()])
+
+
+@float64
+def both(fit, z):
+    fast = densities(fit, smooth=True)
+    return fast, fast(z), densities(fit, smooth=False)(z)
+
+
+def draws(n, p=3):
+    rng = np.random.default_rng(4)
+    return rng.standard_normal((n, p)) / np.sqrt(rng.chisquare(12, (n, 1)) / 12)
+
+
+def test_it_is_the_exact_density_near_and_far(fit):
+    z = draws(600)
+    z[:40] *= 3
+    fast, value, exact = both(fit, z)
+    far = np.linalg.norm(z, axis=1) > surrogate.FAR
+    assert fast.smooth and far.sum() > 10
+    # what checks it is furthest out, so that draws further in deviate less: twice, for those between the directions checked
+    assert np.max(np.abs(value - exact)[~far]) <= 2 * fast.error < surrogate.FAITHFUL
+    # evaluated by two programs: rounding of a sum of 600 squares
+    np.testing.assert_allclose(value[far], exact[far], rtol=1e-9)
+
+
+def test_where_a_cubic_does_not_do_every_point_is_evaluated(fit, monkeypatch):
+    monkeypatch.setattr(surrogate, "FAITHFUL", 1e-12)
+    fast, value, exact = both(fit, draws(100))
+    assert not fast.smooth
+    np.testing.assert_array_equal(value, exact)
+
+
+def test_few_draws_cannot_check_it(fit):
+    fast, value, exact = both(fit, draws(surrogate.CHECKS - 1))
+    assert not fast.smooth
+    np.testing.assert_array_equal(value, exact)
