@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sysid.log import Log
-from sysid.plant import Hold, hold_inputs, settled_points
+from sysid.plant import Hold, contact, hold_inputs, settled_points
 
 LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed
@@ -41,6 +41,7 @@ def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
     return _means(log, edges), hold, count
 
 
+LEAST_FORCE = 0.01  # N; less is a force sensor's own
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
 
@@ -62,11 +63,21 @@ def _inputs(log: Log, kind: str) -> Hold:
     if drive is None:  # unknown: settled points have a gain of their own, a transient is taken as undriven
         drive = np.full(len(log), 1.0 if kind == "steady" else 0.0)
     if kind == "steady":
-        return settled_points(drive, log.frequency, log.temperature)
+        return settled_points(drive, log.frequency, log.temperature, _contact(log))
     given = {"settled": log.sampling == "settled", "delay": log.bench.get("delay_s", 0.0), "theta": log.theta}
-    hold = hold_inputs(log.time, drive, log.frequency, log.temperature, at_rest=from_rest(log), **given)
+    hold = hold_inputs(log.time, drive, log.frequency, log.temperature, _contact(log), at_rest=from_rest(log), **given)
     width = log.bench.get("lockin_boxcar_s", 0.0)
     return hold._replace(spread=np.where(hold.elapsed > 0, width**2 / 12, 0.0))
+
+
+def _contact(log: Log) -> np.ndarray | None:
+    """Of the recorded force, from row to row at its middle; None where there is none but the sensor's own."""
+    if log.force is None or np.max(np.abs(log.force)) < LEAST_FORCE:
+        return None
+    force = np.where(log.force < LEAST_FORCE, 0.0, log.force)
+    if log.kind != "steady" and log.sampling != "settled":
+        force = 0.5 * (force + np.append(force[1:], force[-1]))
+    return contact(force, xp=np)
 
 
 def _edges(hold: Hold) -> np.ndarray:

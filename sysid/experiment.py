@@ -15,6 +15,7 @@ from sysid.plant import Hold
 
 NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
+LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 
 
@@ -71,6 +72,11 @@ class Trial:
     def resonant(self) -> bool:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
+
+    @property
+    def touched(self) -> bool:
+        """A finger's force is recorded."""
+        return bool(np.any(self.inputs.contact))
 
     @property
     def signed(self) -> bool:
@@ -312,7 +318,7 @@ def _experiment(
     carrier = moving and trial.log.theta is not None
     late = not (search or trial.steady or carrier)
     both, order = moving and low_q and not carrier, 0 if search else trial.smoothing[1]
-    layout = Layout(amplitude, own_gain, both, carrier, late, order, trial.steady, rows, intervals)
+    layout = Layout(amplitude, own_gain, both, carrier, late, trial.touched, order, trial.steady, rows, intervals)
     if search:
         trial = replace(trial, noise_time=0.0)
     now, before = (v[keep] for v in trial.whitening())
@@ -348,6 +354,7 @@ def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: i
         omega=_pad(hold.omega[held], intervals, np.nan),
         offset=_pad(np.nan_to_num(hold.offset[held]), intervals),
         warming=_pad(hold.warming[held], intervals),
+        contact=_pad(hold.contact[held], intervals),
         interval=_pad(hold.interval[keep], rows),
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),

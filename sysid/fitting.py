@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid import identify
-from sysid.experiment import LEAST_WARMING, NUISANCES, Trial
+from sysid.experiment import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 from sysid.guess import candidates
 from sysid.log import Log
-from sysid.minimise import NAMES, Minimiser, State
+from sysid.minimise import FINGER, NAMES, PLANT, Minimiser, State
 from sysid.misfit import Found, misfits
 from sysid.plant import Plant
 from sysid.precision import float64
@@ -104,23 +104,26 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     drifts = "k_T" in free and np.sqrt(best.covariance[3, 3]) <= identify.limits(G, tau)["k_T"]
     warm = any(t.log.temperature is not None for t in best.trials)
     at = reference_temperature if drifts else (reference[1] if warm else None)
-    carry = np.diag([G, tau, 1.0, 1.0])
+    carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0])
     carry[2, 3] = at - reference[1] if drifts else 0.0
     covariance = (carry @ best.covariance @ carry.T)[np.ix_(index, index)]
-    values = {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3], "k_T": best.theta[3]}
-    known = {n: float(values[n]) if n in free else None for n in NAMES}
+    values = dict(zip(NAMES, best.theta, strict=True))
+    values |= {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3]}
+    known = {n: float(values[n]) if n in free else None for n in PLANT}
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found = misfits(best, reference, free, at)
-    described, doubts = _described(best, found)
+    described, doubts = _described(best, found, FINGER[0] in free)
     if "G" in free and (hanging := identify.hangs_on_lateness(best.trials, np.sqrt(best.covariance[0, 0]), tau)):
         doubts = [*doubts, hanging]
-    warnings = warnings + doubts + described
+    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]
+    warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
         plant, {}, free, covariance, result, at, _fitted(best), tuple(warnings), units, tuple(states), reference
     )  # fmt: skip
-    parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in NAMES}
+    named = [n for n in NAMES if n in PLANT or n in free]
+    parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in named}
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
     if described and result in (Result.successful, Result.not_converged):
@@ -176,21 +179,22 @@ def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
 
 def _units(log: Log) -> dict[str, str]:
     gain = log.response_unit if log.drive is None else f"{log.response_unit}/{log.drive_unit}"
-    return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
+    return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "finger_damping": "1", "finger_detuning": "Hz"}
 
 
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
 
 
-def _described(state: State, found: Sequence[Found]) -> tuple[list[str], list[str]]:
-    """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning."""
+def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[str], list[str]]:
+    """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
+    finger does is fitted."""
     best = [f for f in found if f.worth >= found[0].worth - NEARLY]  # what is worth less may be a shadow of what is worth more
     harmful = any(f.harmful for f in best)
     named = {f.log for f in best} if harmful else set()
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         model = model.real if trial.log.amplitude_only else model
-        what = identify.touched(trial) or identify.clipped(trial)
+        what = (None if fingered else identify.touched(trial)) or identify.clipped(trial)
         if not what and not named & {i, None}:
             what = identify.misfit(trial, model, trial.log.response - model, float(np.exp(state.theta[1])))
         said += [f"{trial.log.name}: {what}"] if what else []
@@ -253,11 +257,15 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
     """The parameters that these logs could determine."""
     warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
     span = max((w.max() for w in warm), default=0.0) - min((w.min() for w in warm), default=0.0)
+    contact = [t.inputs.contact for t in trials]
+    touched = max(c.max() for c in contact) - min(c.min() for c in contact) > LEAST_TOUCH
     possible = {
         "G": any(t.driven for t in trials),
         "tau": True,
         "f0": any(t.resonant for t in trials),
         "k_T": span > LEAST_WARMING,
+        "finger_damping": touched,
+        "finger_detuning": touched and any(t.resonant and t.touched for t in trials),
     }
     return tuple(name for name in NAMES if possible[name])
 

@@ -20,14 +20,14 @@ RELATIVE = 0.2
 WARMING = 10.0
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
-LEAST_FORCE = 0.01  # N; less is a force sensor's own
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 
 
 def limits(G: float, tau: float) -> dict[str, float]:
     """Largest standard deviation at which each parameter counts as determined."""
     half_bandwidth = 1 / (2 * np.pi * tau)
-    return {"G": RELATIVE * G, "tau": RELATIVE * tau, "f0": 0.5 * half_bandwidth, "k_T": half_bandwidth / WARMING}
+    touch = {"finger_damping": RELATIVE, "finger_detuning": 0.5 * half_bandwidth}
+    return {"G": RELATIVE * G, "tau": RELATIVE * tau, "f0": 0.5 * half_bandwidth, "k_T": half_bandwidth / WARMING, **touch}
 
 
 def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
@@ -39,7 +39,8 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
             "cannot tell, because the temperature drifted along with the frequency, which k_T and the width of the resonance"
             " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
         )
-    return {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}[name](trials, tau, free)
+    causes = {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}
+    return causes.get(name, _why_finger)(trials, tau, free)
 
 
 def _one_frequency(trials: Sequence[Trial]) -> bool:
@@ -186,6 +187,15 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     )
 
 
+def _why_finger(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    if all(t.log.amplitude_only for t in trials if t.touched):
+        return (
+            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or moves its resonance;"
+            " record wd and wq under the finger"
+        )
+    return "cannot tell, because noise hides what the finger does; press for longer, or to 1.5 N"
+
+
 def seconds(t: float) -> str:
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if t >= size:
@@ -263,24 +273,43 @@ CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smalle
 def clipped(trial: Trial) -> str | None:
     """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
     y = trial.log.response
-    for channel in (y.real,) if trial.log.amplitude_only else (y.real, y.imag, np.abs(y)):
+    channels = _channels(trial)
+    if np.all(trial.count > 1) or coarse(trial):
+        return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
+    for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
         values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
-        for end in (0, -1):
-            beyond = values[end] != 0 and count[end] > max(CLIPPED * len(channel), 4)
-            if beyond and len(values) > 20 and count[end] > 5 * np.median(count) and not np.all(trial.count > 1):
-                at = values[end] * trial.scale
-                return f"saturated: {count[end]} rows lie exactly at {at:.4g}; record it again within the range"
+        beyond = values[-1] != 0 and count[-1] > max(CLIPPED * len(channel), 4)
+        if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
+            return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
+    return None
+
+
+def _channels(trial: Trial) -> list[np.ndarray]:
+    y = trial.log.response
+    return [y.real] if trial.log.amplitude_only else [y.real, y.imag]
+
+
+def coarse(trial: Trial) -> str | None:
+    """A sentence when a channel's values are steps of a recorder that are larger than its noise; else None."""
+    for channel in _channels(trial):
+        steps = np.diff(np.unique(np.round(channel / trial.scale, 9)))
+        least = float(np.min(steps, initial=np.inf))
+        on_grid = len(steps) > 1 and np.all(np.abs(steps / least - np.rint(steps / least)) < 1e-3)
+        if on_grid and trial.noise_std < 0.5 * least * trial.scale:
+            return (
+                f"recorded in steps of {least * trial.scale:.2g} {trial.log.response_unit}, larger than its noise, so that errors"
+                " are approximate; record it again at a finer range"
+            )
     return None
 
 
 def touched(trial: Trial) -> str | None:
-    """A sentence when a force on the plate is recorded: what it does to the plate is not modelled; else None."""
-    force = trial.log.force
-    if force is None or np.max(np.abs(force)) < LEAST_FORCE:
+    """A sentence when a force is recorded that is the same throughout all logs, so that what it does is not known; else None."""
+    if not trial.touched:
         return None
     return (
-        f"a force of up to {np.max(np.abs(force)):.2g} N is recorded: a finger lowers G and tau by one factor, which is not"
-        " modelled; leave this log out, or record it with nothing on the plate"
+        f"a force of {np.max(np.abs(trial.log.force)):.2g} N is recorded, and none without it: a finger lowers G and tau by one"
+        " factor, which is not known from these logs; add a log with nothing on the plate, or leave this one out"
     )
 
 

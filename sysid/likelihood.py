@@ -39,6 +39,7 @@ class Layout(NamedTuple):
     both_modes: bool  # low Q
     carrier: bool  # its phase is known where the inputs change
     late: bool  # a transient, by an unknown time
+    touched: bool  # a finger's force is recorded
     order: int  # poles of the lock-in's filter
     steady: bool  # settled points
     rows: int
@@ -92,16 +93,18 @@ for _type in (Hold, Experiment, Residual):  # so that a traced program can be ke
     jax.export.register_namedtuple_serialization(_type, serialized_name=f"sysid.{_type.__name__}")
 
 
-def parameters(theta: Array) -> tuple[Array, Array, Array, Array]:
-    """(G, tau, f0 - reference in rad/s, k_T in rad/s/degC) of theta = (log G, log tau, f0 - reference in Hz,
-    k_T in Hz/degC)."""
-    return jnp.exp(theta[0]), jnp.exp(theta[1]), 2 * jnp.pi * theta[2], 2 * jnp.pi * theta[3]
-
-
 def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
-    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex arrays."""
-    _, tau, shift, drift = parameters(theta)
-    detuning = hold.offset + shift + drift * hold.warming
+    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex arrays.
+
+    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and of a full contact the damping that it adds in units of the
+    plate's own and its shift of f0 in Hz). A finger divides tau and G, and with it the drive, by one factor.
+    """
+    tau = jnp.exp(theta[1])
+    detuning = hold.offset + 2 * jnp.pi * (theta[2] + theta[3] * hold.warming)
+    if layout.touched:
+        damped = 1.0 + theta[4] * hold.contact
+        detuning = detuning + 2 * jnp.pi * theta[5] * hold.contact
+        tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)
         return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))

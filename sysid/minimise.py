@@ -17,7 +17,9 @@ from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
 from sysid.start import Search, joint, local
 
-NAMES = ("G", "tau", "f0", "k_T")
+PLANT = ("G", "tau", "f0", "k_T")
+FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of the plate's own damping; shift of f0 in Hz
+NAMES = (*PLANT, *FINGER)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
@@ -32,7 +34,7 @@ DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the rippl
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta = (log G, log tau, f0 - reference, k_T), its covariance, the logs' noise and nuisances."""
+    """A converged minimum: theta as `sysid.likelihood.basis` has it, its covariance, the logs' noise and nuisances."""
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -116,9 +118,10 @@ class Minimiser:
         points, score, cost = self._starts(search, start)
         level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
         trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
-        starts = np.column_stack([_log_gains(search, points), points])
+        untouched = np.zeros((len(points), len(FINGER)))
+        starts = np.column_stack([_log_gains(search, points), points, untouched])
         found = [self.refine(trials, starts[0], rounds=1)]
-        reached = search.score(found[0].theta[None, 1:], cost)[0]
+        reached = search.score(found[0].theta[None, 1:4], cost)[0]
         # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
         found += [
             self.refine(trials, theta, rounds=1)
@@ -228,7 +231,7 @@ class Minimiser:
         """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level; by
         its temperature coefficient, about the temperature of the other logs."""
         resonant = [t for t in state.trials if t.resonant]
-        level, drift = state.theta[2:] * [1, "k_T" in self.free]
+        level, drift = state.theta[2:4] * [1, "k_T" in self.free]
         warming = {id(t): float(np.mean(t.hold(self.reference).warming)) for t in resonant}
         mirrored = set()
         for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
@@ -239,12 +242,14 @@ class Minimiser:
                 pivot = float(np.mean(others))
                 slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
                 mirrored.add((level + (drift - slope) * pivot, slope))
-        return [np.array([*state.theta[:2], *image]) for image in sorted(mirrored)]
+        return [np.array([*state.theta[:2], *image, *state.theta[4:]]) for image in sorted(mirrored)]
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
-        """(4, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC."""
+        """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the
+        plate's own damping, a half bandwidth."""
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
-        return np.diag([1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth])[:, [NAMES.index(n) for n in self.free]]
+        size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
+        return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
 
     @property
     def _frequency(self) -> float:

@@ -21,7 +21,7 @@ BLOCK = 30.0  # e-folds of decay that are summed at once: more would underflow
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The course of one log at theta = (log G, log tau, f0 - reference, k_T), per unit rotation; arrays over its rows (n,)."""
+    """The course of one log at theta, as `sysid.likelihood.basis` has it, per unit rotation; arrays over its rows (n,)."""
 
     trial: Trial
     hold: Hold = field(repr=False)
@@ -37,10 +37,20 @@ class Course:
         return float(np.exp(self.theta[1]))
 
     @cached_property
+    def damped(self) -> np.ndarray:
+        """(M,) by what a finger multiplies the damping."""
+        return 1 + self.theta[4] * self.hold.contact
+
+    @cached_property
+    def detuning(self) -> np.ndarray:
+        """(M,) omega0 - omega of each interval, rad/s."""
+        hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
+        return hold.offset + 2 * np.pi * (shift + drift * hold.warming + touch * hold.contact)
+
+    @cached_property
     def poles(self) -> np.ndarray:
         """(M,) slow pole of each interval; at resonance where no frequency is recorded."""
-        detuning = self.hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * self.hold.warming)
-        return -1 / self.tau + 1j * np.where(np.isfinite(self.hold.omega), detuning, 0.0)
+        return -self.damped / self.tau + 1j * np.where(np.isfinite(self.hold.omega), self.detuning, 0.0)
 
     @property
     def pole(self) -> np.ndarray:
@@ -62,8 +72,8 @@ class Course:
         """`forced` as the fit has it: the exact settled response, the settled ripple of the fast mode in a transient."""
         hold, omega = self.hold, self.hold.omega
         if self.trial.steady:
-            detuning = hold.offset + 2 * np.pi * (self.theta[2] + self.theta[3] * hold.warming)
-            return (self.gain * hold.drive * steady(self.tau, detuning, omega, np))[hold.interval]
+            settled = steady(self.tau / self.damped, self.detuning, omega, np) / self.damped
+            return (self.gain * hold.drive * settled)[hold.interval]
         known = np.isfinite(omega)
         fast = -1 / self.tau - 1j * (2 * np.where(known, omega, 0.0) + self.poles.imag)
         ripple = np.where(known, self.gain / self.tau * hold.drive / fast, 0.0)
@@ -149,15 +159,19 @@ class Course:
         return np.stack([(along * s * turn).real for s in shapes for turn in (1, 1j)], axis=1)
 
     def derivatives(self, response: np.ndarray) -> np.ndarray:
-        """(n, 4) of the plant's part of the `response` by log G, log tau, f0 (Hz) and k_T (Hz/degC); `response` is turned by
-        the same angle as `push` is here, zero."""
-        warming = self.hold.warming[self.hold.interval]
-        turning = 2j * np.pi * response
-        slower = self.response_to(response / self.tau) - self._pushed(self.push)
+        """(n, 6) of the plant's part of the `response` by the numbers of theta; `response` is turned by the same angle as
+        `push` is here, zero."""
+        interval = self.hold.interval
+        warming, contact = self.hold.warming[interval], self.hold.contact[interval]
+        turning = 2j * np.pi * response * self.trial.resonant
+        slower = self.response_to(response * self.damped[interval] / self.tau) - self._pushed(self.push)
         own = np.zeros_like(self.forced) if self.trial.log.drive is None else self.forced
-        if not self.trial.resonant:
-            return np.stack([own, slower, 0 * slower, 0 * slower], axis=1)
-        return np.stack([own, slower, self.response_to(turning), self.response_to(turning * warming)], axis=1)
+        return np.stack([own, slower, *(self._changed(epsilon) for epsilon in (
+            turning, turning * warming, -response * contact / self.tau, turning * contact
+        ))], axis=1)  # fmt: skip
+
+    def _changed(self, epsilon: np.ndarray) -> np.ndarray:
+        return self.response_to(epsilon) if np.any(epsilon) else np.zeros_like(self.forced)
 
     def _pushed(self, push: np.ndarray) -> np.ndarray:
         return self.response_to(push, push)

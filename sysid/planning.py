@@ -14,7 +14,7 @@ from sysid.experiment import Trial, with_noise
 from sysid.fitting import Fit
 from sysid.identify import limits, seconds
 from sysid.log import Log
-from sysid.minimise import NAMES
+from sysid.minimise import NAMES, PLANT
 from sysid.perturbed import Course
 from sysid.view import View
 
@@ -112,15 +112,15 @@ def advise(
     of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is not known.
     Raises ValueError for a parameter that there is not.
     """
-    if parameter not in (*NAMES, "worst"):
-        raise ValueError(f"found {parameter!r}, expected one of {', '.join(NAMES)}, worst")
+    if parameter not in (*PLANT, "worst"):
+        raise ValueError(f"found {parameter!r}, expected one of {', '.join(PLANT)}, worst")
     bench = _Bench.of(fit)
     if bench is None:
         return ()
     error = bench.errors(bench.information)
-    known = len(NAMES) if bench.warm else NAMES.index("k_T")  # without a thermometer no experiment tells k_T
-    chosen = NAMES[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
-    index = NAMES.index(chosen)
+    known = len(PLANT) if bench.warm else PLANT.index("k_T")  # without a thermometer no experiment tells k_T
+    chosen = PLANT[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
+    index = PLANT.index(chosen)
     best: dict[tuple, Advice] = {}
     for e in bench.experiments(drive, temperatures):
         after = float(bench.errors(bench.information + bench.told_by(e))[index])
@@ -138,11 +138,11 @@ def _merit(advice: Advice) -> tuple[bool, float]:
 
 @dataclass(frozen=True)
 class _Bench:
-    """What the fit knows of plant and bench. Errors are standard deviations of G, tau, f0 and k_T in their units."""
+    """What the fit knows of plant and bench. Errors are standard deviations of the parameters in their units."""
 
     fit: Fit
     trials: tuple[Trial, ...]  # with a drive and a frequency
-    information: np.ndarray  # (4, 4) of theta, from all logs
+    information: np.ndarray  # (6, 6) of theta, from all logs
     limits: np.ndarray
     units: np.ndarray  # of the parameters per unit of theta
 
@@ -157,17 +157,16 @@ class _Bench:
         jacobians = [np.sqrt(v.trial.efficiency) * v.jacobian for v in views]
         G, tau = (float(x) for x in np.exp(state.theta[:2]))
         known = limits(G, tau)
-        return cls(
-            fit, trials, sum(j.T @ j for j in jacobians), np.array([known[n] for n in NAMES]), np.array([G, tau, 1.0, 1.0])
-        )
+        units = np.array([G, tau, 1.0, 1.0, 1.0, 1.0])
+        return cls(fit, trials, sum(j.T @ j for j in jacobians), np.array([known[n] for n in NAMES]), units)
 
     def errors(self, information: np.ndarray) -> np.ndarray:
-        """(4,) with the little that is known of a parameter of which the logs say nothing."""
+        """(6,) with the little that is known of a parameter of which the logs say nothing."""
         least = np.diag((self.units / (UNKNOWN * self.limits)) ** 2)
         return self.units * np.sqrt(np.diag(np.linalg.inv(information + least)))
 
     def told_by(self, experiment: Experiment) -> np.ndarray:
-        """(4, 4) information of theta that a log of it would hold."""
+        """(6, 6) information of theta that a log of it would hold."""
         state, reference = self.fit.modes[0], self.fit.reference
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"

@@ -70,8 +70,9 @@ class Hold(NamedTuple):
     """Inputs held from one change to the next, and where each row falls among them.
 
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
-    rad/s, `warming` = temperature - reference degC. (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2,
-    the variance of the times that were averaged into the row (0: a single sample). Settled points are intervals of their own.
+    rad/s, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above.
+    (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were averaged into
+    the row (0: a single sample). Settled points are intervals of their own.
     `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `smoothing` s, the time
     constant of a pole of the lock-in's filter.
     """
@@ -81,11 +82,32 @@ class Hold(NamedTuple):
     omega: Leaf
     offset: Leaf
     warming: Leaf
+    contact: Leaf
     interval: Leaf
     elapsed: Leaf
     spread: Leaf
     turn: Leaf
     smoothing: Leaf = 0.0
+
+
+FULL_TOUCH = 1.5  # N, at which `contact` is one
+
+
+def contact(force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = jnp) -> Any:
+    """How much a finger damps at `force` (N), over what it does at FULL_TOUCH; arrays of the module `xp`.
+
+    saturating: (1 - exp(-(F/scale)^n)) / (1 - exp(-(1.5 N/scale)^n));  power: (F/1.5 N)^n, as contact areas grow.
+    The power has an infinite slope at F = 0: its derivative is taken of ((F + e)^n - e^n), e = 1e-9 N.
+    """
+    tiny = 1e-9
+
+    def power(x):
+        return (x + tiny) ** exponent - tiny**exponent
+
+    force = xp.maximum(force, 0.0)
+    if law == "power":
+        return power(force) / power(FULL_TOUCH)
+    return xp.expm1(-power(force / scale)) / xp.expm1(-power(FULL_TOUCH / scale))
 
 
 class Response(NamedTuple):
@@ -298,6 +320,7 @@ def hold_inputs(
     drive,
     frequency=None,
     temperature=None,
+    contact=None,
     *,
     settled=False,
     reference=(0.0, 0.0),
@@ -311,11 +334,11 @@ def hold_inputs(
     `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time.
     `theta` (rad): the carrier's phase at each row's time.
     """
-    inputs = _inputs(len(time), drive, frequency, temperature)
+    inputs = _inputs(len(time), drive, frequency, temperature, contact)
     if settled:  # the inputs of row k have held since row k-1
         inputs = np.concatenate([inputs[:, 1:], inputs[:, -1:]], axis=1)
     if at_rest:
-        before = np.array([[0.0], [1.0], [1.0]]) * inputs[:, :1]
+        before = np.array([[0.0], [1.0], [1.0], [1.0]]) * inputs[:, :1]
         inputs, time = np.concatenate([before, inputs], axis=1), np.append(time[:1], time)
     same = (inputs[:, 1:] == inputs[:, :-1]) | (np.isnan(inputs[:, 1:]) & np.isnan(inputs[:, :-1]))
     first = np.flatnonzero(np.append(True, ~same.all(axis=0)))  # rows at which an interval begins
@@ -333,25 +356,26 @@ def hold_inputs(
     )
 
 
-def settled_points(drive, frequency=None, temperature=None, *, reference=(0.0, 0.0)) -> Hold:
+def settled_points(drive, frequency=None, temperature=None, contact=None, *, reference=(0.0, 0.0)) -> Hold:
     """Settled points (n,) as a `Hold`: each is an interval of its own; without a frequency: at resonance."""
     n = len(drive)
     zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
-    inputs = _offsets(_inputs(n, drive, frequency, temperature), reference)
+    inputs = _offsets(_inputs(n, drive, frequency, temperature, contact), reference)
     return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, **inputs)
 
 
-def _inputs(n: int, drive, frequency, temperature) -> np.ndarray:
-    """(3, n) drive, frequency, temperature; NaN where there is none."""
-    columns = (np.nan if column is None else column for column in (drive, frequency, temperature))
+def _inputs(n: int, drive, frequency, temperature, contact) -> np.ndarray:
+    """(4, n) drive, frequency, temperature, contact; NaN where there is none."""
+    columns = (np.nan if column is None else column for column in (drive, frequency, temperature, contact))
     return np.stack([np.broadcast_to(np.asarray(column, float), n) for column in columns])
 
 
 def _offsets(inputs: np.ndarray, reference: tuple[float, float]) -> dict[str, np.ndarray]:
-    drive, frequency, temperature = inputs
+    drive, frequency, temperature, contact = inputs
     return {
         "drive": drive,
         "omega": 2 * np.pi * frequency,
         "offset": 2 * np.pi * (reference[0] - frequency),
         "warming": np.nan_to_num(temperature - reference[1]),
+        "contact": np.nan_to_num(contact),
     }

@@ -10,7 +10,7 @@ from sysid.diagnostics import ess, rhat
 from sysid.experiment import group
 from sysid.fitting import Fit, parameter, usable
 from sysid.identify import limits
-from sysid.minimise import NAMES
+from sysid.minimise import FINGER, NAMES
 from sysid.precision import float64
 from sysid.result import Parameter, Result
 from sysid.surrogate import Density
@@ -40,7 +40,7 @@ class Posterior:
     def summary(self) -> dict[str, Parameter]:
         """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined."""
         found = {}
-        for name in NAMES:
+        for name in self.fit.parameters:
             if name in self.draws:
                 x = self.draws[name]
                 low, high = np.quantile(x, [0.025, 0.975])
@@ -183,5 +183,6 @@ def _parameters(fit: Fit, names, thetas: np.ndarray, shape) -> dict[str, np.ndar
         "tau": np.exp(thetas[:, 1]),
         "f0": fit.reference[0] + thetas[:, 2] + drift * thetas[:, 3],
         "k_T": thetas[:, 3],
+        **dict(zip(FINGER, thetas[:, 4:].T, strict=True)),
     }
     return {n: values[n].reshape(shape) for n in names}

@@ -36,8 +36,8 @@ class Search:
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference, k_T."""
         n = len(points)
-        thetas = np.zeros((-(-n // BATCH) * BATCH, 4))
-        thetas[:, 1:] = np.concatenate([points, np.repeat(points[-1:], len(thetas) - n, axis=0)])
+        thetas = np.zeros((-(-n // BATCH) * BATCH, 6))
+        thetas[:, 1:4] = np.concatenate([points, np.repeat(points[-1:], len(thetas) - n, axis=0)])
         found = np.empty((2, len(thetas), len(self.trials)))
         for i in range(0, len(thetas), BATCH):
             parts = jax.device_get(_sums_and_gains(thetas[i : i + BATCH], self.layouts, self.groups))

@@ -8,6 +8,7 @@ evaluated exactly, and where the polynomial is not FAITHFUL at draws of the prop
 
 from collections.abc import Callable, Sequence
 from itertools import combinations_with_replacement
+from math import comb
 
 import jax
 import jax.numpy as jnp
@@ -17,16 +18,15 @@ from sysid.likelihood import Groups, density, residual_rows
 from sysid.precision import compiled
 
 FAR = 5.0  # standard deviations: of 1200 draws of the proposal one in a hundred is further away
-DESIGN = 72  # points, twice as many as a cubic of four parameters has coefficients
-POINTS = 128  # of one call: the design, and the draws that are furthest out, which check the polynomial where they are not FAR
-CHECKS = 16
+DRAWS = 56  # those furthest out are evaluated exactly, and check the polynomial where they are not FAR
+CHECKS = 16  # of them at least
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 
 
 @compiled
 def _products(thetas, layouts, groups):
-    """Of each log, group by group, the products (logs, n, n) of its residual rows at the points `thetas` (n, 4)."""
+    """Of each log, group by group, the products (logs, n, n) of its residual rows at the points `thetas` (n, 6)."""
 
     def one(x, layout):
         batches = thetas.reshape(-1, BATCH, thetas.shape[1])
@@ -50,7 +50,7 @@ def _log_densities(thetas, layouts, groups):
 
 
 class Density:
-    """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 4) of them.
+    """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 6) of them.
 
     `smooth`: whether the polynomial is used; `error` its largest deviation at the draws that checked it.
     """
@@ -64,7 +64,7 @@ class Density:
         distance = np.linalg.norm(z, axis=1)
         known = np.zeros(0, int)
         if self.smooth and not self.forms:
-            known = np.argsort(-distance, kind="stable")[: POINTS - DESIGN]
+            known = np.argsort(-distance, kind="stable")[:DRAWS]
             exact = self._build(z[known], distance[known] <= FAR)
         if not self.smooth:
             return self._exact(z)
@@ -78,12 +78,13 @@ class Density:
     def _build(self, draws: np.ndarray, near: np.ndarray) -> np.ndarray:
         """The polynomial, if it is true where the `draws` are `near`; the exact density of all of them."""
         design = _design(draws.shape[1])
+        n = len(design)
         z = np.concatenate([design, draws])
-        z = np.concatenate([z, np.repeat(z[-1:], POINTS - len(z), axis=0)])
+        z = np.concatenate([z, np.repeat(z[-1:], -len(z) % BATCH, axis=0)])
         products = [np.asarray(x) for x in _products(self.theta(z), self.layouts, self.groups)]
         weights = np.linalg.pinv(_monomials(design))
-        self.forms = [weights @ x[:, :DESIGN, :DESIGN] @ weights.T for x in products]
-        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, DESIGN:].T for x in products])[: len(draws)]
+        self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
+        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n : n + len(draws)].T for x in products])
         self.error = float(np.max(np.abs(self._polynomial(draws) - exact)[near], initial=0.0))
         self.smooth = bool(np.sum(near) >= CHECKS and self.error <= FAITHFUL)
         return exact
@@ -107,11 +108,11 @@ def _finite(value: np.ndarray) -> np.ndarray:
 
 
 def _design(p: int) -> np.ndarray:
-    """(DESIGN, p) points in pairs on opposite sides, at all distances up to FAR."""
-    rng = np.random.default_rng(0)
-    towards = rng.standard_normal((DESIGN // 2, p))
+    """(n, p) points in pairs on opposite sides, at all distances up to FAR; twice as many as a cubic has coefficients."""
+    pairs = comb(p + 3, 3)
+    towards = np.random.default_rng(0).standard_normal((pairs, p))
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    z = FAR * np.sqrt((np.arange(DESIGN // 2) + 0.5) / (DESIGN // 2))[:, None] * towards
+    z = FAR * np.sqrt((np.arange(pairs) + 0.5) / pairs)[:, None] * towards
     return np.concatenate([z, -z])
 
 

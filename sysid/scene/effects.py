@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Leaf, Plant, carried
+from sysid.plant import Leaf, Plant, carried, contact
 
 T = TypeVar("T")
 
@@ -113,22 +113,6 @@ class PhaseReset:
 # --- plate ---------------------------------------------------------------------------------------------------------------
 
 
-def contact(force: Leaf, law: str, rho: Leaf, scale: Leaf, exponent: Leaf) -> Array:
-    """Damping that a finger adds, in units of the plate's own, at `force` (N); `rho` at 1.5 N.
-
-    saturating: rho (1 - exp(-(F/scale)^n)) / (1 - exp(-(1.5/scale)^n));  power: rho (F/1.5)^n, as contact areas grow.
-    The power has an infinite slope at F = 0: its derivative is taken of ((F + e)^n - e^n), e = 1e-9 N.
-    """
-    tiny = 1e-9
-
-    def power(x):
-        return (x + tiny) ** exponent - tiny**exponent
-
-    if law == "power":
-        return rho * power(jnp.maximum(force, 0.0)) / power(1.5)
-    return rho * jnp.expm1(-power(jnp.maximum(force, 0.0) / scale)) / jnp.expm1(-power(1.5 / scale))
-
-
 @effect("finger_damping", "plate")
 class FingerDamping:
     """A finger adds damping: 1/tau -> (1 + rho(F))/tau with b = G/tau untouched. At 1.5 N the default halves the amplitude, as
@@ -140,7 +124,7 @@ class FingerDamping:
     law: str = word("saturating", "saturating", "power")
 
     def ratio(self, inputs: Inputs) -> Array:
-        return contact(inputs.force, self.law, self.rho, self.scale, self.exponent)
+        return self.rho * contact(inputs.force, self.law, self.scale, self.exponent)
 
     def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
         damped = 1 + self.ratio(inputs)
