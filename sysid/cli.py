@@ -23,6 +23,8 @@ from sysid import __version__
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
+    # Matrices are small here: on a busy machine threads that wait for one another take fifty times as long as one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     parser = _parser()
     arguments = parser.parse_args(argv)
     if bool(arguments.logs) == bool(arguments.check):

@@ -9,6 +9,9 @@ import warnings
 from functools import cache
 from pathlib import Path
 
+# Before numpy is imported. Workers take all cores: threads that wait for one another take many times as long as one.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import numpy as np
 import pytest
 import reference
