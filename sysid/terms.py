@@ -9,7 +9,6 @@ import numpy as np
 from sysid.perturbed import accumulated
 from sysid.view import View
 
-KEPT = (np.inf, 1.0, 0.3)  # of a log's length, for which a plate keeps its heat
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
@@ -76,13 +75,11 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
 
 
 def _drift(i: int, view: View) -> Iterator[Term]:
-    """A resonance that moves in proportion to the time, or to the heat made since the first row and not lost."""
+    """A resonance that moves in proportion to the time, or to the heat that the plate has made since the first row."""
     c, log = view.course, view.trial.log
-    order = np.arange(len(log), dtype=float) if log.time is None else log.time
-    steps, span = np.diff(order), np.ptp(order)
-    made = steps * np.abs(view.plate[1:]) ** 2
-    heats = [np.append(0.0, accumulated(-steps / (share * span), made + 0j).real) for share in KEPT if span > 0]
-    for along, why in ((order - order[0], "drifts"), *((heat, "drifts as the plate heats itself,") for heat in heats)):
+    order = np.arange(len(log)) if log.time is None else log.time
+    heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
+    for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
         if np.ptp(along) == 0:
             continue
         shape = view.observed(c.response_to(2j * np.pi * along / np.ptp(along) * view.plate)[None])[0]

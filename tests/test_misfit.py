@@ -119,6 +119,15 @@ def test_logs_that_the_model_describes_are_not_doubted(bench):
     assert sum(end is not Result.successful for end in ends) <= 2, ends
 
 
+def test_a_coarse_recorder_is_named_and_not_called_saturated():
+    for seed in range(4):
+        fine, coarse = (simulated("step_100V_24C", 70 + seed, EFFECTS["quantisation"](step=um)) for um in (0.01, 0.2))
+        assert not any("recorded in steps" in said or "saturated" in said for said in sysid.fit([fine]).warnings)
+        said = sysid.fit([coarse]).warnings
+        assert any("recorded in steps of 0.2 um" in warning for warning in said), said
+        assert not any("saturated" in warning for warning in said), said
+
+
 def test_a_filter_that_is_stated_is_modelled():
     """Eight steps through four poles of 100 us, which alone would make tau 28 % too long."""
     scene = Scene.from_toml(SCENES / "step_100V_24C.toml")
