@@ -116,7 +116,7 @@ def read_head(path: str, dialect: Dialect) -> Head:
             encoding = encoding.removesuffix("-sig")
             if line.startswith(dialect.comment):
                 comments.append(line[len(dialect.comment) :].strip())
-            elif line.strip(" \t\r\n,;"):
+            elif line.replace(",", "").replace(";", "").strip():
                 break
         else:
             raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
@@ -135,6 +135,8 @@ def read_head(path: str, dialect: Dialect) -> Head:
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
     while names and not names[-1] and line:
         names = names[:-1]
+    if not names:
+        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = _metadata(comments)
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))

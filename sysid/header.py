@@ -153,7 +153,7 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
     absent = [name for group in groups if not sources.keys() & set(group) for name in group]
     for label in unknown:
         name, unit, _ = units.split_unit(label)
-        near = [quantity for quantity in absent if len(name) > 2 and _is_misspelt(name, quantity, unit)]
+        near = [quantity for quantity in absent if _is_misspelt(name, quantity, unit)] if unit and len(name) > 2 else []
         if near:
             raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", template(head))
 

@@ -196,7 +196,7 @@ def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
         found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
         raise LogError(f"{path}: found {found}, expected a log")
     try:
-        with unchanged(path), np.errstate(over="ignore", invalid="ignore"):  # the log refuses what is not finite
+        with unchanged(path), np.errstate(all="ignore"):  # the log refuses what is not finite
             head = read_head(path, mapping.dialect if mapping else Dialect())
             plan = mapping.plan(head) if mapping else contract_plan(head)
             refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))

@@ -234,8 +234,9 @@ def load_mapping(path: str | Path) -> MappingFile:
 def template(head: Head) -> str:
     """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
     guessed = _guess(head.names)
-    lines = [f"# How to read {head.name}: fill in every ?, and save; then read the logs with --columns FILE"]
-    lines += [f"# {head.path} has no header; first row: {listed(head.sample[0])}"] if not head.dialect.header else []
+    lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
+    if not head.dialect.header:
+        lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
     lines += ['# kind = "steady"  # or "transient"']
     lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
     if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
@@ -258,7 +259,7 @@ def template(head: Head) -> str:
     example = _quote(head.names[0]) if head.names[0] else "0"
     lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
     unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
-    lines += [f"# not used: {listed(unused)}"] if unused else []
+    lines += [f"# not used: {_in_comment(listed(unused))}"] if unused else []
     return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
 
 
@@ -357,7 +358,12 @@ def _is_unit(text: str) -> bool:
 
 
 def _quote(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # a JSON text is a TOML text
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # else a JSON text is a TOML text
+
+
+def _in_comment(text: str) -> str:
+    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least of all."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:
