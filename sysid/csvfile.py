@@ -46,7 +46,7 @@ class LogError(ValueError):
     """
 
     def __init__(self, message: str, mapping: str | None = None) -> None:
-        super().__init__(message)
+        super().__init__(message.replace("\n", "\\n"))  # one line: the name of a file may hold a line end
         self.mapping = mapping
 
 
@@ -76,7 +76,7 @@ class Head:
 
     @property
     def name(self) -> str:
-        return Path(self.path).name
+        return Path(self.path).name.replace("\n", " ")
 
 
 @dataclass(frozen=True)
