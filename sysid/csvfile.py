@@ -4,14 +4,18 @@
 the numbers themselves. What cannot be read ends in a `LogError` that names the file, the line and the column.
 """
 
+import bz2
 import csv
 import gzip
 import hashlib
 import io
 import itertools
+import lzma
 import math
+import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -19,7 +23,20 @@ from typing import Any, BinaryIO, NoReturn
 import numpy as np
 
 BLOCK = 1 << 24  # bytes parsed at a time
+LONGEST = 1 << 24  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
 WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
+SHOWN = 20  # names in a message, of files that have thousands
+# What a file is, told by its first bytes, not by its name.
+PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
+FOREIGN = {
+    b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
+    b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
+    b"\x89HDF": "an HDF5 file",
+    b"MATLAB 5.0 MAT-file": "a MATLAB file",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
 
 
 class LogError(ValueError):
@@ -29,7 +46,7 @@ class LogError(ValueError):
     """
 
     def __init__(self, message: str, mapping: str | None = None) -> None:
-        super().__init__(message)
+        super().__init__(message.replace("\n", "\\n"))  # one line: the name of a file may hold a line end
         self.mapping = mapping
 
 
@@ -49,7 +66,7 @@ class Head:
 
     path: str
     metadata: dict[str, str]
-    repeated: frozenset[str]  # metadata keys that stand there twice with different values
+    repeated: frozenset[str]  # metadata keys that stand there twice, capitals aside, with different values
     names: tuple[str, ...]  # as in the header; "" where the header has nothing; empty texts when there is no header
     dialect: Dialect  # with nothing left open
     start: int  # byte in the (decompressed) file where the rows begin
@@ -59,7 +76,7 @@ class Head:
 
     @property
     def name(self) -> str:
-        return Path(self.path).name
+        return Path(self.path).name.replace("\n", " ")
 
 
 @dataclass(frozen=True)
@@ -87,9 +104,9 @@ def read_head(path: str, dialect: Dialect) -> Head:
     comments, line, offset, number = [], "", 0, 0
     encoding, notes = "utf-8-sig", []
     with _open(path) as file:
-        while raw := file.readline(1 << 20):
+        while raw := _line(path, file, number + 1):
             offset, number = offset + len(raw), number + 1
-            _refuse_binary(path, raw)
+            _refuse_binary(path, raw, number)
             try:
                 line = raw.decode(encoding)
             except UnicodeDecodeError:
@@ -99,11 +116,11 @@ def read_head(path: str, dialect: Dialect) -> Head:
             encoding = encoding.removesuffix("-sig")
             if line.startswith(dialect.comment):
                 comments.append(line[len(dialect.comment) :].strip())
-            elif line.strip(" \t\r\n,;"):
+            elif line.replace(",", "").replace(";", "").strip():
                 break
         else:
             raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
-        below = list(itertools.islice(file, 50))
+        below = list(itertools.takewhile(bool, (_line(path, file, number + k) for k in range(1, 51))))
     following = [text.decode("utf-8", errors="replace") for text in below]
     if dialect.header is False or (dialect.header is None and _holds_numbers(line, dialect)):
         offset, number, following = offset - len(raw), number - 1, [line, *following]
@@ -118,8 +135,10 @@ def read_head(path: str, dialect: Dialect) -> Head:
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
     while names and not names[-1] and line:
         names = names[:-1]
+    if not names:
+        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = _metadata(comments)
-    decimal = dialect.decimal or _find_decimal(rows, delimiter)
+    decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))
     return Head(path, metadata, repeated, names, known, offset, number + 1, rows, tuple(notes))
 
@@ -137,8 +156,8 @@ def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
         for block in _blocks(file, head.dialect.delimiter == WHITESPACE):
             blank, count = _check_counts(head, block, line)
             blank_lines += blank
-            if len(blank) < count:
-                numbers, texts = _parse(head, block, line, columns, key)
+            if rows := count - len(blank):
+                numbers, texts = _parse(head, block, line, rows, columns, key)
                 for column in columns:
                     blocks[column].append(numbers[column])
                 keys.append(texts)
@@ -149,16 +168,17 @@ def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
     return Body(joined, np.concatenate(keys) if key is not None else None, digest, blank_lines)
 
 
-def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str = "a finite number") -> NoReturn:
+def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) -> NoReturn:
     """Raise the LogError of one bad cell: what stands there is read again from the file."""
     label = head.names[column] or column
     number = body.line(head, row)
     with _open(head.path) as file:
-        text = next(itertools.islice(file, number - 1, None)).decode("utf-8", errors="replace")
-    cell = split_line(text, str(head.dialect.delimiter))[column].strip()
+        text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
+    cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = repr(cell) if cell else "an empty cell"
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
-    raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}")
+    mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
+    raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}{mark}")
 
 
 def split_line(text: str, delimiter: str) -> list[str]:
@@ -166,63 +186,109 @@ def split_line(text: str, delimiter: str) -> list[str]:
     if delimiter == WHITESPACE:
         text = " ".join(text.split())
     text = text.rstrip("\r\n").replace("\r", " ")
+    if '"' not in text:  # the library takes no cell of more than 131072 characters
+        return [cell.lstrip(" ") for cell in text.split(delimiter)] if text else []
     return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
 
 
-def is_number(text: str, decimal: str = ".") -> bool:
-    """Whether a cell is a number (nan and inf included) as this reader takes it."""
+def to_number(text: str, decimal: str = ".") -> float:
+    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands."""
+    text = text.strip()
+    if "_" in text or (decimal == "," and "." in text and _GROUPED.fullmatch(text)):
+        return math.nan
     try:
-        float(text.strip().replace(decimal, "."))
+        return float(text.replace(decimal, "."))
+    except ValueError:
+        return math.nan
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number (nan and inf included), whichever its decimal mark."""
+    try:
+        float(text.replace(",", "."))
     except ValueError:
         return False
     return "_" not in text
 
 
+def listed(names: Sequence[str]) -> str:
+    """Names in a message: the first of them, where a file has thousands."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
+
+
+@contextmanager
+def unchanged(path: str) -> Iterator[None]:
+    """Raise LogError when the file is another one, or of another length or time, at the end of the block."""
+    before = os.stat(path)
+    yield
+    after = os.stat(path)
+    if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
+        raise LogError(f"{path}: found that it changed while it was read, expected a log that is written to its end")
+
+
 def _open(path: str) -> BinaryIO:
-    """The file's bytes, decompressed when it is gzip (told by its first two bytes, not by its name)."""
+    """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
     with open(path, "rb") as file:
-        zipped = file.read(2) == b"\x1f\x8b"
-    return gzip.open(path, "rb") if zipped else open(path, "rb")  # type: ignore[return-value]
+        first = file.read(20)
+    if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
+        raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
+    opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), open)
+    return opener(path, "rb")
 
 
-def _refuse_binary(path: str, raw: bytes) -> None:
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+def _line(path: str, file: BinaryIO, number: int) -> bytes:
+    """The next line, b"" at the end. One of unreasonable length: LogError."""
+    raw = file.readline(LONGEST)
+    if len(raw) == LONGEST and not raw.endswith(b"\n"):
+        raise LogError(f"{path}, line {number}: found more than {LONGEST} bytes without a line end, expected lines of text")
+    return raw
+
+
+def _refuse_binary(path: str, raw: bytes, number: int) -> None:
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):  # of a packed file
         raise LogError(f"{path}: found UTF-16 text, expected UTF-8; save it again as CSV (UTF-8)")
     if b"\x00" in raw:
-        raise LogError(f"{path}: found binary data, expected a text table (CSV)")
+        raise LogError(f"{path}, line {number}: found binary data, expected a text table (CSV)")
     if b"\r" in raw.rstrip(b"\r\n"):
-        raise LogError(f"{path}: found lines that end in a carriage return alone, expected line feeds")
+        raise LogError(f"{path}, line {number}: found a carriage return alone, expected lines that end in a line feed")
 
 
 def _metadata(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
     found: dict[str, str] = {}
-    repeated = set()
+    values: dict[str, set[str]] = {}
     for comment in comments:
         key, colon, value = (part.strip() for part in comment.partition(":"))
         if colon and key:
-            if found.get(key, value) != value:
-                repeated.add(key)
             found[key] = value
-    return found, frozenset(repeated)
+            values.setdefault(key.casefold(), set()).add(value)
+    return found, frozenset(key for key in found if len(values[key.casefold()]) > 1)
 
 
 def _find_delimiter(line: str) -> str:
-    """Comma, unless the line has none: then the one of semicolon and tab that it has, else blanks."""
+    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab, else blanks."""
+    for mark in ",;\t ":
+        if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
+            return mark
     return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
 
 
-def _find_decimal(rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
+def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
     """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns."""
     if delimiter == ",":
         return "."
-    return "," if any("," in cell and is_number(cell, ",") for row in rows for cell in row) else "."
+    commas = [cell.strip() for row in rows for cell in row if "," in cell and not math.isnan(to_number(cell, ","))]
+    if commas and all(map(_GROUPED.fullmatch, commas)):
+        raise LogError(
+            f"{path}: found {commas[0]!r}, which is {commas[0].replace(',', '.')} with a decimal comma and"
+            f" {commas[0].replace(',', '')} otherwise; expected that a mapping file says decimal = ',' or '.'"
+        )
+    return "," if commas else "."
 
 
 def _holds_numbers(line: str, dialect: Dialect) -> bool:
     """Whether a line is a row, not a header: no name is a number."""
-    delimiter = dialect.delimiter or _find_delimiter(line)
-    cells = split_line(line, delimiter)
-    return any(is_number(cell, dialect.decimal or ("." if delimiter == "," else ",")) for cell in cells)
+    return any(map(is_number, split_line(line, dialect.delimiter or _find_delimiter(line))))
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
@@ -287,7 +353,7 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
     returns = np.flatnonzero(text == ord("\r"))
     if len(returns) > returned.sum():
         index = int(np.searchsorted(ends, np.setdiff1d(returns, ends - 1)[0]))
-        raise LogError(f"{head.path}, line {line + index}: found a carriage return within, expected it at line ends alone")
+        raise LogError(f"{head.path}, line {line + index}: found a carriage return alone, expected lines that end in a line feed")
     spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
     for index in map(int, np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare)):
         row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")
@@ -302,8 +368,8 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
     return [int(line + index) for index in np.flatnonzero(blank)], len(ends)
 
 
-def _parse(head: Head, block: bytes, line: int, columns: list[int], key: int | None) -> tuple[dict[int, Any], Any]:
-    """Columns of a block as numbers, NaN where a cell is none, and the key column as text."""
+def _parse(head: Head, block: bytes, line: int, rows: int, columns: list[int], key: int | None) -> tuple[dict[int, Any], Any]:
+    """Columns of a block of `rows` as numbers, NaN where a cell is none, and the key column as text."""
     import pandas as pd
 
     wanted: dict[Any, Any] = dict.fromkeys(columns, np.float64)
@@ -312,6 +378,7 @@ def _parse(head: Head, block: bytes, line: int, columns: list[int], key: int | N
     options: dict[str, Any] = {
         "header": None, "index_col": False, "usecols": sorted(wanted), "sep": head.dialect.delimiter,
         "decimal": head.dialect.decimal, "skipinitialspace": True, "encoding_errors": "replace", "engine": "c",
+        "keep_default_na": False,  # or experiments that are called NA and None would be one
     }  # fmt: skip
     if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
         options["float_precision"] = "round_trip"  # later versions read every float to the last bit as it is
@@ -319,16 +386,19 @@ def _parse(head: Head, block: bytes, line: int, columns: list[int], key: int | N
         frame = pd.read_csv(io.BytesIO(block), dtype=wanted, **options)
     except ValueError:  # some cell is no number: it matters only when its row is used
         try:
-            frame = pd.read_csv(io.BytesIO(block), dtype=str, keep_default_na=False, **options)
+            frame = pd.read_csv(io.BytesIO(block), dtype=str, **options)
         except ValueError as error:
-            odd = [index for index, row in enumerate(block.split(b"\n")) if row.count(b'"') % 2]
-            where = f", line {line + odd[0]}: found a quote that is not closed" if odd else ": found no table"
-            raise LogError(f"{head.path}{where} ({error})") from None
+            raise _not_a_row_a_line(head, block, line, str(error)) from None
         for column in columns:
-            frame[column] = [_number(cell, str(head.dialect.decimal)) for cell in frame[column]]
-    texts = frame[key].fillna("").astype(str).str.strip().to_numpy(object) if key is not None else None
+            frame[column] = [to_number(cell, str(head.dialect.decimal)) for cell in frame[column]]
+    if len(frame) != rows:
+        raise _not_a_row_a_line(head, block, line, f"{len(frame)} rows on {rows} lines")
+    texts = frame[key].str.strip().to_numpy(object) if key is not None else None
     return {column: frame[column].to_numpy(np.float64) for column in columns}, texts
 
 
-def _number(cell: str, decimal: str) -> float:
-    return float(cell.strip().replace(decimal, ".")) if is_number(cell, decimal) else math.nan
+def _not_a_row_a_line(head: Head, block: bytes, line: int, said: str) -> LogError:
+    """What to say of a block that is no table of one row a line: a quote that goes on over lines would swallow their rows."""
+    odd = next((index for index, row in enumerate(block.split(b"\n")) if row.count(b'"') % 2), None)
+    where = ": found no table" if odd is None else f", line {line + odd}: found a quote that is not closed"
+    return LogError(f"{head.path}{where} ({said}), expected one row a line")

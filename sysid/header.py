@@ -7,10 +7,10 @@ that is not understood is refused with a mapping file to start from.
 import contextlib
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from sysid import units
-from sysid.csvfile import Dialect, Head, LogError, is_number, read_head
+from sysid.csvfile import SHOWN, Dialect, Head, LogError, listed, read_head, to_number
 from sysid.mapping import Plan, Source, template
 
 DRIVES = ("voltage", "drive", "duty")
@@ -43,7 +43,7 @@ def contract_plan(head: Head) -> Plan:
         _check_waveform(head, sources, unknown)
     else:
         _check_understood(head, sources, unknown)
-    notes += [f"column {label} is kept out of the fit" for label in unknown if label]
+    notes += _kept_out([label for label in unknown if label])
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -53,6 +53,13 @@ def contract_plan(head: Head) -> Plan:
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
     )
+
+
+def _kept_out(labels: list[str]) -> list[str]:
+    """A note on each column that is not read; one on all of them where there are many."""
+    if len(labels) > SHOWN:
+        return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
+    return [f"column {label} is kept out of the fit" for label in labels]
 
 
 def _add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> list[str]:
@@ -146,14 +153,14 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
     absent = [name for group in groups if not sources.keys() & set(group) for name in group]
     for label in unknown:
         name, unit, _ = units.split_unit(label)
-        near = [quantity for quantity in absent if len(name) > 2 and _is_misspelt(name, quantity, unit)]
+        near = [quantity for quantity in absent if _is_misspelt(name, quantity, unit)] if unit and len(name) > 2 else []
         if near:
             raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", template(head))
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
     path = head.path
-    names = ", ".join(filter(None, head.names)) or f"{len(head.names)} columns without a header"
+    names = listed(list(filter(None, head.names))) or f"{len(head.names)} columns without a header"
     first = (head.names[0] or head.sample[0][0])[:1]
     if first in ("%", "!", ";", "/", "*"):  # it looks like another comment mark
         with contextlib.suppress(LogError):
@@ -162,23 +169,26 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
 
 
 def _is_misspelt(name: str, quantity: str, unit: str) -> bool:
-    if units.nearest(name, [quantity], cutoff=0.75) is None:
-        return False
     try:
-        units.check_unit(quantity, unit)
+        units.check_unit(quantity, unit)  # the quicker of the two, of a table with thousands of columns
     except ValueError:
         return False
-    return True
+    return units.nearest(name, [quantity], cutoff=0.75) is not None
 
 
 def stated(metadata: Mapping[str, str], key: str) -> str | None:
     return next((value for name, value in metadata.items() if name.casefold() == key and value), None)
 
 
+def refuse_repeated(head: Head, metadata: Mapping[str, str], words: Collection[str]) -> None:
+    """Raise LogError when the file states one of `words` twice with different values, and `metadata` has it from the file."""
+    for key in sorted(head.repeated):
+        if key.casefold() in words and metadata.get(key) == head.metadata[key]:
+            raise LogError(f"{head.path}, metadata {key!r}: found it twice with different values, expected it once")
+
+
 def metadata_number(head: Head, key: str, text: str) -> float:
-    text = text.replace(str(head.dialect.decimal), ".")
-    if key in head.repeated:
-        raise LogError(f"{head.path}, metadata {key!r}: found it twice with different values, expected it once")
-    if not is_number(text) or not math.isfinite(float(text)):
+    refuse_repeated(head, {key: head.metadata.get(key, "")}, (key.casefold(),))
+    if not math.isfinite(number := to_number(text, str(head.dialect.decimal))):
         raise LogError(f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number")
-    return float(text)
+    return number

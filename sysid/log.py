@@ -13,17 +13,19 @@ A log is a table with a header whose names end in their units; lines `# key: val
 import csv
 import dataclasses
 import glob
+import lzma
+import os
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from sysid import units
-from sysid.csvfile import Body, Dialect, Head, LogError, read_body, read_head, refuse_cell
-from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, stated
+from sysid.csvfile import Body, Dialect, Head, LogError, listed, read_body, read_head, refuse_cell, unchanged
+from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, refuse_repeated, stated
 from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
 from sysid.waveform import from_samples, sample_times, uneven
 
@@ -31,6 +33,12 @@ __all__ = ["Log", "LogError", "read_logs", "write_log"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
+# What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
+POSSIBLE = {
+    "temperature": (-273.15, np.inf, "a temperature above absolute zero"),
+    "frequency": (0.0, np.inf, "a frequency of 0 or more"),
+    "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
+}
 BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
 BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
 
@@ -70,23 +78,25 @@ class Log:
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
         if self.time is not None and (decrease := _decrease(self.time)) is not None:
-            raise LogError(f"{self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+            raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
         if self.kind is None:
             object.__setattr__(self, "kind", self._tell_kind())
         for word, words in ((self.kind, KINDS), (self.sampling, SAMPLINGS)):
             if word is not None and word not in words:
-                raise LogError(f"{self.name}: found {word!r}, expected {_either(word, words)}")
+                raise LogError(f"{self.path or self.name}: found {word!r}, expected {_either(word, words)}")
         if self.kind == "transient" and self.time is None:
-            raise LogError(f"{self.name}: found a transient log without time, expected a column such as time_s")
+            raise LogError(f"{self.path or self.name}: found a transient log without time, expected a column such as time_s")
 
     def _own(self, name: str, values: Any) -> np.ndarray:
         array = np.asarray(values)
         array = array.astype(np.complex128 if np.iscomplexobj(array) else np.float64, copy=False)
         if array.ndim != 1 or not len(array) or len(array) != len(self.response):
-            raise LogError(f"{self.name}: found {name} of shape {array.shape}, expected ({len(self.response)},), n > 0")
+            raise LogError(
+                f"{self.path or self.name}: found {name} of shape {array.shape}, expected ({len(self.response)},), n > 0"
+            )
         if not np.isfinite(array).all():
             row = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise LogError(f"{self.name}, row {row} (counted from 0): found {name} {array[row]}, expected finite")
+            raise LogError(f"{self.path or self.name}, row {row} (counted from 0): found {name} {array[row]}, expected finite")
         if array.flags.writeable or not array.flags.owndata:  # a log's own arrays may be shared with another log
             array = array.copy()
             array.flags.writeable = False
@@ -145,9 +155,14 @@ def write_log(log: Log, path: str | Path, append: bool = False) -> None:
     with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
         if not append:
             words_given = ((key, value) for key, value in (kept | words).items() if value is not None)
-            file.writelines(f"# {key}: {' '.join(str(value).split())}\n" for key, value in words_given)
+            file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words_given)
             file.write(",".join(recorded) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
+
+
+def _one_line(value: Any) -> str:
+    """Text that ends neither its line nor, by a NUL, the file's being text."""
+    return " ".join(str(value).replace("\x00", " ").split())
 
 
 def _label(unit: str, quantity: str) -> str:
@@ -165,7 +180,7 @@ def _is_interpreted(key: str) -> bool:
 def _expand(paths: Iterable[str | Path]) -> list[str]:
     files: list[str] = []
     for path in map(str, paths):
-        found = [path] if Path(path).exists() or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
+        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
         if not found:
             raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
         files += found
@@ -175,21 +190,25 @@ def _expand(paths: Iterable[str | Path]) -> list[str]:
 
 
 def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
-    if Path(path).is_dir():
+    if os.path.isdir(path):
         raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
-    if not Path(path).is_file():
-        raise LogError(f"{path}: found no such file, expected a log")
+    if not os.path.isfile(path):
+        found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
+        raise LogError(f"{path}: found {found}, expected a log")
     try:
-        head = read_head(path, mapping.dialect if mapping else Dialect())
-        plan = mapping.plan(head) if mapping else contract_plan(head)
-        wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
-        body = read_body(head, wanted, plan.split)
-    except (OSError, EOFError, zlib.error, csv.Error) as error:
+        with unchanged(path), np.errstate(all="ignore"):  # the log refuses what is not finite
+            head = read_head(path, mapping.dialect if mapping else Dialect())
+            plan = mapping.plan(head) if mapping else contract_plan(head)
+            refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+            wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
+            body = read_body(head, wanted, plan.split)
+            values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
+            if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
+                raise LogError(f"{path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
+            rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
+            return [_make_log(head, body, plan, value, of) for value, of in zip(values, rows, strict=True)]
+    except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
-    if body.keys is None:
-        return [_make_log(head, body, plan, None, None)]
-    values = dict.fromkeys(body.keys)
-    return [_make_log(head, body, plan, value, np.flatnonzero(body.keys == value)) for value in values]
 
 
 def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
@@ -203,9 +222,11 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
-        row = decrease if rows is None else int(rows[decrease])
-        column = plan.sources["time"].column
-        refuse_cell(head, body, row, column or 0, "a time not below the one before")
+        _refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
+    for key, (low, high, expected) in POSSIBLE.items():
+        values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
+        if (beyond := (values < low) | (values > high)).any():
+            _refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
@@ -215,8 +236,8 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if kind == "waveform":
         fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
         if (odd := uneven(fields["time"])) is not None:
-            row, column = odd if rows is None else int(rows[odd]), plan.sources["time"].column
-            refuse_cell(head, body, row, column or 0, "even steps: samples are missing, or the stamps are too coarse")
+            expected = "even steps: samples are missing, or the stamps are too coarse"
+            _refuse_row(head, body, plan.sources["time"], rows, odd, expected)
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
@@ -244,9 +265,15 @@ def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, cou
     numbers = body.numbers[source.column]
     numbers = numbers if rows is None else numbers[rows]
     if not (finite := np.isfinite(numbers)).all():
-        first = int(np.argmin(finite))
-        refuse_cell(head, body, first if rows is None else int(rows[first]), source.column)
+        _refuse_row(head, body, source, rows, int(np.argmin(finite)), "a finite number")
     return decode(numbers, source)
+
+
+def _refuse_row(head: Head, body: Body, source: Source, rows: np.ndarray | None, row: int, expected: str) -> NoReturn:
+    """Raise the LogError of a value that cannot be, in the `row` among `rows`, or in the metadata."""
+    if source.column is None:
+        raise LogError(f"{head.path}, {source.label}: found {source.constant:g}, expected {expected}")
+    refuse_cell(head, body, row if rows is None else int(rows[row]), source.column, expected)
 
 
 def _internal(quantity: str, values: Any, unit: str) -> Any:
@@ -317,6 +344,11 @@ def _bench(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
             except ValueError as error:
                 raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
             bench[f"{named[0]}_s"] = float(_internal("time", metadata_number(head, key, text), named[1]))
+    for key, value in bench.items():
+        if key == "lockin_order" and (value < 1 or value % 1):
+            raise LogError(f"{head.path}, metadata {key!r}: found {value:g}, expected a whole number of poles")
+        if key != "delay_s" and value < 0:
+            raise LogError(f"{head.path}, metadata {key!r}: found {value:g} s, expected a time of 0 or more")
     return bench
 
 

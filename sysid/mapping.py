@@ -50,7 +50,7 @@ from typing import Any
 import numpy as np
 
 from sysid import units
-from sysid.csvfile import Dialect, Head, LogError, is_number
+from sysid.csvfile import Dialect, Head, LogError, listed, to_number
 
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
@@ -120,7 +120,7 @@ class MappingFile:
     """A mapping file, checked: every key is known, every value of its type."""
 
     path: str
-    options: Mapping[str, Any]
+    options: dict[str, Any]
     dialect: Dialect = field(default_factory=Dialect)
 
     def fail(self, key: str, message: str) -> LogError:
@@ -131,8 +131,10 @@ class MappingFile:
         columns, constants = self.options.get("columns", {}), self.options.get("constants", {})
         sources = {name: self._column(name, entry, head) for name, entry in columns.items()}
         sources |= {name: self._constant(name, text) for name, text in constants.items()}
-        stated = {key: str(self.options[key]) for key in ("kind", "sampling") if key in self.options}
-        metadata = head.metadata | {key: str(value) for key, value in self.options.get("metadata", {}).items()} | stated
+        stated = {key: str(value) for key, value in self.options.get("metadata", {}).items()}
+        stated |= {key: str(self.options[key]) for key in ("kind", "sampling") if key in self.options}
+        ours = {key.casefold() for key in stated}
+        metadata = {key: value for key, value in head.metadata.items() if key.casefold() not in ours} | stated
         split = self.options.get("split_by")
         return Plan(
             sources,
@@ -156,7 +158,7 @@ class MappingFile:
             raise self.fail(key, f"{head.path} has several columns {column!r}, expected one; give its position")
         named = [name for name in head.names if name]
         hint = units.did_you_mean(column, named)
-        raise self.fail(key, f"{head.path} has no column {column!r}{hint}; it has {', '.join(named) or 'no header'}")
+        raise self.fail(key, f"{head.path} has no column {column!r}{hint}; it has {listed(named) or 'no header'}")
 
     def _column(self, name: str, entry: dict[str, Any], head: Head) -> Source:
         key = f"[columns] {name}"
@@ -171,7 +173,7 @@ class MappingFile:
     def _constant(self, name: str, text: Any) -> Source:
         key = f"[constants] {name}"
         number, _, unit = str(text).strip().partition(" ")
-        if not is_number(number) or not math.isfinite(float(number)):
+        if not math.isfinite(to_number(number)):
             raise self.fail(key, f'found {text!r}, expected a number and a unit such as "20 degC"')
         unit, amplitude = split_ending(unit.strip() or ("1" if name == "duty" else ""), True)
         self._check_unit(key, name, unit)
@@ -213,7 +215,7 @@ def load_mapping(path: str | Path) -> MappingFile:
     """Read and check a mapping file. Raises LogError that names the key."""
     try:
         options = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise LogError(f"{path}: cannot be read as a mapping file (TOML): {error}") from None
     mapping = MappingFile(str(path), options)
     _check_keys(mapping, "", options, _OPTIONS)
@@ -221,9 +223,10 @@ def load_mapping(path: str | Path) -> MappingFile:
         _check_keys(mapping, f"[{key}] ", options.get(key, {}), dict.fromkeys(_NAMES, (str, int, float, dict)))
     options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options.get("columns", {}).items()}
     _check_response(mapping, set(options["columns"]), set(options.get("constants", {})))
+    _check_rows(mapping)
     delimiter = options.get("delimiter")
-    if delimiter is not None and len(delimiter) != 1:
-        raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character")
+    if (delimiter is not None and not re.fullmatch(r"[ -~\t]", delimiter)) or delimiter in ('"', "."):
+        raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character such as ; or a tab")
     dialect = Dialect(delimiter, options.get("comment", "#"), options.get("decimal"), options.get("header"))
     return MappingFile(str(path), options, dialect)
 
@@ -231,8 +234,9 @@ def load_mapping(path: str | Path) -> MappingFile:
 def template(head: Head) -> str:
     """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
     guessed = _guess(head.names)
-    lines = [f"# How to read {head.name}: fill in every ?, and save; then read the logs with --columns FILE"]
-    lines += [f"# {head.path} has no header; first row: {', '.join(head.sample[0])}"] if not head.dialect.header else []
+    lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
+    if not head.dialect.header:
+        lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
     lines += ['# kind = "steady"  # or "transient"']
     lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
     if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
@@ -255,7 +259,7 @@ def template(head: Head) -> str:
     example = _quote(head.names[0]) if head.names[0] else "0"
     lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
     unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
-    lines += [f"# not used: {', '.join(unused)}"] if unused else []
+    lines += [f"# not used: {_in_comment(listed(unused))}"] if unused else []
     return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
 
 
@@ -272,10 +276,8 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
     ranges = rows.get(value) if isinstance(rows, dict) else rows
     if ranges is None:
         return None
-    ranges = [ranges] if ranges and all(isinstance(edge, int) for edge in ranges) else ranges
     for edges in ranges:
-        whole = isinstance(edges, list) and len(edges) == 2 and all(isinstance(edge, int) for edge in edges)
-        if not whole or not 0 <= edges[0] < edges[1] <= count:
+        if not 0 <= edges[0] < edges[1] <= count:
             raise LogError(f"{where}: found rows = {edges!r}, expected [first, last] within 0 to {count}")
     return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
 
@@ -331,9 +333,9 @@ def _guess(names: tuple[str, ...]) -> dict[str, int]:
         word = re.split(r"[\s_\[(]", label.strip().casefold(), maxsplit=1)[0]
         ending = label.casefold().rpartition("_")[2]
         word = ending if ending in ("re", "im") else "" if "_err" in label.casefold() else word
-        for name, words in _GUESSES.items():
+        for name in (name for name, words in _GUESSES.items() if word in words and name not in guessed):
             unit = split_ending(label, False)[0]
-            if word in words and name not in guessed and (_fits(name, unit) or not _is_unit(unit)):
+            if _fits(name, unit) or not _is_unit(unit):
                 guessed[name] = index
                 break
     whole = next((set(names) for names in RESPONSES if set(names) <= guessed.keys()), set())
@@ -356,7 +358,12 @@ def _is_unit(text: str) -> bool:
 
 
 def _quote(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)  # a JSON text is a TOML text
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # else a JSON text is a TOML text
+
+
+def _in_comment(text: str) -> str:
+    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least of all."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:
@@ -366,6 +373,8 @@ def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: 
         if not isinstance(value, known[key]) or (isinstance(value, bool) and bool not in known[key]):
             names = " or ".join(kind.__name__ for kind in known[key])
             raise mapping.fail(f"{where}{key}", f"found {value!r}, expected {names}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected a finite number")
         if key in _WORDS and value not in _WORDS[key]:
             raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, _WORDS[key]))}")
 
@@ -375,11 +384,30 @@ def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
     _check_keys(mapping, f"[columns] {name}.", table, _COLUMN_KEYS)
     if "column" not in table:
         raise mapping.fail(f"[columns] {name}", "found no column, expected its name or position")
+    if table.get("scale") == 0:
+        raise mapping.fail(f"[columns] {name}.scale", "found 0, expected a factor that keeps the column's numbers apart")
     return table
 
 
+def _check_rows(mapping: MappingFile) -> None:
+    """Rows are [first, last], several of those, or either for each value of the split column; they become lists of several."""
+    stated = mapping.options.get("rows")
+    if isinstance(stated, dict) and "split_by" not in mapping.options:
+        raise mapping.fail("rows", "found rows of single experiments, expected split_by beside them")
+    for value, ranges in (stated if isinstance(stated, dict) else {None: stated} if stated is not None else {}).items():
+        several = [ranges] if isinstance(ranges, list) and all(type(edge) is int for edge in ranges) else ranges
+        pairs = isinstance(several, list) and all(isinstance(edges, list) and len(edges) == 2 for edges in several)
+        if not pairs or not all(type(edge) is int for edges in several for edge in edges):
+            raise mapping.fail("rows", f"found {ranges!r}, expected [first, last], or several such in a list")
+        stated = stated | {value: several} if value is not None else several
+    mapping.options["rows"] = stated
+
+
 def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]) -> None:
-    response = columns & {"wd", "wq", "w", "x", "y", "magnitude", "phase", "response"}
+    parts = {"wd", "wq", "w", "x", "y", "magnitude", "phase", "response"}
+    response = columns & parts
+    if constant := constants & parts:
+        raise mapping.fail(f"[constants] {min(constant)}", "found a response that is constant, expected a column")
     if mapping.options.get("kind") == "waveform":
         if response != {"response"} or not columns & {"voltage", "drive"}:
             found = ", ".join(sorted(columns)) or "no columns"

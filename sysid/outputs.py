@@ -1,6 +1,7 @@
 """The files of a run: fit.json, the draws, and how a whole set takes the place of an older one."""
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -8,7 +9,7 @@ import platform
 import signal
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ PRIORS = {  # sysid/likelihood.py has the equations
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
 FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"
+FILES = (FIT, CONTROLLER, HEADER, DRAWS, REPORT)  # in the order in which an older set goes out; a new one comes in the other way
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
@@ -128,7 +130,8 @@ def write_draws(posterior: "Posterior", path: Path) -> None:
     import numpy as np
 
     chains, count = next(iter(posterior.draws.values())).shape
-    with h5netcdf.File(path, "w") as file:
+    whole = io.BytesIO()  # a disk that is full is an OSError of ours, and none within a library that then cannot close its file
+    with h5netcdf.File(whole, "w") as file:
         group = file.create_group("posterior")
         group.dimensions = {"chain": chains, "draw": count}
         for name in ("chain", "draw"):
@@ -136,22 +139,27 @@ def write_draws(posterior: "Posterior", path: Path) -> None:
         for name, draws in posterior.draws.items():
             variable = group.create_variable(name, ("chain", "draw"), data=np.asarray(draws, np.float64))
             variable.attrs["units"] = posterior.fit.units.get(name, "1")
+    path.write_bytes(whole.getvalue())
 
 
 def check_writable(folder: Path) -> None:
     """Raise OSError when a set could not be placed in `folder`; leaves nothing behind."""
-    for name in (FIT, DRAWS, REPORT, CONTROLLER, HEADER):
-        if (folder / name).is_dir():
-            raise IsADirectoryError(f"{folder / name} is a directory, expected a file or nothing")
+    _refuse_directories(folder)
     with staging(folder):
         pass
+
+
+def _refuse_directories(folder: Path) -> None:
+    for name in FILES:
+        if (folder / name).is_dir():
+            raise IsADirectoryError(f"{folder / name} is a directory, expected a file or nothing")
 
 
 @contextmanager
 def staging(folder: Path) -> Iterator[Path]:
     """A fresh directory on the file system of `folder`, removed in every case. Raises OSError."""
     ground = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    with tempfile.TemporaryDirectory(prefix=".identify-", dir=ground) as fresh:
+    with tempfile.TemporaryDirectory(prefix=".identify-", dir=ground, ignore_cleanup_errors=True) as fresh:
         yield Path(fresh)
 
 
@@ -161,17 +169,56 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def place(fresh: Path, folder: Path) -> None:
-    """Move the files of `fresh` into `folder`, fit.json last; older controller files that have no successor go first.
+    """Put the files of `fresh` in the place of an older set in `folder`. Raises OSError, and the older set stands as it was.
 
-    Ctrl-C waits until all are moved: it would leave a mixture of two sets.
+    fit.json goes out first and comes in last, so that it stands beside the files of its own run and no others, whenever the
+    process is killed; older controller files go out next. Of two runs that end at once one waits. Ctrl-C waits too.
     """
-    names = sorted((path.name for path in fresh.iterdir()), key=lambda name: (name == FIT, name))
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
+        for path in fresh.iterdir():
+            _sync(path)
         folder.mkdir(parents=True, exist_ok=True)
-        for stale in {CONTROLLER, HEADER} - set(names):
-            (folder / stale).unlink(missing_ok=True)
-        for name in names:
-            os.replace(fresh / name, folder / name)
+        older = fresh / "older"
+        older.mkdir()
+        with _alone(folder):
+            _refuse_directories(folder)
+            moves = [(folder / name, older / name) for name in FILES if (folder / name).exists()]
+            moves += [(fresh / name, folder / name) for name in reversed(FILES) if (fresh / name).exists()]
+            _move(moves)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _move(moves: Sequence[tuple[Path, Path]]) -> None:
+    """Rename all or none, in this order."""
+    for done, (source, target) in enumerate(moves):
+        try:
+            os.replace(source, target)
+        except OSError:
+            for moved, back in reversed(moves[:done]):
+                os.replace(back, moved)
+            raise
+
+
+def _sync(path: Path) -> None:
+    """Have the content on the disk before its name: after a power cut a file that is there is whole."""
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other process is within this block for the folder, where the system can lock one; a killed one lets go."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network file systems know no locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)

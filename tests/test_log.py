@@ -442,6 +442,7 @@ def test_a_log_checks_itself(fields, words):
 # Writing
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False, width=64)
+BENCH = {"lockin_tau_s": st.floats(0, 1e300), "lockin_order": st.sampled_from([1.0, 4.0]), "delay_s": FINITE}
 
 
 @st.composite
@@ -450,6 +451,7 @@ def any_log(draw):
     count = draw(st.integers(1, 8))
     column = arrays.arrays(np.float64, count, elements=FINITE)
     maybe = st.none() | column
+    unit = draw(st.sampled_from(["V", "duty", "mA", "%"]))
     response = draw(column) + 0.0
     if draw(st.booleans()):
         imaginary, real = draw(column), response
@@ -459,16 +461,23 @@ def any_log(draw):
         "made",
         response,
         time=np.sort(draw(column)),
-        drive=draw(maybe),
-        frequency=draw(maybe),
-        temperature=draw(maybe),
+        drive=draw(st.none() | (arrays.arrays(np.float64, count, elements=st.floats(-1, 1)) if unit == "duty" else column)),
+        frequency=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(0, 1e300))),
+        temperature=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(-273.15, 1e300))),
         force=draw(maybe),
         sampling=draw(st.sampled_from([None, "instant", "settled"])),
         response_unit=draw(st.sampled_from(["um", "m/s", "A*s", "1", "degree_Celsius"])),
-        drive_unit=draw(st.sampled_from(["V", "duty", "mA", "%"])),
+        drive_unit=unit,
         metadata={"plate": "A7", "note": "a: b, c", "temperature_degC": "7", "kind": "gone"},
-        bench=draw(st.dictionaries(st.sampled_from(["lockin_tau_s", "lockin_order", "delay_s", "settle_s"]), FINITE)),
+        bench=draw(st.fixed_dictionaries({}, optional=BENCH)),
     )
+
+
+def test_metadata_that_is_written_stays_metadata(tmp_path):
+    """No key and no value can end its line and begin rows."""
+    metadata = {"note\n0,9": "a\r\n1,9", "x\x00": "\x00", "y\u2028": "\x85"}
+    write_log(Log("made", [1.0, 2.0], [0.0, 1.0], metadata=metadata), tmp_path / "log.csv")
+    assert read_one(tmp_path / "log.csv").response.tolist() == [1.0, 2.0]
 
 
 @settings(max_examples=80, deadline=None)

@@ -170,6 +170,11 @@ def test_duty_needs_no_unit(read):
 # Which rows
 
 
+def test_the_mapping_s_metadata_takes_the_place_of_the_file_s(read):
+    table = "# Plate: B2\n# plate: C3\n" + TABLE
+    assert read(XY + '[metadata]\nplate = "A7"\n', table)[0].metadata == {"plate": "A7"}
+
+
 def test_split_by_and_rows(read):
     first, second = read('split_by = "sweep"\n' + XY)
     assert (first.name, second.name) == ("log.csv[a]", "log.csv[b]")
@@ -242,6 +247,22 @@ def test_positions_without_header(read):
         ('frequency = "f_Hz"\n', "", ["without frequency or drive"]),
         ("phase_sign", "delimiter = ''\nphase_sign", ["delimiter", "one character"]),
         ("phase_sign", "rows = [2, 9]\nphase_sign", ["rows", "[2, 9]", "0 to 3"]),
+        ("phase_sign", "rows = []\nphase_sign", ["rows", "[]", "[first, last]"]),
+        ("phase_sign", "rows = [[0, 1], 3]\nphase_sign", ["rows", "[[0, 1], 3]", "[first, last]"]),
+        ("phase_sign", "rows = [true, false]\nphase_sign", ["rows", "True", "[first, last]"]),
+        ("phase_sign", "rows = {a = [0, 1]}\nphase_sign", ["rows", "split_by"]),
+        ("phase_sign", "split_by = 'sweep'\nrows = {a = 3}\nphase_sign", ["rows", "3", "[first, last]"]),
+        ("phase_sign", "split_by = 'sweep'\nrows = {c = [0, 1]}\nphase_sign", ["experiment 'c'", "a, b"]),
+        ("phase_sign", "phase_offset_deg = nan\nphase_sign", ["phase_offset_deg", "finite"]),
+        ("phase_sign", 'delimiter = "\\n"\nphase_sign', ["delimiter", "one character"]),
+        ("phase_sign", "delimiter = 'é'\nphase_sign", ["delimiter", "one character"]),
+        ('"X_V"', '{ column = "X_V", scale = inf }', ["[columns] x.scale", "finite"]),
+        ('"X_V"', '{ column = "X_V", scale = 0 }', ["[columns] x.scale", "0"]),
+        ('"X_V"', '{ column = "X_V", unit = "9**9**9**9" }', ["[columns] x", "unit"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nwd = "1 um"\n', ["[constants] wd", "a column"]),
+        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\ntemperature = "-300 degC"\n', ["temperature", "-300", "absolute zero"]),
+        ("[columns]", "a = " + "[" * 2000 + "]" * 2000 + "\n[columns]", ["TOML"]),
+        ("[columns]", "a = " + "1" * 5000 + "\n[columns]", ["TOML"]),
         ("phase_sign", "split_by = 'swep'\nphase_sign", ["split_by", "did you mean 'sweep'"]),
         ("[columns]", "[columns", ["TOML"]),
     ],

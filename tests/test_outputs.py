@@ -1,9 +1,13 @@
 """The files of a run: fit.json as promised, draws that xarray opens, and one set in the place of another."""
 
+import errno
 import hashlib
 import json
 import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import h5netcdf
 import numpy as np
@@ -104,18 +108,73 @@ def test_a_set_replaces_the_older_one_and_stale_controllers_go(older):
     assert [path.name for path in older.parent.iterdir()] == ["identified"]
 
 
-def test_controllers_go_first_and_fit_json_comes_last(older, monkeypatch):
-    moved = []
+def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatch):
+    """Whatever the moment at which the process is killed: it goes out first and comes in last, controllers next to it."""
+    seen = []
 
     def replace(source, target):
-        assert not (older / outputs.CONTROLLER).exists() and not (older / outputs.HEADER).exists()
-        moved.append(target.name)
+        rename(source, target)
+        seen.append({path.name: path.read_text().split()[0] for path in older.iterdir() if path.name in outputs.FILES})
+
+    rename = os.replace
+    monkeypatch.setattr(os, "replace", replace)
+    stage(older, *outputs.FILES)
+    assert len(seen) == 10 and not any(outputs.FIT in files for files in seen[:-1])
+    assert set(seen[-1].values()) == {"newer"} and set(seen[-1]) == set(outputs.FILES)
+    controllers = [{files[name] for name in (outputs.CONTROLLER, outputs.HEADER) if name in files} for files in seen]
+    assert controllers[:2] == [{"older"}, {"older"}] and not any("older" in found for found in controllers[2:])
+    assert not any(controllers[2:7])  # and the newer ones come when the report and the draws are there
+
+
+@pytest.mark.parametrize("failing", range(8))
+def test_an_older_set_stands_when_a_rename_fails(older, monkeypatch, failing):
+    """No space for a name, a file that another program holds: each of the five that go out and of the three that come in."""
+    before, calls = read(older), []
+
+    def replace(source, target):
+        calls.append(source)
+        if len(calls) == failing + 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
         rename(source, target)
 
     rename = os.replace
     monkeypatch.setattr(os, "replace", replace)
-    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS)
-    assert len(moved) == 3 and moved[-1] == outputs.FIT
+    with pytest.raises(OSError, match="No space left"):
+        stage(older, outputs.FIT, outputs.DRAWS, outputs.REPORT)
+    assert len(calls) == 2 * failing + 1 and read(older) == before
+
+
+@pytest.mark.parametrize("name", outputs.FILES)
+def test_a_directory_of_the_users_is_not_taken_for_a_file(older, name):
+    (older / name).unlink()
+    (older / name).mkdir()
+    (older / name / "mine").write_text("mine")
+    with pytest.raises(IsADirectoryError):
+        stage(older, *outputs.FILES)
+    assert (older / name / "mine").read_text() == "mine"
+
+
+def test_draws_on_a_full_disk_are_an_error_of_the_disk(tmp_path):
+    """The library of the format answers otherwise, and then cannot close its file."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            outputs.write_draws(standin.posterior(), tmp_path / "posterior.nc")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are forked")
+@pytest.mark.parametrize("writers", [1, 2])
+def test_killed_at_any_moment_it_leaves_no_mixture(writers):
+    """A short version of the study benchmarks/kill_writing.py."""
+    study = Path(__file__).parents[1] / "benchmarks" / "kill_writing.py"
+    command = [sys.executable, str(study), "--kills", "25", "--writers", str(writers), "--print"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "| 25 |" in done.stdout
 
 
 def test_an_interrupt_while_files_move_does_not_leave_a_mixture(older, monkeypatch):

@@ -17,7 +17,11 @@ ADVICE = {
 
 def clean(text: str) -> str:
     """The text with control, direction and undecodable characters as \\uXXXX: a file name cannot steer the terminal."""
-    return "".join(c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" for c in text)
+
+    def shown(c: str) -> str:
+        return c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" if c < "\U00010000" else f"\\U{ord(c):08x}"
+
+    return "".join(map(shown, text))
 
 
 def number(value: float | None, form: str = ".2g") -> str:

@@ -11,6 +11,7 @@ from typing import Any
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
     arguments = _parser().parse_args(argv)
+    from sysid.report.text import clean
     from sysid.scene.scene import Scene, SceneError
     from sysid.scene.toml import fitted, listed
 
@@ -29,10 +30,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 mark = f"_{seed}" if arguments.logs > 1 else ""
                 _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv", arguments.waveform)
     except SceneError as error:
-        print(f"simulate: {error}", file=sys.stderr)
+        print(f"simulate: {clean(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"simulate: cannot be written: {error}", file=sys.stderr)
+        print(f"simulate: cannot be written: {clean(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("simulate: interrupted", file=sys.stderr)
@@ -61,12 +62,15 @@ def _parser() -> argparse.ArgumentParser:
 def _write(scene: Any, seed: int, path: Path, rate: float | None) -> None:
     """Write one log, or its raw samples at `rate`, piece by piece; it appears under its name when it is whole."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
+
+    from sysid.report.text import clean
 
     part = path.with_suffix(".part")
     try:
         with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as progress:
-            task = progress.add_task(path.name, total=scene.rows if rate is None else scene.duration * rate)
+            task = progress.add_task(escape(clean(path.name)), total=scene.rows if rate is None else scene.duration * rate)
             for done in _pieces(scene, seed, part, rate):
                 progress.update(task, completed=done)
         part.replace(path)
