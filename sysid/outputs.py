@@ -28,7 +28,8 @@ PRIORS = {  # sysid/likelihood.py has the equations
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
-FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"
+FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
+CONTROLLER, HEADER, SOURCE = "controller.json", "dq_pi.h", "dq_pi.c"
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
@@ -140,7 +141,7 @@ def write_draws(posterior: "Posterior", path: Path) -> None:
 
 def check_writable(folder: Path) -> None:
     """Raise OSError when a set could not be placed in `folder`; leaves nothing behind."""
-    for name in (FIT, DRAWS, REPORT, CONTROLLER, HEADER):
+    for name in (FIT, DRAWS, REPORT, CONTROLLER, HEADER, SOURCE):
         if (folder / name).is_dir():
             raise IsADirectoryError(f"{folder / name} is a directory, expected a file or nothing")
     with staging(folder):
@@ -169,7 +170,7 @@ def place(fresh: Path, folder: Path) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for stale in {CONTROLLER, HEADER} - set(names):
+        for stale in {CONTROLLER, HEADER, SOURCE} - set(names):
             (folder / stale).unlink(missing_ok=True)
         for name in names:
             os.replace(fresh / name, folder / name)

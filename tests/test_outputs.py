@@ -81,7 +81,7 @@ def older(tmp_path):
     """A folder with an older set and a file of the user's own."""
     folder = tmp_path / "identified"
     folder.mkdir()
-    for name in (outputs.FIT, outputs.DRAWS, outputs.REPORT, outputs.CONTROLLER, outputs.HEADER, "notes.txt"):
+    for name in (outputs.FIT, outputs.DRAWS, outputs.REPORT, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, "notes.txt"):
         (folder / name).write_text(f"older {name}")
     return folder
 
@@ -108,7 +108,7 @@ def test_controllers_go_first_and_fit_json_comes_last(older, monkeypatch):
     moved = []
 
     def replace(source, target):
-        assert not (older / outputs.CONTROLLER).exists() and not (older / outputs.HEADER).exists()
+        assert not any((older / name).exists() for name in (outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE))
         moved.append(target.name)
         rename(source, target)
 
@@ -125,7 +125,7 @@ def test_an_interrupt_while_files_move_does_not_leave_a_mixture(older, monkeypat
 
     rename, before = os.replace, signal.getsignal(signal.SIGINT)  # a job in the background ignores interrupts
     monkeypatch.setattr(os, "replace", replace)
-    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER)
+    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE)
     assert all(text.startswith("newer") for name, text in read(older).items() if name != "notes.txt")
     assert signal.getsignal(signal.SIGINT) is before
 
