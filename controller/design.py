@@ -116,7 +116,8 @@ def design(
         latency = math.ceil(latency / T - 1e-9) * T  # its commands are latched at the next sample
     plate = plate_of(source)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, warming)
-    most = -math.log1p(-PREDICTED_K) if method == "adaptive" else _delay_limit((latency + rig.delay(plate.f0)) / T)
+    late = rig.delay(plate.f0) / T
+    most = -math.log1p(-PREDICTED_K / (1 + late)) if method == "adaptive" else _delay_limit(latency / T + late)
     bandwidth_limit = most / (2 * math.pi * T)
     plants = Ensemble.of(source, plate.means, finger, warming if plate.f0 is not None and plate.k_T is not None else (0.0, 0.0))
     amplitude = amplitude_of(plate, limits, amplitude, finger)

@@ -1,14 +1,13 @@
 """A step in fixed point: recorded operation by operation in words of 16 or 32 bits, written as C and run in Python alike.
 
 Each value has a range, followed through the step from those of inputs and state, and from it a scale of its own, a power of
-two: a word n stands for n 2^-point. Sums and products are formed in twice the width, rounded to the nearest (halves away from zero)
-and saturated at +-(2^(bits-1) - 1). The word that is left, -2^(bits-1), stands for a missing measurement. No operation overflows,
-whatever comes in, and none depends on how C rounds or shifts negative numbers.
+two: a word n stands for n 2^-point. Sums and products are formed in twice the width, rounded to the nearest (halves away from
+zero) and saturated at +-(2^(bits-1) - 1). The word that is left, -2^(bits-1), stands for a missing measurement. No operation
+overflows, whatever comes in, and none depends on how C rounds or shifts negative numbers.
 """
 
 import math
-from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -159,15 +158,20 @@ class FixedRecord:
         span = Span(math.floor(k.span.low), math.floor(k.span.high))
         return self._make(op.Floor(x.text, max(k.point, 0)), Known(span, min(k.point, 0), k.missing))
 
-    def needed(self, results: Iterable[Any]) -> tuple[dict[str, op.Operation], Counter[str]]:
-        """The operations without which `results` could not be had, in order, and how many there are of each kind."""
-        wanted = set(results)
-        kept = {}
+    def twin(
+        self, first: Mapping[str, Any], then: Mapping[str, Any], output: Mapping[str, Any], states: dict[str, int],
+        points: dict[str, int],
+    ) -> "Twin":  # fmt: skip
+        """The operations without which the next state and the output could not be had, as they run in Python."""
+        after = {name: self.fitted(value, states[name]) for name, value in then.items()}
+        said = {name: self.fitted(value, points[name]) for name, value in output.items()}
+        wanted, kept = {*after.values(), *said.values()}, []
         for name, made in reversed(self.made.items()):
             if name in wanted:
                 wanted |= made.uses()
-                kept[name] = made
-        return dict(reversed(kept.items())), Counter(made.kind for made in kept.values())
+                kept.append((name, made))
+        begun = {name: self.word(float(value), states[name]) for name, value in first.items()}
+        return Twin(self.bits, dict(reversed(kept)), begun, after, said, states, points)
 
     def _make(self, made: op.Operation, known: Known, condition: bool = False) -> Symbol:
         if made not in self._names:

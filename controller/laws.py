@@ -99,7 +99,7 @@ class Asked(NamedTuple):
         slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast))
         return Adaptive(
             plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0, -math.expm1(-2 * math.pi * bandwidth * T),
-            (fast, slow), (0.0,) * round(self.delay / T), lowest, highest, self.rig.slew(T), **self._frequency(),
+            (fast, slow), (0.0,) * round(self.latency / T), lowest, highest, self.rig.slew(T), **self._frequency(),
         )  # fmt: skip
 
 

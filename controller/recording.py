@@ -139,28 +139,24 @@ def _loaded(xp: Any, first: Any, span: Any) -> tuple[Any, dict[str, Span]]:
 def _recorded(
     xp: Any, precision: Precision, first: Any, after: Any, output: dict, spans: dict[str, Span], inputs: dict[str, Any]
 ) -> Recorded:
-    said = {name: v for name, v in output.items() if v[1] is not None}
-    firsts = dict(_leaves("", first))
+    output = {name: v for name, v in output.items() if v[1] is not None}
+    firsts, afters = dict(_leaves("", first)), dict(_leaves("", after))
     if isinstance(xp, Record):
-        then = {name: xp.text(value) for name, value in _leaves("", after)}
-        out = {name: (xp.text(value), base) for name, (base, value, _) in said.items()}
+        then = {name: xp.text(value) for name, value in afters.items()}
+        out = {name: (xp.text(value), base) for name, (base, value, _) in output.items()}
         lines, counts = xp.needed([*then.values(), *(text for text, _ in out.values())])
         return Recorded(lines, {n: (xp.number(float(v)), then[n]) for n, v in firsts.items()}, out, counts, None)
+    for name, (base, value, _) in output.items():
+        if base is not None and max(map(abs, xp.known(value).span)) > xp.top:
+            raise ValueError(f"found {name} up to {max(xp.known(value).span):.6g}, expected what {precision} can hold")
     states = {name: xp.point(span) for name, span in spans.items()}
     points = {name: xp.point(span) for name, span in inputs.items() if span is not None}
-    points |= {name: 0 if base is not None else xp.point(span) for name, (base, _, span) in said.items()}
-    then = {name: xp.fitted(value, states[name]) for name, value in _leaves("", after)}
-    fitted = {name: (xp.fitted(value, points[name]), base) for name, (base, value, _) in said.items()}
-    for name, (_, value, _) in said.items():
-        if points[name] == 0 and isinstance(value, Symbol) and max(map(abs, xp.known(value).span)) > xp.top:
-            raise ValueError(f"found {name} up to {max(xp.known(value).span):.6g}, expected what {precision} can hold")
-    operations, counts = xp.needed([*then.values(), *(text for text, _ in fitted.values())])
-    words: dict[str, int | str] = {name: text for name, (text, _) in fitted.items()}
-    begun = {name: xp.word(float(value), states[name]) for name, value in firsts.items()}
-    twin = Twin(xp.bits, operations, begun, then, words, states, points)
-    lines = [f"const {'int' if name[0] == 'c' else 'dq_word'} {name} = {made.c()};" for name, made in operations.items()]
-    state = {name: (str(begun[name]), str(then[name])) for name in begun}
-    return Recorded(lines, state, {name: (str(text), base) for name, (text, base) in fitted.items()}, counts, twin)
+    points |= {name: 0 if base is not None else xp.point(span) for name, (base, _, span) in output.items()}
+    twin = xp.twin(firsts, afters, {name: value for name, (_, value, _) in output.items()}, states, points)
+    lines = [f"const {'int' if name[0] == 'c' else 'dq_word'} {name} = {made.c()};" for name, made in twin.operations.items()]
+    state = {name: (str(first), str(twin.then[name])) for name, first in twin.first.items()}
+    out = {name: (str(word), output[name][0]) for name, word in twin.output.items()}
+    return Recorded(lines, state, out, Counter(made.kind for made in twin.operations.values()), twin)
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
