@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from controller import scalar
 from controller.dq import Command
 from controller.scalar import NO_LIMIT, clip, seen
+from controller.source import Source
 
 
 class AdaptiveState(NamedTuple):
@@ -42,7 +43,7 @@ class Adaptive(NamedTuple):
 
     `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time constant)
     along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect
-    `len(delay)` whole samples after they were asked for. Voltage, slew limits and window, quantum and temperature as in `PI` and
+    `len(delay)` whole samples after they were asked for. Voltage, slew limits and window, source and temperature as in `PI` and
     `Tracker`; `sweep` is the most that the frequency moves in a sample. The pole is held unless reference > 0 and
     |Z| > gate * reference.
     """
@@ -61,7 +62,7 @@ class Adaptive(NamedTuple):
     highest: float = NO_LIMIT
     sweep: float = NO_LIMIT
     gate: float = 0.2
-    quantum: float | None = None
+    source: Source | None = None
     dead_band: float = 0.0
     k_T: float | None = None
     temperature: float = 24.0
@@ -69,16 +70,22 @@ class Adaptive(NamedTuple):
     def init(self) -> AdaptiveState:
         """At rest at the start frequency, with the plate as it was identified."""
         still = (0.0, *self.delay)
-        return AdaptiveState(0.0, 0.0, self.damping, 0.0, self.temperature, still, still)
+        first = tuple(zero + self._first for zero in still)
+        return AdaptiveState(0.0, 0.0, self.damping, 0.0, self.temperature, still, first)
 
     def rest(self) -> Command:
         """What is driven before the first sample has taken effect."""
-        return Command(0.0, self.start)
+        return Command(0.0, self.start + self._first)
+
+    @property
+    def _first(self) -> float:
+        return 0.0 if self.source is None else self.source.first
 
     def step(
-        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
     ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) and a temperature (degC) in, what to drive with out.
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of K in, what to
+        drive with out.
 
         A missing measurement (not finite) is not zero: the prediction stands in for it.
         """
@@ -93,7 +100,7 @@ class Adaptive(NamedTuple):
             after = ahead if k == len(state.voltages) - 1 else after
         detuned = self.turn * (resonance - frequency)
         held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
-        wanted = ((self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (1.0 / self.push)
+        wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (1.0 / self.push)
         last = state.voltages[0]
         voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), self.lowest_voltage, self.highest_voltage, xp)
         voltage = xp.where(xp.isfinite(reference), voltage, last)
@@ -137,8 +144,7 @@ class Adaptive(NamedTuple):
         """The frequency to drive with, Hz above the start: the resonance, by steps that the source can make."""
         last = state.frequencies[0]
         wanted = clip(resonance, last - self.sweep, last + self.sweep, xp)
-        if self.quantum is None:
+        if self.source is None:
             return wanted
-        off, enough = resonance - last, 0.5 * self.quantum + self.dead_band
-        near = self.quantum * xp.floor(wanted * (1.0 / self.quantum) + 0.5)
-        return xp.where(off * off > enough * enough, near, last)
+        off, enough = resonance - last, 0.5 * self.source.step + self.dead_band
+        return xp.where(off * off > enough * enough, self.source.made(wanted, xp), last)

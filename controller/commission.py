@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from controller.design import FAULT_AFTER
+from controller.laws import FAULT_AFTER
 
 SHARE = 0.1  # of the voltage limit, at which one begins
 SLOWER = 10.0  # by which the gains of the first closed loop are divided

@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.pi import PI, PIInfo, PIState
-from controller.tracker import SignTracker, Tracker, TrackerInfo, TrackerState
+from controller.scalar import Full
+from controller.tracker import PLL, SignTracker, Tracker, TrackerInfo, TrackerState
 
 
 class DQState(NamedTuple):
@@ -32,7 +33,7 @@ class DQ(NamedTuple):
     """PI and tracker in parallel, on one clock. Without a tracker the frequency is whoever else's."""
 
     amplitude: PI
-    tracker: Tracker | SignTracker | None
+    tracker: Tracker | SignTracker | PLL | None
 
     def init(self) -> DQState:
         """At rest, at the tracker's start frequency."""
@@ -40,14 +41,18 @@ class DQ(NamedTuple):
 
     def rest(self) -> Command:
         """What is driven before the first sample has taken effect."""
-        tracker = None if self.tracker is None else self.tracker.init()
-        return Command(0.0, None if tracker is None else tracker.frequency)
+        return Command(0.0, None if self.tracker is None else self.tracker.start + self.tracker.init().offset)
+
+    def span(self, full: Full) -> DQState:
+        """Where the numbers of the state lie."""
+        return DQState(self.amplitude.span(full), None if self.tracker is None else self.tracker.span(full))
 
     def step(
-        self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+        self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
     ) -> tuple[DQState, Command, DQInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) and a temperature (degC) in, what to drive with out."""
-        amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp)
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of the PI's gains in,
+        what to drive with out."""
+        amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share)
         if self.tracker is None:
             return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)
         # The voltage that made this W is the last one: under a negative one the sign of Wq is turned.

@@ -6,15 +6,15 @@ A fault makes the voltage zero and is latched: only `init` arms the controller a
     2 dead       the sensor shows less than `floor` of what the drive makes of the plate, for `patience` samples
     3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit
     4 above      |W| above `ceiling` for `patience` samples
-    5 edge       the frequency at the edge of its window for `patience` samples: the resonance is elsewhere, or the sign of Wq
-                 is wrong and the tracker ran away
+    5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere, or
+                 the sign of Wq is wrong and the tracker ran away
 """
 
 from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
-from controller.scalar import NO_LIMIT, clip, seen
+from controller.scalar import NO_LIMIT, Full, Span, clip, seen
 
 FAULTS = ("none", "missing", "dead", "stuck", "above", "edge")
 
@@ -48,7 +48,7 @@ class Guard(NamedTuple):
     """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and that faults stop.
 
     The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under the heaviest
-    finger. Amplitudes are those that the loop's sensor shows.
+    finger.
     """
 
     control: Any
@@ -61,6 +61,7 @@ class Guard(NamedTuple):
     patience: float = 50.0
     repeats: float = 200.0
     floor: float = 0.05
+    edge: float = 0.0
 
     def init(self) -> GuardState:
         """Armed, at rest."""
@@ -70,11 +71,18 @@ class Guard(NamedTuple):
         """As the controller's own."""
         return self.control.rest()
 
+    def span(self, full: Full) -> GuardState:
+        """Where the numbers of the state lie."""
+        patient, volts, W = Span(0.0, 2 * self.patience), Span(-self.limit, self.limit), Span(-full.response, full.response)
+        counts = (patient, patient, Span(0.0, 2 * self.repeats), patient, patient)
+        expected = Span(0.0, self.gain * self.limit)
+        return GuardState(self.control.span(full), Span(0.0, len(FAULTS)), *counts, expected, W, W, volts, volts)
+
     def step(
-        self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar
+        self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
     ) -> tuple[GuardState, Command, GuardInfo]:
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where it was."""
-        control, command, said = self.control.step(state.control, reference, W, temperature, xp)
+        control, command, said = self.control.step(state.control, reference, W, temperature, xp, share)
         counts, since = self._suspicions(state, W, xp)
         at_edge, frequency = self._window(command.frequency, xp)
         edge = xp.where(at_edge, state.edge + 1.0, 0.0)
@@ -113,4 +121,5 @@ class Guard(NamedTuple):
     def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
         if frequency is None:
             return False, None
-        return (frequency <= self.lowest) | (frequency >= self.highest), clip(frequency, self.lowest, self.highest, xp)
+        at_edge = (frequency <= self.lowest + self.edge) | (frequency >= self.highest - self.edge)
+        return at_edge, clip(frequency, self.lowest, self.highest, xp)

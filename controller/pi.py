@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from controller import scalar
-from controller.scalar import NO_LIMIT, clip, seen
+from controller.scalar import NO_LIMIT, Full, Span, clip, seen
 
 
 class PIState(NamedTuple):
@@ -43,13 +43,19 @@ class PI(NamedTuple):
         """At rest: no voltage."""
         return PIState(0.0, 0.0)
 
-    def step(self, state: PIState, reference: Any, W: Any, xp: Any = scalar) -> tuple[PIState, Any, PIInfo]:
+    def span(self, full: Full) -> PIState:
+        """The integral is a mean of outputs: I <- (1 - anti_windup) I + anti_windup V."""
+        volts = Span(max(self.lowest, -full.voltage), min(self.highest, full.voltage))
+        return PIState(volts, volts)
+
+    def step(self, state: PIState, reference: Any, W: Any, xp: Any = scalar, share: Any = 1.0) -> tuple[PIState, Any, PIInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive unit) out.
 
-        A missing measurement (not finite) is not zero: output and integral are held, and `info.missing` says so.
+        `share` multiplies both gains: the closed loop is slower by as much. A missing measurement (not finite) is not zero:
+        output and integral are held, and `info.missing` says so.
         """
         there = seen(reference, W, xp)
-        error = reference - W.real
+        error = share * (reference - W.real)
         wanted = self.Kp * error + state.integral
         output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), self.lowest, self.highest, xp)
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup

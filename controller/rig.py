@@ -5,23 +5,47 @@ latency_us = 100             # from a sample to when its command takes effect; o
 voltage_limit_V = 350
 bipolar = true               # false: an amplifier that cannot turn its voltage round
 voltage_slew_V_per_s = 1e6   # abrupt changes are heard
-frequency_step_Hz = 10.4     # what the source can make: multiples of it
+tracker_period_ms = 1        # the shortest time between two updates of the frequency
+timer_MHz = 100              # what makes it: a timer that counts whole ticks; or dds_MHz, the clock of an accumulator of 32 bits;
+                             # or frequency_step_Hz, multiples of it
 thermometer = true           # the loop is told the plate's temperature
+arithmetic = "q31"           # of the exported C: double, single; q31, q15: fixed point in words of 32 or 16 bits
+
+[adc]                        # of the loop's sensor; its samples are what the exported demodulator takes
+bits = 12
+full_scale = 5               # in what the sensor shows, for 2^(bits-1) counts
+rate_MHz = 1
+
+[dac]                        # the peak voltage as a code
+bits = 12
+full_scale_V = 400
+
+[inverter]                   # the voltage as a duty ratio
+supply_V = 300
+law = "sine"                 # V = (4/pi) supply sin(pi duty/2); or "linear", V = supply duty
 
 [sensor]                     # where the loop's sensor is not that of the logs
 gain = 0.98                  # what it shows of one unit of the logs' response
 rotation_deg = 3
 delay_us = 1
+gain_error = 0.01            # standard deviations: of the gain, and of the whole angle at the carrier
+angle_error_deg = 0.5
+calibration = "both.csv"     # or instead of these a log of both sensors at once: see controller/calibration.py
 """
 
 import cmath
 import math
 import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from controller import scalar
-from controller.scalar import NO_LIMIT
+from controller.actuator import Adc, Dac, Inverter
+from controller.demodulator import Demodulator
+from controller.scalar import NO_LIMIT, Full
+from controller.source import Multiples, Source, Timer
+
+ARITHMETIC = ("double", "single", "q31", "q15")
 
 
 class RigError(ValueError):
@@ -29,11 +53,16 @@ class RigError(ValueError):
 
 
 class Sensor(NamedTuple):
-    """The loop's sensor beside that of the logs: it shows `gain` e^{j rotation} W of `delay` s before. `rotation` in degrees."""
+    """The loop's sensor beside that of the logs: it shows `gain` e^{j rotation} W of `delay` s before. `rotation` in degrees.
+
+    Standard deviations: `gain_error`, and `angle_error`, degrees, of the whole angle at the carrier, in which errors of rotation
+    and delay make up for each other."""
 
     gain: float = 1.0
     rotation: float = 0.0
     delay: float = 0.0
+    gain_error: float = 0.0
+    angle_error: float = 0.0
 
     def correction(self, frequency: float) -> complex:
         """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay degrees."""
@@ -62,23 +91,37 @@ class Calibrated(NamedTuple):
         """As the controller's own."""
         return self.control.rest()
 
-    def step(self, state: Any, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar) -> tuple[Any, Any, Any]:
+    def span(self, full: Full) -> Any:
+        """As the controller's own, of readings that are corrected."""
+        return self.control.span(full._replace(response=full.response * math.hypot(self.d, self.q)))
+
+    def step(
+        self, state: Any, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, **knobs: Any
+    ) -> tuple[Any, Any, Any]:
         """As the controller's own, of the corrected reading."""
         turned = Vector(W.real * self.d - W.imag * self.q, W.real * self.q + W.imag * self.d)
-        return self.control.step(state, reference, turned, temperature, xp)
+        return self.control.step(state, reference, turned, temperature, xp, **knobs)
 
 
 class Rig(NamedTuple):
-    """Times in s, the voltage in the drive unit, None: not known, or no limit. `sensor` None: that of the logs."""
+    """Times in s, the voltage in the drive unit, None: not known, or no limit. `sensor` None: that of the logs. Of
+    `frequency_step` (Hz), `timer` and `dds` (clocks, Hz) one at most."""
 
     sample_time: float = 1e-4
     latency: float | None = None
     voltage_limit: float | None = None
     bipolar: bool = True
     voltage_slew: float | None = None  # drive unit per s
-    frequency_step: float | None = None  # Hz
+    frequency_step: float | None = None
     thermometer: bool = False
     sensor: Sensor | None = None
+    tracker_period: float = 1e-3
+    timer: float | None = None
+    dds: float | None = None
+    adc: Adc | None = None
+    dac: Dac | None = None
+    inverter: Inverter | None = None
+    arithmetic: str = "double"
 
     @classmethod
     def from_toml(cls, path: str | Path, drive_unit: str = "V") -> "Rig":
@@ -87,34 +130,37 @@ class Rig(NamedTuple):
             document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise RigError(f"{path}: cannot be read: {error}") from None
-        units = {
-            "sample_time": "s",
-            "latency": "s",
-            "voltage_limit": drive_unit,
-            "voltage_slew": f"{drive_unit}/s",
-            "frequency_step": "Hz",
-        }
-        read = _Reader(str(path))
-        sensor = document.pop("sensor", None)
-        if sensor is not None and not isinstance(sensor, dict):
-            read.refuse("sensor", sensor, "a table, [sensor]")
-        values = read.table("", document, units, ("bipolar", "thermometer"))
-        if sensor is not None:
-            values["sensor"] = Sensor(**read.table("sensor.", sensor, {"gain": "1", "rotation": "deg", "delay": "s"}, ()))
-        rig = cls(**values)
-        for name in ("sample_time", "voltage_limit", "voltage_slew", "frequency_step"):
-            if (value := getattr(rig, name)) is not None and not value > 0:
-                read.refuse(name, value, "a number above zero")
-        if rig.latency is not None and rig.latency < 0:
-            read.refuse("latency", rig.latency, "zero or more")
-        if rig.sensor is not None and not (rig.sensor.gain > 0 and rig.sensor.delay >= 0):
-            read.refuse("sensor", tuple(rig.sensor), "a gain above zero and a delay of zero or more")
-        return rig
+        read = _Reader(Path(path))
+        tables = {name: read.subtable(document, name) for name in ("sensor", "adc", "dac", "inverter")}
+        times = dict.fromkeys(("sample_time", "latency", "tracker_period"), "s")
+        sources = dict.fromkeys(("frequency_step", "timer", "dds"), "Hz")
+        units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
+        values = read.table("", document, units, {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC})
+        if tables["sensor"] is not None:
+            values["sensor"] = read.sensor(tables["sensor"])
+        if tables["adc"] is not None:
+            given = {"bits": "1", "full_scale": "", "rate": "Hz"}
+            values["adc"] = Adc(**read.whole("adc.", read.table("adc.", tables["adc"], given, {})))
+        if tables["dac"] is not None:
+            given = {"bits": "1", "full_scale": drive_unit}
+            values["dac"] = Dac(**read.whole("dac.", read.table("dac.", tables["dac"], given, {})))
+        if tables["inverter"] is not None:
+            found = read.table("inverter.", tables["inverter"], {"supply": drive_unit}, {"law": ("linear", "sine")})
+            values["inverter"] = Inverter(read.whole("inverter.", found, ("supply",))["supply"], found.get("law") == "sine")
+        return read.checked(cls(**values))
 
-    @property
-    def sensor_delay(self) -> float:
-        """Seconds by which the loop's sensor is late."""
-        return 0.0 if self.sensor is None else self.sensor.delay
+    def source(self, start: float) -> Source | None:
+        """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to matter."""
+        if self.timer is not None:
+            return Timer.of(self.timer, start)
+        return None if self.frequency_step is None else Multiples.of(self.frequency_step, start)
+
+    def delay(self, f0: float | None) -> float:
+        """Seconds by which a reading is late: the sensor, and the exported demodulator's filters where its rate is stated."""
+        late = 0.0 if self.sensor is None else self.sensor.delay
+        if self.adc is None or f0 is None:
+            return late
+        return late + Demodulator.of(self.adc.rate, f0, 1.0).delay / self.adc.rate
 
     def slew(self, sample_time: float) -> float:
         """The most that the voltage may change in one sample."""
@@ -124,24 +170,47 @@ class Rig(NamedTuple):
 class _Reader:
     """Keys with units, of one file."""
 
-    def __init__(self, path: str):
+    def __init__(self, path: Path):
         self.path = path
 
-    def table(self, prefix: str, values: dict[str, Any], units: dict[str, str], switches: tuple[str, ...]) -> dict[str, Any]:
+    def subtable(self, document: dict[str, Any], name: str) -> dict[str, Any] | None:
+        found = document.pop(name, None)
+        if found is not None and not isinstance(found, dict):
+            self.refuse(name, found, f"a table, [{name}]")
+        return found
+
+    def sensor(self, table: dict[str, Any]) -> Sensor:
+        """As it is stated, or as a log of both sensors shows it."""
+        if "calibration" not in table:
+            units = {"gain": "1", "rotation": "deg", "delay": "s", "gain_error": "1", "angle_error": "deg"}
+            return Sensor(**self.table("sensor.", table, units, {}))
+        from controller.calibration import calibrate
+
+        path = table["calibration"]
+        if len(table) > 1 or not isinstance(path, str):
+            self.refuse("sensor.calibration", table, "the path of a log, and nothing beside it")
+        return Sensor(*calibrate(self.path.parent / path))
+
+    def table(
+        self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, tuple[str, ...] | None]
+    ) -> dict[str, Any]:
+        """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true or false."""
         from sysid.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}
+        names = sorted(units, key=len, reverse=True)
         for key, value in values.items():
-            name = next((n for n in units if key == n or key.startswith(f"{n}_")), key)
+            name = next((n for n in names if key == n or key.startswith(f"{n}_")), key)
             if name in found:
                 self.refuse(prefix + key, "it twice", "it once")
-            if name in switches:
-                if not isinstance(value, bool):
-                    self.refuse(prefix + key, value, "true or false")
+            if name in words:
+                choices = words[name]
+                if (not isinstance(value, bool)) if choices is None else (value not in choices):
+                    self.refuse(prefix + key, value, "true or false" if choices is None else f"one of {', '.join(choices)}")
                 found[name] = value
                 continue
             if name not in units:
-                known = (*units, *switches)
+                known = (*units, *words)
                 self.refuse(prefix + key, "an unknown key", f"one of {', '.join(known)}{did_you_mean(key, known)}")
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 self.refuse(prefix + key, value, f"a number in {units[name]}")
@@ -151,5 +220,25 @@ class _Reader:
             found[name] = float(value) if unit == units[name] else float(convert(float(value), unit, units[name]))
         return found
 
-    def refuse(self, key: str, found: Any, expected: str) -> None:
+    def whole(self, prefix: str, found: dict[str, Any], names: tuple[str, ...] = ()) -> dict[str, Any]:
+        """The same; refused where one of all names that belong there is missing or not above zero."""
+        for name in names or (("bits", "full_scale", "rate") if prefix == "adc." else ("bits", "full_scale")):
+            if not found.get(name, 0.0) > 0 or (name == "bits" and found[name] not in range(4, 25)):
+                self.refuse(prefix + name, found.get(name), "4 to 24" if name == "bits" else "a number above zero")
+        return found
+
+    def checked(self, rig: Rig) -> Rig:
+        for name in ("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds"):
+            if (value := getattr(rig, name)) is not None and not value > 0:
+                self.refuse(name, value, "a number above zero")
+        if rig.latency is not None and rig.latency < 0:
+            self.refuse("latency", rig.latency, "zero or more")
+        if rig.sensor is not None and not (rig.sensor.gain > 0 and rig.sensor.delay >= 0):
+            self.refuse("sensor", tuple(rig.sensor), "a gain above zero and a delay of zero or more")
+        made = [name for name in ("frequency_step", "timer", "dds") if getattr(rig, name) is not None]
+        if len(made) > 1:
+            self.refuse(made[1], f"{made[0]} as well", "one source of the frequency")
+        return rig
+
+    def refuse(self, key: str, found: Any, expected: str) -> NoReturn:
         raise RigError(f"{self.path}: {key}: found {found!r}, expected {expected}")

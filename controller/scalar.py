@@ -5,9 +5,25 @@ A step is written once, in `+ - * /`, comparisons and the functions below, and t
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 NO_LIMIT = 1e30  # in any unit; a number also in single precision
+nan = math.nan
+
+
+class Span(NamedTuple):
+    """Where a number lies; fixed point takes its scale from it."""
+
+    low: float
+    high: float
+
+
+class Full(NamedTuple):
+    """Full scale: the largest `response` (each of Wd, Wq) and `voltage`, and the plate's `temperature` in degC."""
+
+    response: float
+    voltage: float
+    temperature: Span = Span(-60.0, 200.0)
 
 
 def where(condition: bool, yes: float, no: float) -> float:

@@ -18,9 +18,18 @@ class Record:
         self._made: dict[str, tuple[str, str]] = {}  # by name: operation, line
         self._known: dict[str, Symbol] = {}
 
+    @property
+    def nan(self) -> "Symbol":
+        """What stands for a measurement that is none."""
+        return Symbol(self, "DQ_MISSING", False)
+
     def input(self, text: str) -> "Symbol":
         """A value from outside."""
         return Symbol(self, text, False)
+
+    def flag(self, text: str) -> "Symbol":
+        """A condition from outside."""
+        return Symbol(self, text, True)
 
     def text(self, value: Any) -> str:
         """How C writes a symbol, a condition or a number."""
@@ -45,6 +54,18 @@ class Record:
                 kept.append((operation, line))
         return [line for _, line in reversed(kept)], Counter(operation for operation, _ in kept)
 
+    def binary(self, sign: str, a: Any, b: Any) -> "Symbol":
+        return self.made(sign, f"{self.text(a)} {sign} {self.text(b)}")
+
+    def negative(self, a: "Symbol") -> "Symbol":
+        return self.made("-", f"-{a.text}")
+
+    def compared(self, sign: str, a: "Symbol", b: Any) -> "Symbol":
+        return self.made(sign, f"{a.text} {sign} {self.text(b)}", True)
+
+    def logic(self, sign: str, a: "Symbol", b: "Symbol") -> "Symbol":
+        return self.made("logic", f"{a.text} {sign} {b.text}", True)
+
     def where(self, condition: Any, yes: Any, no: Any) -> Any:
         if isinstance(condition, bool):
             return yes if condition else no
@@ -62,75 +83,71 @@ class Record:
 
 
 class Symbol:
-    """A value, or a condition, of a record."""
+    """A value, or a condition, of a record, which makes what is done to it."""
 
     __hash__ = None  # type: ignore[assignment]  # what is equal is a question for the machine that runs the record
 
-    def __init__(self, record: Record, text: str, condition: bool):
+    def __init__(self, record: Any, text: str, condition: bool):
         self.record, self.text, self.condition = record, text, condition
 
     def __bool__(self) -> bool:
         raise TypeError("found a branch on a value that is known only when the step runs, expected xp.where")
 
-    def _with(self, sign: str, other: Any, turned: bool = False) -> "Symbol":
-        a, b = (self.record.text(v) for v in ((other, self) if turned else (self, other)))
-        return self.record.made(sign, f"{a} {sign} {b}", sign in ("<", ">", "<=", ">=", "==", "!="))
-
     def __add__(self, other):
-        return self._with("+", other)
+        return self.record.binary("+", self, other)
 
     def __radd__(self, other):
-        return self._with("+", other, True)
+        return self.record.binary("+", other, self)
 
     def __sub__(self, other):
-        return self._with("-", other)
+        return self.record.binary("-", self, other)
 
     def __rsub__(self, other):
-        return self._with("-", other, True)
+        return self.record.binary("-", other, self)
 
     def __mul__(self, other):
-        return self._with("*", other)
+        return self.record.binary("*", self, other)
 
     def __rmul__(self, other):
-        return self._with("*", other, True)
+        return self.record.binary("*", other, self)
 
     def __truediv__(self, other):
-        return self._with("/", other)
+        return self.record.binary("/", self, other)
 
     def __rtruediv__(self, other):
-        return self._with("/", other, True)
+        return self.record.binary("/", other, self)
 
     def __neg__(self):
-        return self.record.made("-", f"-{self.text}")
+        return self.record.negative(self)
 
     def __lt__(self, other):
-        return self._with("<", other)
+        return self.record.compared("<", self, other)
 
     def __le__(self, other):
-        return self._with("<=", other)
+        return self.record.compared("<=", self, other)
 
     def __gt__(self, other):
-        return self._with(">", other)
+        return self.record.compared(">", self, other)
 
     def __ge__(self, other):
-        return self._with(">=", other)
+        return self.record.compared(">=", self, other)
 
     def __eq__(self, other):
-        return self._with("==", other)
+        return self.record.compared("==", self, other)
 
     def __ne__(self, other):
-        return self._with("!=", other)
+        return self.record.compared("!=", self, other)
 
     def __and__(self, other):
         if isinstance(other, bool):
             return self if other else False
-        return self.record.made("logic", f"{self.text} && {other.text}", True)
+        return self.record.logic("&&", self, other)
 
     __rand__ = __and__
 
     def __or__(self, other):
         if isinstance(other, bool):
             return True if other else self
-        return self.record.made("logic", f"{self.text} || {other.text}", True)
+        return self.record.logic("||", self, other)
 
     __ror__ = __or__

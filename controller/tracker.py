@@ -1,18 +1,21 @@
-"""Resonance trackers, a drive frequency that follows Wq / Wd: the paper's sign rule, and one that knows the fitted tau."""
+"""Resonance trackers, a drive frequency that follows Wq / Wd: the paper's sign rule, one that knows the fitted tau, and a PLL."""
 
 from typing import Any, NamedTuple
 
 from controller import scalar
-from controller.scalar import NO_LIMIT, clip, seen
+from controller.scalar import NO_LIMIT, Full, Span, clip, seen
+from controller.source import Source
 
 
 class TrackerState(NamedTuple):
-    """Drive `frequency` and `estimate` of the resonance in Hz, `count` of samples since the last update, last `temperature`."""
+    """Drive frequency, `offset`, and `estimate` of the resonance in Hz above the start (absolute ones would lose digits in single
+    precision), `count` of samples since the last update; last `temperature` and `ratio` Wq / Wd, None where nobody asks."""
 
-    frequency: Any
+    offset: Any
     estimate: Any
     count: Any
-    temperature: Any
+    temperature: Any = None
+    ratio: Any = None
 
 
 class TrackerInfo(NamedTuple):
@@ -46,10 +49,17 @@ class SignTracker(NamedTuple):
     every: float
     size: float = 10.0
     gate: float = 0.2
+    lowest: float = 0.0
+    highest: float = NO_LIMIT
 
     def init(self) -> TrackerState:
         """At the start frequency; the first update comes after one full period."""
-        return TrackerState(self.start, self.start, 0.0, 0.0)
+        return TrackerState(0.0, 0.0, 0.0)
+
+    def span(self, full: Full) -> TrackerState:
+        """Where the numbers of the state lie."""
+        window = Span(self.lowest - self.start, self.highest - self.start)
+        return TrackerState(window, window, Span(0.0, self.every))
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -58,9 +68,43 @@ class SignTracker(NamedTuple):
         there, due, moves, count = _due(self, state, reference, W, braked, xp)
         step = xp.where(W.imag > 0.0, self.size, xp.where(W.imag < 0.0, -self.size, 0.0))
         step = xp.where(moves, step, 0.0)
-        frequency = state.frequency + step
-        after = TrackerState(frequency, frequency, count, state.temperature)
-        return after, frequency, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+        offset = clip(state.offset + step, self.lowest - self.start, self.highest - self.start, xp)
+        after = TrackerState(offset, offset, count)
+        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+
+
+class _Estimate(NamedTuple):
+    """What `Tracker` and `PLL` have in common: what becomes of a step of the estimate."""
+
+    start: float
+    lowest: float
+    highest: float
+    source: Source | None
+    dead_band: float
+    k_T: float | None
+    temperature: float
+
+    def init(self, ratio: float | None) -> TrackerState:
+        offset = 0.0 if self.source is None else self.source.first
+        return TrackerState(offset, 0.0, 0.0, None if self.k_T is None else self.temperature, ratio)
+
+    def span(self, full: Full, every: float, ratio: Span | None) -> TrackerState:
+        window = Span(self.lowest - self.start, self.highest - self.start)
+        return TrackerState(window, window, Span(0.0, every), None if self.k_T is None else full.temperature, ratio)
+
+    def moved(self, state: TrackerState, step: Any, temperature: Any, xp: Any) -> tuple[Any, Any, Any]:
+        """Offset, estimate and temperature: the estimate moves by `step` and with the temperature, within the window; the offset
+        is what the source makes of it, left only where that is further off than half a step and the dead band."""
+        estimate, known = state.estimate, state.temperature
+        if self.k_T is not None and temperature is not None:
+            known = xp.where(xp.isfinite(temperature), temperature, known)
+            estimate = estimate + self.k_T * (known - state.temperature)
+        estimate = clip(estimate + step, self.lowest - self.start, self.highest - self.start, xp)
+        if self.source is None:
+            return estimate, estimate, known
+        off, enough = estimate - state.offset, 0.5 * self.source.step + self.dead_band
+        far = (off > enough) | (off < -enough)
+        return xp.where(far, self.source.made(estimate, xp), state.offset), estimate, known
 
 
 class Tracker(NamedTuple):
@@ -71,8 +115,8 @@ class Tracker(NamedTuple):
         e <- e + clip(gain Wq / Wd + share (f - e), +-max_step),    gain = share / (2 pi tau) in Hz,
 
     removes that share of the detuning: Wq > 0 means below resonance, and f rises. The drive frequency f is the estimate; where
-    the source has only steps of `quantum` Hz it is the multiple nearest to it, and is left only when the estimate is further
-    off than half a step and `dead_band` Hz: noise does not make it chatter. Without vibration Wq / Wd is noise: the estimate is
+    the `source` has only steps it is the one nearest to it, and is left only when the estimate is further off than half a step
+    and `dead_band` Hz: noise does not make it chatter. Without vibration Wq / Wd is noise: the estimate is
     held unless reference > 0, Wd > 0 and |W| > gate * reference, and while the voltage brakes. `lowest` to `highest` is the
     window of the frequency. With `k_T` (Hz/degC) the estimate moves on every sample as the plate's temperature does.
 
@@ -87,14 +131,28 @@ class Tracker(NamedTuple):
     gate: float = 0.2
     lowest: float = 0.0
     highest: float = NO_LIMIT
-    quantum: float | None = None
+    source: Source | None = None
     dead_band: float = 0.0
     k_T: float | None = None
     temperature: float = 24.0  # degC, at which `start` is the resonance
 
+    @property
+    def most(self) -> float:
+        """Wq / Wd beyond which the step is the largest anyway."""
+        beside = 0.0 if self.source is None else 0.5 * self.source.step + self.dead_band
+        return (self.max_step + self.share * beside) / self.gain
+
+    @property
+    def _estimate(self) -> _Estimate:
+        return _Estimate(self.start, self.lowest, self.highest, self.source, self.dead_band, self.k_T, self.temperature)
+
     def init(self) -> TrackerState:
         """At the start frequency; the first update comes after one full period."""
-        return TrackerState(self._made(self.start, scalar), self.start, 0.0, self.temperature)
+        return self._estimate.init(None)
+
+    def span(self, full: Full) -> TrackerState:
+        """Where the numbers of the state lie."""
+        return self._estimate.span(full, self.every, None)
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -104,28 +162,64 @@ class Tracker(NamedTuple):
         A measurement that is missing (not finite) when an update is due holds the frequency for that period.
         """
         there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        ratio = W.imag / xp.where(moves, W.real, 1.0)
-        wanted = self.gain * ratio + self.share * (state.frequency - state.estimate)
+        ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -self.most, self.most, xp)
+        wanted = self.gain * ratio + self.share * (state.offset - state.estimate)
         step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
-        estimate, known = self._warmed(state, temperature, xp)
-        estimate = clip(estimate + step, self.lowest, self.highest, xp)
-        frequency = self._drive(state.frequency, estimate, xp)
-        after = TrackerState(frequency, estimate, count, known)
-        return after, frequency, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+        offset, estimate, known = self._estimate.moved(state, step, temperature, xp)
+        after = TrackerState(offset, estimate, count, known)
+        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
 
-    def _warmed(self, state: TrackerState, temperature: Any, xp: Any) -> tuple[Any, Any]:
-        """The estimate moved by the temperature's change, and the temperature; unchanged where none is measured."""
-        if self.k_T is None or temperature is None:
-            return state.estimate, state.temperature
-        known = xp.where(xp.isfinite(temperature), temperature, state.temperature)
-        return state.estimate + self.k_T * (known - state.temperature), known
 
-    def _drive(self, frequency: Any, estimate: Any, xp: Any) -> Any:
-        if self.quantum is None:
-            return estimate
-        off = estimate - frequency
-        far = off * off > (0.5 * self.quantum + self.dead_band) * (0.5 * self.quantum + self.dead_band)
-        return xp.where(far, self._made(estimate, xp), frequency)
+class PLL(NamedTuple):
+    """A phase-locked loop: a PI on the phase of W, whose zero cancels the plate's pole.
 
-    def _made(self, frequency: Any, xp: Any) -> Any:
-        return frequency if self.quantum is None else self.quantum * xp.floor(frequency * (1.0 / self.quantum) + 0.5)
+    With r = Wq / Wd the plate obeys r' = -r / tau + delta, delta = 2 pi (f0 - f), and the detuning obeys delta' = -kp r' - ki r.
+    With ki = kp / tau it settles as e^{-kp t} and passes by nothing. On every sample
+
+        e <- e + clip(lead (r - r_before) + gain (r + (f - e) / half_bandwidth), +-max_step),   lead = kp / (2 pi),
+                                                                                    gain = lead T / tau, in Hz,
+
+    where (f - e) / half_bandwidth takes away what a source with steps leaves of r. Gate, window, source and temperature as in
+    `Tracker`; while it is held, r_before follows.
+    """
+
+    lead: float
+    gain: float
+    half_bandwidth: float
+    max_step: float
+    start: float
+    gate: float = 0.2
+    lowest: float = 0.0
+    highest: float = NO_LIMIT
+    source: Source | None = None
+    dead_band: float = 0.0
+    k_T: float | None = None
+    temperature: float = 24.0
+    most: float = 3.0  # Wq / Wd beyond which it counts as that
+    every: float = 1.0
+
+    @property
+    def _estimate(self) -> _Estimate:
+        return _Estimate(self.start, self.lowest, self.highest, self.source, self.dead_band, self.k_T, self.temperature)
+
+    def init(self) -> TrackerState:
+        """At the start frequency."""
+        return self._estimate.init(0.0)
+
+    def span(self, full: Full) -> TrackerState:
+        """Where the numbers of the state lie."""
+        return self._estimate.span(full, self.every, Span(-self.most, self.most))
+
+    def step(
+        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
+    ) -> tuple[TrackerState, Any, TrackerInfo]:
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out."""
+        there, due, moves, count = _due(self, state, reference, W, braked, xp)
+        ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -self.most, self.most, xp)
+        ratio = xp.where(moves, ratio, state.ratio)
+        left = ratio + (state.offset - state.estimate) * (1.0 / self.half_bandwidth)
+        wanted = self.lead * (ratio - state.ratio) + self.gain * left
+        step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
+        offset, estimate, known = self._estimate.moved(state, step, temperature, xp)
+        after = TrackerState(offset, estimate, count, known, ratio)
+        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)

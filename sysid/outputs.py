@@ -29,8 +29,9 @@ PRIORS = {  # sysid/likelihood.py has the equations
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
-FIT, DRAWS, REPORT, CONTROLLER, HEADER = "fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"
-FILES = (FIT, CONTROLLER, HEADER, DRAWS, REPORT)  # in the order in which an older set goes out; a new one comes in the other way
+FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
+CONTROLLER, HEADER, SOURCE = "controller.json", "dq_pi.h", "dq_pi.c"
+FILES = (FIT, CONTROLLER, HEADER, SOURCE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 

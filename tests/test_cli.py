@@ -14,8 +14,8 @@ from sysid import __version__, cli
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
-ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h"}
-CONTROLLER = {"controller.json", "dq_pi.h"}
+ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c"}
+CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c"}
 
 
 def identify(*arguments, cwd):

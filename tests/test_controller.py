@@ -209,9 +209,9 @@ def test_a_missing_measurement_is_not_zero(missing):
 
 def settled(tracker, f0, updates):
     """Frequencies after each update on the settled resonator Z = G V / (1 - j delta tau)."""
-    state, frequencies = tracker.init(), []
+    state, frequency, frequencies = tracker.init(), tracker.start, []
     for _ in range(int(updates * tracker.every)):
-        W = 2.0 / (1 - 2j * math.pi * (f0 - state.frequency) * TAU)
+        W = 2.0 / (1 - 2j * math.pi * (f0 - frequency) * TAU)
         state, frequency, _ = tracker.step(state, 2.0, W)
         frequencies.append(frequency)
     return np.array(frequencies[int(tracker.every) - 1 :: int(tracker.every)])

@@ -210,16 +210,16 @@ def test_a_rig_file(tmp_path):
     rig = Rig.from_toml(tmp_path / "rig.toml")
     assert rig.sample_time == pytest.approx(2e-4) and rig.latency == pytest.approx(1.5e-4)
     assert rig[2:7] == (300.0, False, 1e6, 10.4, True)
-    assert rig.sensor == (0.98, 3.0, pytest.approx(1e-6))
+    assert rig.sensor[:3] == (0.98, 3.0, pytest.approx(1e-6))
     loop = controller.design(PLATE, rig=rig)
     pi, tracker = loop.law
     assert (pi.lowest, pi.highest) == (0.0, 300.0) and pi.slew == pytest.approx(200.0)
-    assert tracker.quantum == 10.4 and tracker.k_T == -10.16
+    assert tracker.source.step == 10.4 and tracker.k_T == -10.16
     assert loop.latency == pytest.approx(1.5e-4)
     # 1 us at 32.3 kHz turns by -11.6 degrees, the sensor by 3: both are taken back
-    turned = loop.control.control.d + 1j * loop.control.control.q
+    turned = loop.control.d + 1j * loop.control.q
     assert abs(turned) == pytest.approx(1 / 0.98) and math.degrees(np.angle(turned)) == pytest.approx(11.628 - 3, abs=1e-3)
-    assert not any("sensor" in note for note in loop.notes)
+    assert not any("taken to be that of the logs" in note for note in loop.notes)
 
 
 @pytest.mark.parametrize(("text", "said"), [

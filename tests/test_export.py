@@ -1,181 +1,149 @@
-"""The C header computes the bits that Python computes; the guard ends the drive; controller.json is strict JSON."""
+"""The exported C computes the bits that Python computes; the guard ends the drive; controller.json is strict JSON."""
 
 import dataclasses
 import json
 import math
-import shutil
-import subprocess
+import re
 from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from replay import SANITIZERS, in_arrays, in_c
 
 import controller
 from controller import Rig, Sensor
-from controller.export import record
+from controller.actuator import Adc, Dac, Inverter
 from controller.guard import FAULTS
+from controller.machine import MODES
+from controller.recording import record, record_demodulator
 
 TAU = 5e-3 / math.log(20)
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16)
 SEQUENCES, SAMPLES = 1000, 1000
 FEW = 160  # sequences, a multiple of their kinds, where a million samples are not needed
 
-MAIN_C = """\
-#include <stdio.h>
-#include "dq_pi.h"
-int main(void)
-{
-    dq_real in[INPUTS];
-    long k = 0;
-    dq_state s;
-    dq_init(&s);
-    while (fread(in, sizeof in, 1, stdin) == 1) {
-        if (k++ % SAMPLES == 0)
-            dq_init(&s);
-        dq_output out = dq_step(&s, ARGUMENTS);
-        if (fwrite(&out, sizeof out, 1, stdout) != 1)
-            return 1;
-    }
-    return 0;
-}
-"""
-WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-ffp-contract=off"]
-
-
-def replay(loop, folder, inputs, precision, *flags):
-    """(sequences, samples, outputs) of the compiled header for inputs (sequences, samples, reference and the rest)."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    if compiler is None:
-        pytest.skip("no C compiler")
-    controller.export_c(loop, folder / "dq_pi.h", precision)
-    (folder / "main.c").write_text(MAIN_C)
-    n = inputs.shape[-1]
-    says = [f"-DINPUTS={n}", f"-DSAMPLES={inputs.shape[1]}", f"-DARGUMENTS={','.join(f'in[{i}]' for i in range(n))}"]
-    subprocess.run([compiler, *WARNINGS, *flags, *says, "main.c", "-o", "main", "-lm"], cwd=folder, check=True)
-    kind = np.float64 if precision == "double" else np.float32
-    done = subprocess.run([folder / "main"], input=inputs.astype(kind).tobytes(), capture_output=True, check=True)
-    assert not done.stderr
-    return np.frombuffer(done.stdout, kind).reshape(*inputs.shape[:2], -1)
-
-
-def in_python(loop, inputs, kind):
-    """The same by the step in arrays of `kind`, one element for each sequence."""
-    inputs = inputs.astype(kind)
-
-    def full(value):
-        if value is None:
-            return None
-        if isinstance(value, tuple):
-            return type(value)(*map(full, value)) if hasattr(value, "_fields") else tuple(map(full, value))
-        return np.full(len(inputs), value, kind)
-
-    def where(condition, yes, no):  # of two plain numbers numpy makes a double
-        found = np.where(condition, yes, no)
-        return found if found.dtype == bool else found.astype(kind)
-
-    xp = SimpleNamespace(where=where, isfinite=np.isfinite, logical_not=np.logical_not, floor=np.floor)
-    state, rows = full(loop.control.init()), []
-    with np.errstate(invalid="ignore", over="ignore"):
-        for k in range(inputs.shape[1]):
-            reference, d, q, *temperature = inputs[:, k].T
-            W = SimpleNamespace(real=d, imag=q)
-            state, command, info = loop.control.step(state, reference, W, *temperature or (None,), xp)
-            fault = [info.fault] if hasattr(info, "fault") else []
-            found = [v for v in (*command, *fault) if v is not None]
-            assert all(v.dtype == kind for v in found)
-            rows.append(np.stack(found, -1))
-    return np.stack(rows, 1)
-
 
 @cache
-def hard_samples(temperature):
-    """A million samples that saturate, rest at zero, stick, miss, drop to zero, jump and overflow."""
+def hard_samples():
+    """A million samples in which a controller first comes to run, and then saturates, rests at zero, sticks, misses, drops to
+    zero, jumps, overflows, is switched off and reset."""
     rng = np.random.default_rng(4)
-    shape = (SEQUENCES, SAMPLES)
-    reference = np.where(np.arange(SAMPLES) % 400 < 80, 0.0, 2.0 + 0.5 * rng.standard_normal(shape))
-    d, q = 1.9 + 0.4 * rng.standard_normal(shape), 0.8 * rng.standard_normal(shape)
-    kind = np.arange(SEQUENCES)[:, None] % 8
-    at = rng.random(shape)
+    shape, t = (SEQUENCES, SAMPLES), np.arange(SAMPLES)
+    reference = np.where((t > 140) & (t % 400 < 80), 0.0, 1.8 + 0.5 * rng.standard_normal(shape) * (t > 140))
+    noise = rng.standard_normal((2, *shape))
+    start = np.where(t < 40, 0.19, 1.8)
+    d = np.where(t < 140, start, 1.9 + 0.4 * noise[0])
+    q = np.where(t < 140, 0.05 * start, 0.8 * noise[1])
+    kind = np.arange(SEQUENCES)[:, None] % 10
+    at, late = rng.random(shape), t > 500
     d = np.where((kind == 1) & (at < 0.02), np.nan, d)
     q = np.where((kind == 2) & (at < 0.02), np.inf, q)
     reference = np.where((kind == 3) & (at < 0.02), np.nan, reference)
-    late = np.arange(SAMPLES) > 500
     d, q = (np.where((kind == 4) & late, v[:, 500:501], v) for v in (d, q))
     d, q = (np.where((kind == 5) & late, 0.0, v) for v in (d, q))
     d = np.where((kind == 6) & (at < 1e-3), 1e30, d)
     d = np.where((kind == 7) & late, np.nan, d)
-    rest = [24 + np.cumsum(0.02 * rng.standard_normal(shape), 1)] if temperature else []
-    return np.stack([reference, d, q, *rest], -1)
+    found = {"reference": reference, "wd": d, "wq": q, "share": np.where((kind == 8) & (t > 300), 0.4, 1.0)}
+    found["temperature"] = 24 + np.cumsum(0.02 * rng.standard_normal(shape), 1)
+    found["enable"] = np.where((kind == 9) & (t % 300 > 280), 0, 1)
+    found["reset"] = ((at < 2e-3) & (kind > 4)).astype(int)
+    return found
 
 
-FULL = Rig(frequency_step=10.4, thermometer=True, voltage_slew=1e6, sensor=Sensor(0.98, 3.0, 1e-6))
+def few(count):
+    return {name: values[:count] for name, values in hard_samples().items()}
+
+
+FULL = Rig(
+    timer=1e8, thermometer=True, voltage_slew=1e6, sensor=Sensor(0.98, 3.0, 1e-6), adc=Adc(12.0, 6.0, 1e6), dac=Dac(12.0, 400.0),
+    inverter=Inverter(300.0, True),
+)  # fmt: skip
 LOOPS = {
     "pi": {},
     "pi-rig": {"rig": FULL},
     "pi-no-f0": {"source": SimpleNamespace(G=0.02, tau=TAU, f0=None)},
     "paper": {"method": "paper"},
+    "pll-rig": {"method": "pll", "rig": FULL},
     "adaptive": {"method": "adaptive"},
     "adaptive-rig-3-samples": {"method": "adaptive", "rig": FULL, "latency": 3e-4},
-    "unguarded": {"guard": False},
 }
 
 
 def designed(source=PLATE, **given):
+    """With a machine that a hundred samples bring to its end."""
     window = {} if source.f0 is None else {"frequency_window": (32000.0, 32600.0)}
-    return controller.design(source, voltage_limit=150.0, **window, **given)
+    loop = controller.design(source, voltage_limit=150.0, **window, **given)
+    quick = {"patience": 5.0, "ramp": loop.amplitude / 20, "limit": 400.0}
+    machine = loop.machine
+    if hasattr(machine, "d"):
+        return dataclasses.replace(loop, machine=machine._replace(control=machine.control._replace(**quick)))
+    return dataclasses.replace(loop, machine=machine._replace(**quick))
 
 
 @pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_c_gives_the_same_bits_as_python(tmp_path, name, precision):
     loop = designed(**LOOPS[name])
-    inputs = hard_samples(loop.rig.thermometer)[: None if "rig" in name else FEW]
-    mine = in_python(loop, inputs, np.float64 if precision == "double" else np.float32)
-    theirs = replay(loop, tmp_path, inputs, precision, "-O2")
-    # the same operations in the same order, not contracted: equal to the last bit
-    np.testing.assert_array_equal(theirs, mine)
-    assert np.ptp(mine[..., 0]) > 100 and np.abs(mine[..., 0]).max() <= 150.0
-    if loop.f0 is not None and name != "unguarded":
-        assert mine[..., 1].min() >= 32000.0 and mine[..., 1].max() <= 32600.0
-        assert len(np.unique(mine[..., 2])) >= 3  # more than one kind of fault
-        assert (mine[..., 0][mine[..., 2] > 0] == 0.0).all()
+    inputs = few(SEQUENCES if name == "pi-rig" else FEW)
+    mine, theirs = in_arrays(loop, inputs, precision), in_c(loop, tmp_path, inputs, precision, "-O2")
+    for output in mine.dtype.names:  # the same operations in the same order, not contracted: equal to the last bit
+        np.testing.assert_array_equal(theirs[output], mine[output])
+    V, fault, mode = mine["voltage"], mine["fault"], mine["mode"]
+    assert np.ptp(V) > 100 and np.abs(V).max() <= 150.0
+    assert set(np.unique(mode)) == set(range(len(MODES)))  # each was reached
+    assert len(np.unique(fault)) >= 4 and ((fault > 0) == (mode == 5)).all()
+    assert (V[(mode == 0) | (mode == 5)] == 0.0).all()
+    if loop.f0 is not None:
+        assert mine["frequency"].min() >= 32000.0 and mine["frequency"].max() <= 32600.0
+    if "rig" in name:
+        kept = np.abs(V) > 0  # what is made of the voltage is the voltage
+        # half a code, and a rounding of single precision
+        np.testing.assert_allclose(mine["code"][kept] * 400 / 2**11, V[kept], rtol=0, atol=0.5 * 400 / 2**11 * (1 + 1e-4))
+        made = 4 / np.pi * 300.0 * np.sin(np.pi / 2 * mine["duty"].astype(float))
+        np.testing.assert_allclose(made, V, rtol=0, atol=4 / np.pi * 300.0 * np.pi / 2 * 1e-4)  # the duty ratio is right to 1e-4
+        # the tracker knows the timer's frequency to x^4 of itself, x = 1 % at the edge of the window, and single precision 4 mHz
+        np.testing.assert_allclose(1e8 / mine["ticks"], mine["frequency"], rtol=2e-8 + (2e-7 if precision == "single" else 0))
 
 
 def test_a_plain_float_gives_the_same_bits_as_an_array():
     """What needs neither numpy nor JAX."""
     for name in ("pi-rig", "adaptive-rig-3-samples"):
         loop = designed(**LOOPS[name])
-        inputs = hard_samples(True)[:16, 300:700]
-        mine = in_python(loop, inputs, np.float64)
-        for sequence, rows in zip(inputs, mine, strict=True):
-            state = loop.control.init()
-            for (reference, d, q, temperature), row in zip(sequence.tolist(), rows, strict=True):
-                state, command, info = loop.control.step(state, reference, complex(d, q), temperature)
-                assert [*command, info.fault] == row.tolist()
+        inputs = {n: v[:12, :400] for n, v in hard_samples().items()}
+        mine = in_arrays(loop, inputs, "double")
+        for i, row in enumerate(mine):
+            state = loop.machine.init()
+            for k, wanted in enumerate(row):
+                now = {n: v[i, k].item() for n, v in inputs.items()}
+                knobs = {"share": now["share"], "enable": now["enable"] != 0, "reset": now["reset"] != 0}
+                W = complex(now["wd"], now["wq"])
+                state, command, said = loop.machine.step(state, now["reference"], W, now["temperature"], **knobs)
+                assert (*command, said.fault, said.mode) == tuple(wanted[n] for n in ("voltage", "frequency", "fault", "mode"))
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_no_sanitizer_finds_anything(tmp_path, precision):
-    loop = designed(**LOOPS["adaptive-rig-3-samples"])
-    flags = ["-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
-    replay(loop, tmp_path, hard_samples(True)[:80], precision, *flags)
+    in_c(designed(**LOOPS["adaptive-rig-3-samples"]), tmp_path, few(80), precision, *SANITIZERS)
 
 
 def test_single_precision_is_near_double():
     """Along a quiet start: rounding of 6e-8 in each of some fifty operations, which the contracting loop adds up about tau/T = 17
-    times, on a voltage of gain Kp = 150 V/um: 2 um * 6e-8 * 50 * 17 * 150 = 15 mV; the frequency is stored to 2 mHz."""
+    times, on a voltage of gain Kp = 150 V/um: 2 um * 6e-8 * 50 * 17 * 150 = 15 mV; the frequency is put out to 2 mHz."""
     loop = designed()
-    inputs = np.stack(np.broadcast_arrays(2.0, 2 - 2 * np.exp(-np.arange(300) / 5), 0.01 * np.sin(np.arange(300))), -1)[None]
-    double, single = in_python(loop, inputs, np.float64), in_python(loop, inputs, np.float32)
-    np.testing.assert_allclose(single[..., 0], double[..., 0], rtol=0, atol=0.015)
-    np.testing.assert_allclose(single[..., 1], double[..., 1], rtol=0, atol=0.002 * 30)
+    t = np.arange(300)
+    inputs = {"reference": 1.8, "share": 1.0, "wd": 1.8 - 1.6 * np.exp(-t / 20), "wq": 0.01 * np.sin(t), "enable": 1, "reset": 0}
+    inputs = {n: np.broadcast_to(v, (1, 300)) for n, v in inputs.items()}
+    double, single = (in_arrays(loop, inputs, p) for p in ("double", "single"))
+    assert np.ptp(double["voltage"]) > 50
+    np.testing.assert_allclose(single["voltage"], double["voltage"], rtol=0, atol=0.015)
+    np.testing.assert_allclose(single["frequency"], double["frequency"], rtol=0, atol=0.004)
 
 
 def test_operations_are_few_and_counted():
     for name in LOOPS:
-        counts = record(designed(**LOOPS[name])).counts
-        assert sum(counts.values()) < 300 and counts["/"] <= 1
+        counts = record(designed(**LOOPS[name]), "double").counts
+        assert sum(counts.values()) < 450 and counts["/"] <= 1
 
 
 def test_a_branch_on_a_value_is_refused():
@@ -183,12 +151,17 @@ def test_a_branch_on_a_value_is_refused():
         def init(self):
             return (0.0,)
 
-        def step(self, state, reference, W, temperature, xp):
+        def step(self, state, reference, *given, **knobs):
             return (1.0 if reference > 0 else 0.0,), None, None
 
-    loop = dataclasses.replace(designed(), control=Branches())
+    loop = dataclasses.replace(designed(), machine=Branches())
     with pytest.raises(TypeError, match="found a branch"):
-        record(loop)
+        record(loop, "double")
+
+
+def test_what_drives_a_bench_has_its_guard(tmp_path):
+    with pytest.raises(ValueError, match="found a loop without its guard"):
+        controller.export_c(controller.design(PLATE, guard=False), tmp_path / "dq_pi.h")
 
 
 # --- faults ---------------------------------------------------------------------------------------------------------------------
@@ -250,16 +223,31 @@ def test_too_large_an_amplitude_is_a_fault():
 # --- texts ----------------------------------------------------------------------------------------------------------------------
 
 
-def test_no_text_of_a_log_reaches_the_header(tmp_path):
+def test_no_text_of_a_log_reaches_the_files(tmp_path):
     loop = dataclasses.replace(designed(), notes=('*/ #error "why"',), logs=('"*/ #error',))
     hostile = dataclasses.replace(loop, drive_unit='V */\n#include "/etc/passwd" \\', response_unit="µm?/")
-    path = tmp_path / "7-é#.h"
-    controller.export_c(hostile, path)
-    text = path.read_text(encoding="ascii")
-    assert text.count("#") == 5  # guard twice, one include, one define, endif
-    assert "why" not in text and '"' not in text and "\\" not in text and "?/" not in text
-    assert text.count("/*") == text.count("*/")
-    assert "#ifndef SYSID_7_H\n#define SYSID_7_H\n" in text
+    controller.export_c(hostile, tmp_path / "7-a.h")
+    header, source = ((tmp_path / name).read_text(encoding="ascii") for name in ("7-a.h", "7-a.c"))
+    assert header.count("#") == 4  # guard twice, one include, endif
+    assert source.count("#") == 3 and source.count('"') == 2  # the header, math.h, and what says missing
+    assert "why" not in header + source and '"' not in header and "\\" not in header + source and "?/" not in header + source
+    assert header.count("/*") == header.count("*/")
+    assert "#ifndef SYSID_7_A_H\n#define SYSID_7_A_H\n" in header
+    for name in ('a".h', "é.h", "dq_pi.c"):
+        with pytest.raises(ValueError, match="expected the name of a header that C can include"):
+            controller.export_c(hostile, tmp_path / name)
+
+
+def test_the_header_says_what_it_is_for(tmp_path):
+    loop = dataclasses.replace(designed(), logs=("ab" * 32,), reference_temperature=24.0, warming=(-4.0, 8.0))
+    controller.export_c(loop, tmp_path / "dq_pi.h")
+    header = (tmp_path / "dq_pi.h").read_text(encoding="ascii")
+    for said in ("log sha256 " + "ab" * 32, "temperature: 20 to 32 degC", "voltage: 150 drive-unit at most", "32000 to 32600 Hz"):
+        assert said in header
+    said = sum(int(n) for n in re.findall(r"(\d+) (?:additions|comparisons|multiplications|loads|divisions|floors)", header))
+    steps = (record(loop, "double"), record_demodulator(loop, "double"))
+    assert said == sum(sum(step.counts.values()) for step in steps)
+    assert [len(step.lines) for step in steps] == [sum(step.counts.values()) for step in steps]  # a line an operation
 
 
 @pytest.mark.parametrize("name", LOOPS)

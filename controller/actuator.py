@@ -1,0 +1,113 @@
+"""What a rig makes of voltage and frequency: duty ratio or converter code, timer ticks or an increment of the phase."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller.source import Timer
+
+STEEPEST = 0.95  # of the most that an inverter can make, up to which its duty ratio is computed
+ACCURATE = 1e-4  # of a duty ratio of one, to which it is
+
+
+class Adc(NamedTuple):
+    """The sensor's converter: `bits`, signed; full scale +-`full_scale` in what the sensor shows; `rate` in Hz."""
+
+    bits: float
+    full_scale: float
+    rate: float
+
+    @property
+    def unit(self) -> float:
+        """What one count stands for."""
+        return self.full_scale / 2 ** (self.bits - 1)
+
+
+class Dac(NamedTuple):
+    """A converter for the peak voltage: `bits`, signed; full scale +-`full_scale` in the drive unit."""
+
+    bits: float
+    full_scale: float
+
+    def code(self, voltage: Any, xp: Any) -> Any:
+        """The nearest code, a whole number within what there is."""
+        most = 2.0 ** (self.bits - 1) - 1
+        near = xp.floor(voltage * ((most + 1) / self.full_scale) + 0.5)
+        return xp.where(near > most, most, xp.where(near < -most, -most, near))
+
+
+class Inverter(NamedTuple):
+    """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty ratio is turned."""
+
+    supply: float
+    sine: bool
+
+    def check(self, limit: float | None) -> None:
+        """Raise ValueError for a voltage limit that it cannot make."""
+        most = self.supply * (STEEPEST * 4 / math.pi if self.sine else 1.0)
+        if limit is None or limit > most * (1 + 1e-9):
+            said = "no limit" if limit is None else f"{limit:g}"
+            raise ValueError(f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make")
+
+    def series(self, limit: float) -> np.ndarray:
+        """Coefficients a of  duty = x (a0 + a1 x^2 + ...), x = V / limit, for |V| <= limit: as few as ACCURATE needs."""
+        ratio = limit / self.supply * (math.pi / 4 if self.sine else 1.0)
+        if not self.sine:
+            return np.array([ratio])
+        x = np.cos(np.linspace(0, np.pi / 2, 400)[:-1])
+        wanted = 2 / math.pi * np.arcsin(ratio * x)
+        for count in range(1, 12):
+            a = np.linalg.lstsq(x[:, None] ** (2 * np.arange(count) + 1), wanted, rcond=None)[0]
+            if np.max(np.abs(x[:, None] ** (2 * np.arange(count) + 1) @ a - wanted)) < ACCURATE:
+                break
+        return a
+
+    def duty(self, voltage: Any, limit: float) -> Any:
+        """The duty ratio, -1 to 1, to ACCURATE."""
+        x = voltage * (1.0 / limit)
+        square, found = x * x, 0.0
+        for a in self.series(limit)[::-1]:
+            found = found * square + float(a)
+        return found * x
+
+
+class Dds(NamedTuple):
+    """An accumulator of 32 bits that is advanced `clock` times a second; `start` in Hz."""
+
+    clock: float
+    start: float
+
+    @property
+    def base(self) -> int:
+        """The increment at the start."""
+        return round(self.start / self.clock * 2**32)
+
+    def more(self, frequency: Any, xp: Any) -> Any:
+        """What is added to `base`, a whole number."""
+        exact = self.start / self.clock * 2**32 - self.base
+        return xp.floor((frequency - self.start) * (2**32 / self.clock) + (0.5 + exact))
+
+
+class Words(NamedTuple):
+    """All that a rig takes; None for what it has not. `limit` is the voltage's, `start` the tracker's in Hz."""
+
+    limit: float | None
+    start: float
+    dac: Dac | None
+    inverter: Inverter | None
+    timer: Timer | None
+    dds: Dds | None
+
+    def of(self, voltage: Any, frequency: Any, xp: Any) -> dict[str, tuple[int | None, Any]]:
+        """By name: what is added to each whole number, None for one that is none, and the value."""
+        found: dict[str, tuple[int | None, Any]] = {}
+        if self.dac is not None:
+            found["code"] = (0, self.dac.code(voltage, xp))
+        if self.inverter is not None:
+            found["duty"] = (None, self.inverter.duty(voltage, self.limit))
+        if frequency is not None and self.timer is not None:
+            found["ticks"] = (int(self.timer.periods), self.timer.ticks(frequency - self.start, xp))
+        if frequency is not None and self.dds is not None:
+            found["increment"] = (self.dds.base, self.dds.more(frequency, xp))
+        return found

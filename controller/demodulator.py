@@ -1,0 +1,124 @@
+"""The demodulator: samples of the sensor and the phase accumulator of the drive in, Wd and Wq out.
+
+With a drive v = V sin p, p = 2 pi phase / 2^32 the accumulator's angle, a response w = Re[(Wd + j Wq) e^{j theta}] is
+
+    w = -Wd cos p + Wq sin p,     Wd + j Wq = mean of -2 w e^{-jp}.
+
+The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.lockin.low_pass` has them: without a block or a
+division, it may be read at any time. Of the image at twice the carrier (|H(2 omega)|)^order is left, and W is late by `delay`.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from controller import scalar
+from controller.scalar import Full, Span
+
+IMAGE = 1e-3  # of |W|, that is left of the image at twice the carrier
+ORDER = 4  # poles: for this image within a fifth of the delay that the best number, seven, would have
+EXAMPLE = 256
+LEAST = 0.05  # 1 - cos(2 omega): nearer to its alias the image cannot be told from W
+# sin and cos of u pi/4, |u| <= 1, by their series: right to 3.2e-7 and 2.5e-8.
+SINE = tuple((-1.0) ** k * (math.pi / 4) ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(4))
+COSINE = tuple((-1.0) ** k * (math.pi / 4) ** (2 * k) / math.factorial(2 * k) for k in range(5))
+
+
+class Turn(NamedTuple):
+    """An angle: `u` eighths of a turn beside a multiple of a quarter, which is `odd` or not, and in the second `half` or not."""
+
+    u: Any
+    odd: Any
+    half: Any
+
+    @classmethod
+    def of(cls, phase: Any) -> "Turn":
+        """Of an accumulator of 32 bits, one or an array; what C makes of it."""
+        p = (np.asarray(phase, np.int64) + (1 << 29)) & 0xFFFFFFFF
+        return cls(((p & 0x3FFFFFFF) * 2 - (1 << 30)) * 2.0**-30, (p >> 30) & 1 == 1, p >> 31 == 1)
+
+
+def cosine_and_sine(turn: Turn, xp: Any) -> tuple[Any, Any]:
+    """cos and sin of the angle, to 3.2e-7."""
+    u, square = turn.u, turn.u * turn.u
+    s = u * (SINE[0] + square * (SINE[1] + square * (SINE[2] + square * SINE[3])))
+    c = COSINE[0] + square * (COSINE[1] + square * (COSINE[2] + square * (COSINE[3] + square * COSINE[4])))
+    c, s = xp.where(turn.odd, -s, c), xp.where(turn.odd, c, s)
+    return xp.where(turn.half, -c, c), xp.where(turn.half, -s, s)
+
+
+class Pole(NamedTuple):
+    """Output of one filter."""
+
+    d: Any
+    q: Any
+
+
+class DemodulatorState(NamedTuple):
+    """The filters, the first in front; and how many samples have been missing in a row."""
+
+    poles: tuple[Pole, ...]
+    missed: Any
+
+
+class Demodulator(NamedTuple):
+    """`scale`: response per unit of a sample. A sample that is missing (not finite) leaves the filters as they are; after
+    `patience` of them in a row Wd and Wq are missing, until the next that is there."""
+
+    share: float
+    scale: float
+    patience: float
+    order: int = ORDER
+
+    @classmethod
+    def of(cls, rate: float, carrier: float, patience: float, scale: float = 1.0) -> "Demodulator":
+        """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises ValueError."""
+        apart = 1.0 - math.cos(4 * math.pi * carrier / rate)
+        if apart < LEAST:
+            raise ValueError(
+                f"found a sensor sampled at {rate:g} Hz, at which the image of the carrier of {carrier:.8g} Hz falls on the"
+                f" response itself; expected a rate away from 2 f0, f0, 2 f0/3, ...: four times the carrier is best"
+            )
+        # |H|^2 = s^2 / (s^2 + 2 (1 - s) apart) = g^2, solved for the share s.
+        g = IMAGE ** (2 / ORDER)
+        half = g * apart / (1 - g)
+        return cls(math.sqrt(half * half + 2 * half) - half, scale, patience)
+
+    @property
+    def delay(self) -> float:
+        """Group delay in samples."""
+        return self.order * (1 - self.share) / self.share
+
+    def init(self) -> DemodulatorState:
+        """At rest."""
+        return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0)
+
+    def span(self, full: Full) -> DemodulatorState:
+        """Where the numbers of the state lie."""
+        W = Span(-full.response, full.response)
+        return DemodulatorState((Pole(W, W),) * self.order, Span(0.0, 2 * self.patience))
+
+    def step(self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar) -> tuple[DemodulatorState, Any, Any]:
+        """One sample, taken at `turn` of the drive: the next state, Wd and Wq."""
+        c, s = cosine_and_sine(turn, xp)
+        there = xp.isfinite(sample)
+        w = (2.0 * self.scale) * sample
+        d, q, poles = -w * c, w * s, []
+        for pole in state.poles:
+            d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
+            poles.append(Pole(xp.where(there, d, pole.d), xp.where(there, q, pole.q)))
+        missed = xp.where(there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed))
+        gone = missed >= self.patience
+        last = poles[-1]
+        said = xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)
+        return DemodulatorState(tuple(poles), missed), *said
+
+
+def example(counts: bool, periods: float) -> tuple[np.ndarray, int]:
+    """Samples (n,) of a settled response 0.8 - 0.6j, of 1000 where they are `counts`, and by how much the accumulator advances
+    from one to the next; `periods` of the carrier lie between two."""
+    advance = round(periods * 2**32) % 2**32
+    p = 2 * np.pi * (np.arange(EXAMPLE) * advance % 2**32) / 2**32
+    w = -0.8 * np.cos(p) - 0.6 * np.sin(p)
+    return np.round(1000 * w) if counts else np.round(w, 6), advance

@@ -1,0 +1,148 @@
+"""The parts of a controller for a bandwidth: law, tracker, guard, what switches it on, demodulator."""
+
+import math
+from typing import Any, Literal, NamedTuple
+
+from controller.adaptive import Adaptive
+from controller.demodulator import Demodulator
+from controller.dq import DQ
+from controller.ensemble import Ensemble
+from controller.guard import Guard
+from controller.limits import Limits
+from controller.machine import ANY, Machine
+from controller.pi import PI
+from controller.plate import Plate
+from controller.promise import Promise, promise
+from controller.rig import Calibrated, Rig
+from controller.tracker import PLL, SignTracker, Tracker
+
+BETA = 0.3  # share of the detuning that one tracker update removes
+PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
+FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
+BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
+OBSERVER = 5e-4, 2.5e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+
+Method = Literal["pi", "paper", "pll", "adaptive"]
+
+
+class Asked(NamedTuple):
+    """All that a control is made from, but the bandwidth."""
+
+    plate: Plate
+    T: float
+    latency: float
+    limits: Limits
+    rig: Rig
+    method: Method
+    plants: Ensemble
+    amplitude: float
+    finger: float
+
+    @property
+    def delay(self) -> float:
+        """Seconds from a motion of the plate to the command that answers it."""
+        return self.latency + self.rig.delay(self.plate.f0)
+
+    def control(self, bandwidth: float) -> DQ | Adaptive:
+        if self.method == "adaptive":
+            return self._adaptive(bandwidth)
+        plate, T = self.plate, self.T
+        lowest, highest = self._voltages()
+        K = -math.expm1(-2 * math.pi * bandwidth * T)
+        Kp = K / (plate.G * -math.expm1(-T / plate.tau))
+        pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T))
+        return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
+
+    def promise(self, control: DQ | Adaptive) -> Promise:
+        return promise(control, self.plants, self.T, self.delay, self.amplitude, self.plate.f0)
+
+    def _voltages(self) -> tuple[float, float]:
+        limit = self.limits.voltage
+        free = PI(1.0, 1.0)
+        return (free.lowest if self.rig.bipolar else 0.0, free.highest) if limit is None else (-limit * self.rig.bipolar, limit)
+
+    def _tracker(self, f0: float) -> Tracker | SignTracker | PLL:
+        window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
+        if self.method == "paper":
+            return SignTracker(f0, float(max(1, round(self.rig.tracker_period / self.T))), lowest=window[0], highest=window[1])
+        half_bandwidth = 1 / (2 * math.pi * self.plate.tau)
+        if self.method == "pll":
+            kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
+            lead = kp / (2 * math.pi)
+            return PLL(lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency())
+        # With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)).
+        # 1 ms gives the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
+        period = max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
+        every = float(max(1, round(period / self.T)))
+        return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency())
+
+    def _frequency(self) -> dict[str, Any]:
+        window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
+        source = self.rig.source(self.plate.f0)
+        k_T = self.plate.k_T if self.rig.thermometer else None
+        if self.rig.thermometer and k_T is None:
+            raise ValueError("no temperature feed-forward: k_T is not determined; record a sweep at another temperature")
+        at = float(getattr(self.plate.fit, "reference_temperature", None) or 24.0)
+        step = 0.0 if source is None else source.step
+        # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within the window.
+        given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step, "source": source, "dead_band": 0.1 * step}
+        return given | {"k_T": k_T, "temperature": at}
+
+    def _adaptive(self, bandwidth: float) -> Adaptive:
+        plate, T = self.plate, self.T
+        if plate.f0 is None:
+            raise ValueError(f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without")
+        lowest, highest = self._voltages()
+        heard, fast = OBSERVER
+        # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
+        slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast))
+        return Adaptive(
+            plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0, -math.expm1(-2 * math.pi * bandwidth * T),
+            (fast, slow), (0.0,) * round(self.latency / T), lowest, highest, self.rig.slew(T), **self._frequency(),
+        )  # fmt: skip
+
+
+def calibrated(control: Any, asked: Asked) -> Any:
+    """Behind the correction of the loop's own sensor."""
+    rig, plate = asked.rig, asked.plate
+    if rig.sensor is None:
+        return control
+    if rig.sensor.delay and plate.f0 is None:
+        raise ValueError(f"the sensor's delay cannot be corrected: f0 is not determined: {plate.why}")
+    correction = rig.sensor.correction(plate.f0 or 0.0)
+    return Calibrated(control, correction.real, correction.imag)
+
+
+def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
+    """Faults after 5 ms; the largest amplitude is that of the voltage limit on the untouched plate, and a fifth more."""
+    plate, limits, T = asked.plate, asked.limits, asked.T
+    gain = abs(plate.G)
+    limit = PI(1.0, 1.0).highest if limits.voltage is None else limits.voltage
+    ceiling = limit if limits.voltage is None else 1.2 * gain * limit
+    window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
+    patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
+    source = None if plate.f0 is None else asked.rig.source(plate.f0)
+    return Guard(
+        control, limit, ceiling, gain / (1.0 + asked.finger), -math.expm1(-T / plate.tau), *window,
+        float(patience), float(repeats),
+        edge=0.0 if source is None else 1.1 * source.step,
+    )  # fmt: skip
+
+
+def switched(control: Guard, asked: Asked) -> Machine:
+    """What switches it on."""
+    amplitude, samples = asked.amplitude, asked.plate.tau / asked.T
+    beside = {} if asked.plate.f0 is not None else {"beside": (ANY, ANY)}
+    patience = float(math.ceil(max(FAULT_AFTER / asked.T, 2 * samples)))
+    limit = float(math.ceil(max(WAIT / asked.T, 100 * samples)))
+    return Machine(control, amplitude, BEGIN * amplitude, amplitude / (RAMP * samples), patience, limit, **beside)
+
+
+def demodulated(asked: Asked) -> Demodulator | None:
+    """Wd and Wq are missing when the samples of a whole step of the controller are."""
+    if asked.plate.f0 is None:
+        return None
+    adc = asked.rig.adc
+    rate = SAMPLES * asked.plate.f0 if adc is None else adc.rate
+    return Demodulator.of(rate, asked.plate.f0, max(1.0, math.ceil(rate * asked.T)), 1.0 if adc is None else adc.unit)
