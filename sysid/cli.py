@@ -12,13 +12,16 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
+from sysid.accuracy import NAMES
+
+if TYPE_CHECKING:
+    from sysid.clock import Budget, Stages
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -67,6 +70,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
     )
+    spent = parser.add_mutually_exclusive_group()
+    spent.add_argument(
+        "--accuracy",
+        choices=NAMES,
+        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated); exact: ten times as long,"
+        " over every row",
+    )
+    spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
     parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
     parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
     parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
@@ -100,14 +111,31 @@ def _effects(text: str) -> tuple[str, ...]:
     return tuple(name for name in NUISANCES if (name not in out if out else name in names))
 
 
-_number.__name__, _seed.__name__ = "temperature", "seed"  # argparse says: invalid temperature value
+def _seconds(text: str) -> float:
+    if not 0 < (value := float(text)) < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text}, expected seconds above 0")
+    return value
+
+
+_number.__name__, _seed.__name__, _seconds.__name__ = "temperature", "seed", "time"  # argparse says: invalid temperature value
 
 
 def _identify(arguments: argparse.Namespace) -> int:
+    from sysid.clock import Budget, BudgetError, Stages
+
+    begun, stages = time.perf_counter(), Stages()
+    try:
+        with Budget(arguments.budget, begun, stages, _cache() / "seconds.json") as budget:
+            return _run(arguments, stages, budget)
+    except BudgetError as error:
+        return _refuse(f"--budget: {error}")
+
+
+def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> int:
     from sysid import outputs
     from sysid.log import LogError, read_logs
 
-    stages, folder = _Stages(), Path(arguments.folder)
+    folder = Path(arguments.folder)
     try:
         outputs.check_writable(folder)
     except OSError as error:
@@ -121,12 +149,13 @@ def _identify(arguments: argparse.Namespace) -> int:
         rig = _rig(arguments.rig, logs[0].drive_unit)
     except ValueError as error:
         return _refuse(str(error))
-    posterior, drawn = _posterior(logs, arguments, stages)
+    posterior, drawn = _posterior(logs, arguments, stages, budget)
     loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, arguments.advise, folder, stages)
+        content, text = _write(posterior, loop, warnings, drawn, arguments.advise, folder, stages, budget)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
+    budget.remember()
     _say(content, text, posterior, folder, arguments.json)
     return 0 if content["result"] == "successful" else 1
 
@@ -157,18 +186,21 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0 if all(f.kept for f in found) else 1
 
 
-def _posterior(logs: list, arguments: argparse.Namespace, stages: "_Stages") -> tuple[Any, dict[str, bytes]]:
+def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, dict[str, bytes]]:
     """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
-    with stages("load", "starting"):
-        _keep_programs()
-        from sysid.fitting import fit
-        from sysid.posterior import sample
-    with stages("fit", "fitting the plant"):
-        given = {} if arguments.effects is None else {"nuisances": arguments.effects}
-        fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
-    with stages("sample", "sampling the posterior"), ThreadPoolExecutor(1) as beside:
-        drawing = beside.submit(_draw, fitted)
-        return sample(fitted, seed=arguments.seed), drawing.result()
+    with ThreadPoolExecutor(1) as beside:
+        with stages("load", "starting"):
+            _keep_programs()
+            from sysid.fitting import fit
+            from sysid.posterior import sample
+        if not (budget.seconds or arguments.accuracy == NAMES[0]):
+            beside.submit(budget.load_chains)
+        with stages("fit", "fitting the plant"):
+            given = {} if arguments.effects is None else {"nuisances": arguments.effects}
+            fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
+        with stages("sample", "sampling the posterior"):
+            drawing = beside.submit(_draw, fitted)
+            return sample(fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting), drawing.result()
 
 
 def _draw(fitted: Any) -> dict[str, bytes]:
@@ -181,11 +213,16 @@ def _keep_programs() -> None:
     """Keep compiled programs between runs: the first run's compilation costs more than all of its arithmetic."""
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
-    from platformdirs import user_cache_path
-
     from sysid.precision import keep_programs
 
-    keep_programs(user_cache_path("sysid"))
+    keep_programs(_cache())
+
+
+def _cache() -> Path:
+    """The user's folder for what a later run saves time with."""
+    from platformdirs import user_cache_path
+
+    return user_cache_path("sysid")
 
 
 def _rig(path: str | None, drive_unit: str) -> Any:
@@ -211,12 +248,20 @@ def _design(posterior: Any, rig: Any) -> tuple[Any, list[str]]:
 
 
 def _write(
-    posterior: Any, loop: Any, warnings: list[str], drawn: dict[str, bytes], wanted: str | None, folder: Path, stages: "_Stages"
+    posterior: Any,
+    loop: Any,
+    warnings: list[str],
+    drawn: dict[str, bytes],
+    wanted: str | None,
+    folder: Path,
+    stages: "Stages",
+    budget: "Budget",
 ) -> tuple[dict, str]:
     """Write the set into `folder`; returns the content of fit.json and its text."""
     import controller
     from sysid import outputs
     from sysid.bench import nuisances
+    from sysid.bill import bill
     from sysid.comparison import compare
     from sysid.planning import advise
     from sysid.report import html
@@ -227,15 +272,17 @@ def _write(
         advice = None if wanted is None else advise(posterior.fit, wanted)
     content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added, advice)
     with outputs.staging(folder) as fresh:
+        budget.fresh = fresh
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)
             (fresh / outputs.REPORT).write_text(html.render(content, posterior, drawn), encoding="utf-8", newline="\n")
         if loop is not None:
             (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
             controller.export_c(loop, fresh / outputs.HEADER)
-        content |= {"files": outputs.digests(fresh), "cost": stages.cost}
+        content |= {"files": outputs.digests(fresh), "cost": bill(posterior, budget)}
         text = outputs.to_json(content)
         (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")
+        budget.keep()
         outputs.place(fresh, folder)
     return content, text
 
@@ -263,22 +310,3 @@ def _refuse(message: str, mapping: str | None = None) -> int:
         print("\nSave the following as map.toml, complete it, and run: identify --columns map.toml LOGS\n", file=sys.stderr)
         print(clean(mapping), file=sys.stderr)
     return 2
-
-
-class _Stages:
-    """Seconds that each stage took, and a spinner on a terminal while it lasts."""
-
-    def __init__(self) -> None:
-        self.cost: dict[str, float] = {}
-        self._spin: Callable[[str], Any] = nullcontext
-        if sys.stderr.isatty():
-            from rich.console import Console
-
-            self._spin = Console(stderr=True).status
-
-    @contextmanager
-    def __call__(self, name: str, doing: str) -> Iterator[None]:
-        began = time.perf_counter()
-        with self._spin(f"{doing} ..."):
-            yield
-        self.cost[f"{name}_s"] = round(time.perf_counter() - began, 3)

@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # A module may import those before it.
 ORDER = [
+    "accuracy",
     "precision",
     "units",
     "csvfile",
@@ -40,7 +41,12 @@ ORDER = [
     "comparison",
     "planning",
     "diagnostics",
+    "mixture",
+    "target",
+    "chain",
     "posterior",
+    "clock",
+    "bill",
     "outputs",
     "report",
     "scene",

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, taken_for
+from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 NO_ADVICE = "no step or sweep can be laid out: no log has a drive and a frequency, or tau is not known"
@@ -73,6 +73,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     if document["advice"] is not None:
         lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
+    if cost := document["cost"]:
+        lines.append(("cost", f"{spent(cost)}; {cost['sentence']}"))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
     said = result if good else f"{result}: {ADVICE.get(result, 'see the warnings')}"
