@@ -7,7 +7,6 @@ Exit codes: 0 identified; 1 not converged, not described or not determined; 2 ba
 import argparse
 import gc
 import io
-import math
 import os
 import sys
 import time
@@ -17,8 +16,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid import __version__
 from sysid.accuracy import NAMES
+from sysid.arguments import parser
 
 if TYPE_CHECKING:
     from sysid.clock import Budget, Stages
@@ -26,12 +25,14 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
-    parser = _parser()
-    arguments = parser.parse_args(argv)
+    command = parser()
+    arguments = command.parse_args(argv)
     if bool(arguments.logs) == bool(arguments.check):
-        parser.error("expected LOGS to fit, or --check FILE" if arguments.check else "the following arguments are required: LOGS")
+        missing = "the following arguments are required: LOGS"
+        command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
+    work = _check if arguments.check else _cost_curve if arguments.cost_curve else _identify
     try:
-        return _check(arguments) if arguments.check else _identify(arguments)
+        return work(arguments)
     except KeyboardInterrupt:
         print("identify: interrupted", file=sys.stderr)
         return 130
@@ -40,84 +41,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 70
     finally:
         gc.freeze()  # or the interpreter would search all that JAX has loaded for cycles on its way out: half a second
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="identify",
-        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
-        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
-        allow_abbrev=False,
-    )
-    parser.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
-    parser.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
-    parser.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
-    parser.add_argument(
-        "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
-    )
-    parser.add_argument(
-        "--effects",
-        type=_effects,
-        metavar="LIST",
-        help="what the bench may have added to the logs, all unless stated: rotation,background,offset,start,late; or none;"
-        " --effects=-late leaves one out",
-    )
-    parser.add_argument(
-        "--advise",
-        choices=("G", "tau", "f0", "k_T", "worst"),
-        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst) most per second",
-    )
-    parser.add_argument(
-        "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
-    )
-    spent = parser.add_mutually_exclusive_group()
-    spent.add_argument(
-        "--accuracy",
-        choices=NAMES,
-        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated); exact: ten times as long,"
-        " over every row",
-    )
-    spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
-    parser.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
-    parser.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
-    parser.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    return parser
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
-    return value
-
-
-def _seed(text: str) -> int:
-    if not 0 <= (value := int(text)) < 2**32:
-        raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
-    return value
-
-
-def _effects(text: str) -> tuple[str, ...]:
-    """`rotation,late`: those alone; `-late,-offset`: all but those; `none`."""
-    from sysid.experiment import NUISANCES
-
-    names = [] if text == "none" else [name.strip() for name in text.split(",")]
-    if unknown := {name.removeprefix("-") for name in names} - set(NUISANCES):
-        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(NUISANCES)}, or none")
-    out = {name[1:] for name in names if name.startswith("-")}
-    if out and len(out) < len(names):
-        raise argparse.ArgumentTypeError(f"found {text}, expected either those that are in or, with a minus, those that are out")
-    return tuple(name for name in NUISANCES if (name not in out if out else name in names))
-
-
-def _seconds(text: str) -> float:
-    if not 0 < (value := float(text)) < math.inf:
-        raise argparse.ArgumentTypeError(f"found {text}, expected seconds above 0")
-    return value
-
-
-_number.__name__, _seed.__name__, _seconds.__name__ = "temperature", "seed", "time"  # argparse says: invalid temperature value
 
 
 def _identify(arguments: argparse.Namespace) -> int:
@@ -186,6 +109,42 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0 if all(f.kept for f in found) else 1
 
 
+def _cost_curve(arguments: argparse.Namespace) -> int:
+    """Measure what each accuracy costs on these logs: 0; 1 when there is no posterior to approach; 2 when they cannot be read."""
+    from sysid import outputs
+    from sysid.costcurve import CostCurve, measure, table
+    from sysid.log import LogError, read_logs
+    from sysid.report.text import ADVICE
+
+    folder = Path(arguments.folder)
+    try:
+        outputs.check_writable(folder)
+        found = measure(lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed)
+        if not isinstance(found, CostCurve):
+            print(f"identify: {found.result.value}: {ADVICE[found.result.value]}", file=sys.stderr)
+            return 1
+        from sysid.report import costs, screen
+
+        text = outputs.to_json(found.as_dict())
+        outputs.add(folder, {"cost_curve.json": text.encode(), "cost_curve.png": costs.curve_figure(found.points)})
+    except LogError as error:
+        return _refuse(str(error), error.mapping)
+    except OSError as error:
+        return _refuse(f"{folder}: cannot be written: {error}")
+    if arguments.json:
+        sys.stdout.write(text)
+    else:
+        screen.rows(table(found.points), sys.stdout)
+        print(f"errors in standard deviations; {folder}: cost_curve.json, cost_curve.png")
+    return 0
+
+
+def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What the fit is told."""
+    given = {} if arguments.effects is None else {"nuisances": arguments.effects}
+    return given | {"reference_temperature": arguments.reference_temperature}
+
+
 def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, dict[str, bytes]]:
     """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
     with ThreadPoolExecutor(1) as beside:
@@ -196,8 +155,7 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
         if not (budget.seconds or arguments.accuracy == NAMES[0]):
             beside.submit(budget.load_chains)
         with stages("fit", "fitting the plant"):
-            given = {} if arguments.effects is None else {"nuisances": arguments.effects}
-            fitted = fit(logs, reference_temperature=arguments.reference_temperature, **given)
+            fitted = fit(logs, **_settings(arguments))
         with stages("sample", "sampling the posterior"):
             drawing = beside.submit(_draw, fitted)
             return sample(fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting), drawing.result()

@@ -167,6 +167,15 @@ def staging(folder: Path) -> Iterator[Path]:
         yield Path(fresh)
 
 
+def add(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Put files into `folder`, beside what is there, each as a whole. Raises OSError."""
+    with staging(folder) as fresh:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            (fresh / name).write_bytes(content)
+            os.replace(fresh / name, folder / name)
+
+
 def digests(folder: Path) -> dict[str, str]:
     """sha256 of every file in a folder, by name."""
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.iterdir())}

@@ -48,8 +48,10 @@ ORDER = [
     "clock",
     "bill",
     "outputs",
+    "costcurve",
     "report",
     "scene",
+    "arguments",
     "cli",
     "__main__",
 ]

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from sysid import __version__, cli
+from sysid.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
@@ -265,12 +266,12 @@ def test_names_cannot_steer_the_terminal(tmp_path):
     ],
 )
 def test_effects_are_forced_in_or_out(text, kept):
-    assert cli._parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
+    assert parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
 
 
 @pytest.mark.parametrize("text", ["lateness", "-rotation,late", "", "none,late"])
 def test_effects_that_are_not_understood_are_refused(text, capsys):
     with pytest.raises(SystemExit) as refused:
-        cli._parser().parse_args([f"--effects={text}", "log.csv"])
+        parser().parse_args([f"--effects={text}", "log.csv"])
     assert refused.value.code == 2
     assert "expected" in capsys.readouterr().err

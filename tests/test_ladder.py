@@ -1,21 +1,26 @@
 """The ladder of accuracies: mixtures against known moments, estimates against a known posterior, the budget."""
 
+import io
+import json
 import subprocess
 import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from scipy import stats
 
 import sysid
-from sysid import accuracy, bill, clock
+from sysid import accuracy, bill, clock, costcurve, outputs
 from sysid import posterior as module
 from sysid.chain import Chain
 from sysid.experiment import Trial
 from sysid.mixture import Mixture
+from sysid.report import costs
 from sysid.result import Result
 
 SWEEP = Path(__file__).parents[1] / "data" / "synthetic" / "sweep_24C.csv"
@@ -180,3 +185,30 @@ def test_the_bill_says_what_more_would_take():
     assert "not known" in bill.sentence(float("nan"), None, None)
     assert [bill.span(s) for s in (0.0123, 99.0, 600.0, 36000.0)] == ["0.012 s", "99 s", "10 min", "10 h"]
     assert [r.name for r in accuracy.up_to("standard")] == ["quick", "standard"] and accuracy.above("exact") is None
+
+
+def test_a_cost_curve_adds_up_what_each_rung_stands_on():
+    def rung(accuracy, value, error, below):
+        estimates = {"tau": module.Estimate(value, 0.5, value - 1, value + 1)}
+        return SimpleNamespace(accuracy=accuracy, estimates=estimates, error=error, evaluations=64, below=below, seconds=0.0)
+
+    quick = rung("quick", 1.2, 0.5, None)
+    top = rung("exact", 1.0, 0.01, rung("standard", 1.05, 0.1, quick))
+    warm = {"load": 1.0, "load chains": 2.0, "read": 0.1, "fit": 3.0, "quick": 0.5, "standard": 4.0, "exact": 30.0}
+    found = costcurve.curve(top, {name: 10 * s for name, s in warm.items()}, warm)
+    assert [p.warm_s for p in found.points] == pytest.approx([4.6, 10.6, 40.6])
+    assert [p.cold_s for p in found.points] == pytest.approx([46, 106, 406])
+    assert [p.distance for p in found.points] == [pytest.approx(0.4), pytest.approx(0.1), None]  # in standard deviations, 0.5
+    assert costcurve.table(found.points)[1] == ("quick", "46 s", "4.6 s", "64", "0.5", "0.4")
+    assert imread(io.BytesIO(costs.curve_figure(found.points)))[..., :3].std() > 0.01
+    assert json.loads(outputs.to_json(found.as_dict()))["points"][0]["accuracy"] == "quick"
+
+
+def test_what_this_process_compiled_is_forgotten():
+    from sysid import precision
+
+    double = precision.compiled(lambda x, layouts, groups: 2 * x)
+    with jax.enable_x64(True):
+        assert double(np.ones(3), (), ()).sum() == 6 and double.programs
+        precision.forget_programs()
+        assert not double.programs and double(np.ones(3), (), ()).sum() == 6

@@ -34,6 +34,15 @@ def findings(found: Sequence[Any], file: IO[str]) -> None:
     console.print(table)
 
 
+def rows(cells: Sequence[Sequence[str]], file: IO[str]) -> None:
+    """Print a table whose first row is its header."""
+    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
+    table = _table(*cells[0], right=tuple(cells[0][1:]))
+    for row_ in cells[1:]:
+        table.add_row(*row_)
+    console.print(table)
+
+
 def _logs(logs: list[Mapping[str, Any]]) -> Table:
     unit = clean(logs[0]["response_unit"])
     table = _table("log", "kind", "rows", "taken for", "NRMSE", f"noise {unit}", right=("rows", "NRMSE"))
