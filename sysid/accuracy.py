@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Rung:
-    """`effective` draws of the worst parameter, by Markov chains; 0: the normal approximation, and no chains. `every_row`: of the
-    files, where the fit takes the means of neighbouring ones."""
+    """`effective` draws of the worst parameter, by Markov chains; 0: the normal approximation, and no chains. `every_row`: the
+    estimates are those of all rows of the files, where the fit takes the means of neighbouring ones."""
 
     name: str
     effective: int

@@ -1,12 +1,7 @@
 """The posterior of the plant, rung by rung: the fit's normal approximation; Markov chains, which correct it; every row.
 
-The mean, standard deviation and interval that are reported are those of the normal approximation N, corrected by importance:
-
-    E_p f = E_N f + sum_k (p/q - N/q)(z_k) f(z_k)          ratios normalised to sum one over the proposals z_k ~ q of the chains
-
-E_N f comes from many even draws (`Mixture.spread`). The correction's Monte-Carlo error falls with the distance of p from N: where
-the posterior is nearly normal it is a small part of that of a mean of as many draws (control variates: Owen, Monte Carlo theory,
-methods and examples, ch. 8 and 9, 2013).
+What is reported is the mean, the standard deviation and the interval of the normal approximation, corrected by importance: see
+`sysid/estimate.py`.
 """
 
 from dataclasses import astuple, dataclass, field, replace
@@ -17,6 +12,7 @@ import numpy as np
 
 from sysid.accuracy import Rung, above, up_to
 from sysid.diagnostics import ess, rhat
+from sysid.estimate import Estimate, moved
 from sysid.fitting import Fit, parameter, usable
 from sysid.minimise import NAMES
 from sysid.precision import float64
@@ -28,32 +24,9 @@ if TYPE_CHECKING:
 
 CHAINS, EVEN = 8, 512  # of the normal approximation, and its draws in each: their own error is a thousandth of a deviation
 CHECKED, WIDER = 64, 1.3  # points at which the first rung asks for the density, from a normal that is so much wider
+ROWS = 256  # proposals at which the last rung asks for the density of every row
 BLOCKS = 16  # of proposals, whose spread is the error of what all together give
 PER_DRAW = 1.3  # proposals for one effective draw where the posterior is nearly normal
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Mean, standard deviation and ends of the central 95 % interval of one parameter; or the numerical error of each."""
-
-    value: float
-    std: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, x: np.ndarray, weight: np.ndarray) -> "Estimate":
-        """Of points x (n,) with weights that sum to one; some may be negative."""
-        mean = float(weight @ x)
-        order = np.argsort(x, kind="stable")
-        below = np.maximum.accumulate(np.cumsum(weight[order]) - 0.5 * weight[order])
-        low, high = np.interp([0.025, 0.975], below, x[order])
-        return cls(mean, float(np.sqrt(np.maximum(weight @ (x - mean) ** 2, 0.0))), float(low), float(high))
-
-    def distance(self, other: "Estimate") -> float:
-        """Largest difference of the means and of the intervals' ends, in standard deviations of `other`."""
-        apart = np.abs([self.value - other.value, self.low - other.low, self.high - other.high])
-        return float(np.max(apart)) / other.std if other.std > 0 else float("nan")
 
 
 @dataclass(frozen=True)
@@ -120,9 +93,10 @@ class Posterior:
         share = PER_DRAW if self.below is None else self.evaluations / self.ess
         trials = self.fit.modes[0].trials
         kept, rows = sum(len(t.log) for t in trials), sum(int(t.count.sum()) for t in trials)
-        if rung.every_row and rows > kept:
-            return Offer(rung.name, rung.effective * share * self.pace * rows / kept, f"all {rows} rows in place of {kept} means")
         seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
+        if rung.every_row and rows > kept:
+            seconds += ROWS * self.pace * rows / kept
+            return Offer(rung.name, seconds, f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means")
         if self.below is None:
             return Offer(rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}")
         left = self.error * np.sqrt(self.ess / rung.effective)
@@ -136,7 +110,7 @@ class Posterior:
 @float64
 def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0) -> Posterior:
     """The posterior of `fit` at an accuracy: "quick" (its normal approximation, and how far off it is), "standard" (Markov chains
-    until 1000 effective draws of each parameter and R-hat below 1.01) or "exact" (10 000, of the density of every row).
+    until 1000 effective draws of each parameter and R-hat below 1.01) or "exact" (10 000, and the density of every row).
 
     `budget`: seconds; the best rung that ends within them, up to `accuracy`; the first is always there. `starting`: seconds to
     allow for loading emcee where the program has not done it. A parameter about which the logs say nothing is held where the fit
@@ -152,14 +126,13 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
         begun, offer = perf_counter(), posterior.offer()
         if begun + (offer.seconds if offer else 0.0) + (0.0 if chain else starting) > until:
             break
-        if rung.every_row and any(t.whole for t in fit.modes[0].trials):
-            target, chain = Target(fit, every_row=True), None
         from sysid.chain import ROUNDS, Chain  # what emcee imports takes as long as all else, and the first rung has no chains
 
         chain = chain or Chain(target, target.normal().heavy(), seed)
         if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
             break
-        posterior = _drawn(chain, posterior, rung, begun)
+        whole = Target(fit, every_row=True) if rung.every_row and any(t.whole for t in fit.modes[0].trials) else None
+        posterior = _drawn(chain, whole, posterior, rung, begun)
     return posterior
 
 
@@ -180,23 +153,23 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
 
 
 def _off(target: Target, even: dict[str, np.ndarray], estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-    """By how much the equation above moves the estimates of the normal approximation, over a few even points further out."""
+    """By how much the equation moves the estimates of the normal approximation, over a few even points further out."""
     normal = target.normal()
     wide = replace(normal, scales=WIDER * normal.scales)
     z = wide.spread(CHECKED, np.random.default_rng(0))
     proposed = wide.log_density(z)
     ratios = target(z) - proposed, normal.log_density(z) - proposed
-    moved = {n: _moved(even[n], x, ratios) for n, x in target.parameters(z).items()}
-    return {n: Estimate(*np.abs(np.subtract(astuple(moved[n]), astuple(e))).tolist()) for n, e in estimates.items()}
+    after = {n: moved(even[n], (x, ratios)) for n, x in target.parameters(z).items()}
+    return {n: Estimate(*np.abs(np.subtract(astuple(after[n]), astuple(e))).tolist()) for n, e in estimates.items()}
 
 
-def _drawn(chain: "Chain", below: Posterior, rung: Rung, begun: float) -> Posterior:
-    """A rung of Markov chains."""
+def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, begun: float) -> Posterior:
+    """A rung of Markov chains; `whole`: the density of every row, by which the estimates are corrected."""
     target, fit = chain.target, chain.target.fit
     z = chain.draws()
     draws = {n: v.reshape(z.shape[:2]) for n, v in target.parameters(z.reshape(-1, z.shape[-1])).items()}
     if fit.result.bounded:
-        estimates, errors = _corrected(chain, below)
+        estimates, errors = _corrected(chain, below, whole)
     else:
         estimates = {n: Estimate.of(v.ravel(), np.full(v.size, 1 / v.size)) for n, v in draws.items()}
         errors = _unknown(estimates)
@@ -207,32 +180,31 @@ def _drawn(chain: "Chain", below: Posterior, rung: Rung, begun: float) -> Poster
         f"emcee, {z.shape[0]} walkers, independence Metropolis from a Student-t mixture about each minimum ({len(fit.modes)}),"
         f" {rung.effective} effective draws; estimates corrected by importance"
     )
+    if whole is not None:
+        method += f", with the density of all {whole.rows} rows at {whole.evaluations} points"
     result, spent = _judged(fit, result, estimates), perf_counter() - begun
     had = (fit, draws, chain.ess, chain.rhat, method, result, below.seed, rung.name, estimates, errors)
     return Posterior(*had, target.evaluations, spent, target.pace, below)
 
 
-def _corrected(chain: "Chain", below: Posterior) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Estimates by the equation at the top of this file, and their Monte-Carlo errors from BLOCKS blocks of the proposals."""
+def _corrected(chain: "Chain", below: Posterior, whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Estimates by the equation of `sysid/estimate.py`, and their Monte-Carlo errors from BLOCKS blocks of the proposals."""
     target, normal = chain.target, chain.target.normal()
     even = below
     while even.below is not None:
         even = even.below
     z, density, proposed = chain.proposed()
-    ratios = density - proposed, normal.log_density(z) - proposed
+    few = slice(0, ROWS if whole else 0)  # proposals are independent: the first are as good as any
+    ratios = [density - proposed, normal.log_density(z) - proposed]
+    rows = [(whole(z[few]) if whole else density[few]) - proposed[few], ratios[0][few]]
     estimates, errors = {}, {}
     for name, x in target.parameters(z).items():
         flat = even.draws[name].ravel()
-        parts = [_moved(flat, x[k::BLOCKS], [r[k::BLOCKS] for r in ratios]) for k in range(BLOCKS)]
+        blocks = [slice(k, None, BLOCKS) for k in range(BLOCKS)]
+        parts = [moved(flat, (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
         spread = np.std([astuple(e) for e in parts], axis=0, ddof=1) / np.sqrt(BLOCKS)
-        estimates[name], errors[name] = _moved(flat, x, ratios), Estimate(*map(float, spread))
+        estimates[name], errors[name] = moved(flat, (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
     return estimates, errors
-
-
-def _moved(even: np.ndarray, x: np.ndarray, ratios) -> Estimate:
-    weights = [np.exp(r - np.max(r)) for r in ratios]
-    correction = weights[0] / weights[0].sum() - weights[1] / weights[1].sum()
-    return Estimate.of(np.concatenate([even, x]), np.concatenate([np.full(len(even), 1 / len(even)), correction]))
 
 
 def _unknown(estimates: dict[str, Estimate]) -> dict[str, Estimate]:

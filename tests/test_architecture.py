@@ -41,6 +41,7 @@ ORDER = [
     "comparison",
     "planning",
     "diagnostics",
+    "estimate",
     "mixture",
     "target",
     "chain",
