@@ -35,7 +35,7 @@ def main() -> None:
         seconds(FLOOR, environment)  # files of the libraries into memory
         first = seconds(command, environment)
         pairs = [(seconds(FLOOR, environment), seconds(command, environment)) for _ in range(runs)]
-        stages = json.loads(Path(folder, "identified", "fit.json").read_text(encoding="utf-8"))["cost"]
+        stages = json.loads(Path(folder, "identified", "fit.json").read_text(encoding="utf-8"))["cost"]["stages"]
     floor, later = (median(side) for side in zip(*pairs, strict=True))
     ratios = sorted(b / a for a, b in pairs)
     text = f"""# Wall time of the command
@@ -49,7 +49,7 @@ files, in new processes; medians of {runs} alternating pairs.
 | first run, which compiles | {first:.1f} | {first / floor:.1f} |
 | later runs | {later:.2f} | {median(ratios):.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f}) |
 
-Stages of the last run: {", ".join(f"{name[:-2]} {value:.2f} s" for name, value in stages.items())}.
+Stages of the last run: {", ".join(f"{row['stage']} {row['seconds']:.2f} s" for row in stages)}.
 """
     (HERE / "startup.md").write_text(text, encoding="utf-8")
     print(text)

@@ -16,11 +16,11 @@ LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed
 
 
-def prepare(log: Log, kind: str) -> tuple[Log, Hold, np.ndarray]:
-    """The log, condensed where it is long; its inputs; and how many rows each of its rows is the mean of."""
+def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray]:
+    """The log, condensed where it has more than `longest` rows; its inputs; and how many rows each of its rows is the mean of."""
     hold = _inputs(log, kind)
     n = len(log)
-    if n <= LONG or log.kind is None:  # its kind may still change
+    if n <= longest or log.kind is None:  # its kind may still change
         return log, hold, np.ones(n)
     if kind == "steady":
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:

@@ -40,6 +40,7 @@ class Trial:
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     efficiency: float = 1.0  # information of a row over that of one whose noise is normal and of the same level
+    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -47,7 +48,16 @@ class Trial:
         short, inputs, count = prepare(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        return cls(short, kind, inputs, count, nuisances, spacing)
+        return cls(short, kind, inputs, count, nuisances, spacing, whole=log if len(short) < len(log) else None)
+
+    def uncondensed(self) -> "Trial":
+        """The trial over every row of the file, with what is known of its noise but the weights of single rows."""
+        if self.whole is None:
+            return self
+        log, inputs, count = prepare(self.whole, self.kind, len(self.whole))
+        time = self.noise_time * (1.0 if log.time is not None else len(log) / len(self.log))  # in rows where no time is recorded
+        plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=time)
+        return replace(plain, level=None, spread=None, tail=None, efficiency=1.0)
 
     @property
     def steady(self) -> bool:

@@ -51,7 +51,7 @@ def document(
         "result": posterior.result.value,
         "parameters": {name: _parameter(p) for name, p in posterior.summary().items()},
         "reference_temperature_degC": fit.reference_temperature,
-        "uncertainty": {"method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat, "priors": PRIORS},
+        "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
@@ -63,6 +63,18 @@ def document(
         "cost": {},
     }
     return _plain(content)
+
+
+def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
+    """How the posterior was had, and the numerical error of each estimate, in its unit; of the rungs, in standard deviations."""
+    from sysid.bill import ladder
+
+    errors = {n: {"value": e.value, "std": e.std, "ci95": [e.low, e.high]} for n, e in posterior.errors.items()}
+    rungs = [
+        {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved} for p in ladder(posterior)
+    ]
+    how = {"accuracy": posterior.accuracy, "method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat}
+    return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS}
 
 
 def to_json(content: Mapping[str, Any]) -> str:
@@ -162,6 +174,15 @@ def staging(folder: Path) -> Iterator[Path]:
     ground = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     with tempfile.TemporaryDirectory(prefix=".identify-", dir=ground, ignore_cleanup_errors=True) as fresh:
         yield Path(fresh)
+
+
+def add(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Put files into `folder`, beside what is there, each as a whole. Raises OSError."""
+    with staging(folder) as fresh:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            (fresh / name).write_bytes(content)
+            os.replace(fresh / name, folder / name)
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -1,188 +1,220 @@
-"""The posterior of the plant: emcee over the compiled density, proposals from the fit's own minima."""
+"""The posterior of the plant, rung by rung: the fit's normal approximation; Markov chains, which correct it; every row.
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+What is reported is the mean, the standard deviation and the interval of the normal approximation, corrected by importance: see
+`sysid/estimate.py`.
+"""
 
-import emcee
+from dataclasses import astuple, dataclass, field, replace
+from time import perf_counter
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from sysid.accuracy import Rung, above, up_to
 from sysid.diagnostics import ess, rhat
-from sysid.experiment import group
+from sysid.estimate import Estimate, moved
 from sysid.fitting import Fit, parameter, usable
-from sysid.identify import limits
-from sysid.minimise import FINGER, NAMES
 from sysid.precision import float64
 from sysid.result import Parameter, Result
-from sysid.surrogate import Density
+from sysid.target import Target
 
-WALKERS = 8
-ENOUGH = 1000.0  # effective draws of the worst parameter: Monte-Carlo error 3 % of a standard deviation
-AGREED = 1.01  # split R-hat
-BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
-FIRST, LEAST = 180, 16  # steps before the first look at the criteria, and before any other
-ROUNDS = 100
-TAILS = 12.0  # degrees of freedom of the proposal's Student-t: tails heavier than those of all but the shortest logs
+if TYPE_CHECKING:
+    from sysid.chain import Chain
+
+CHAINS, EVEN = 8, 512  # of the normal approximation, and its draws in each: their own error is a thousandth of a deviation
+CHECKED, WIDER = 64, 1.3  # points at which the first rung asks for the density, from a normal that is so much wider
+ROWS = 256  # proposals at which the last rung asks for the density of every row
+BLOCKS = 16  # of proposals, whose spread is the error of what all together give
+PER_DRAW = 1.3  # proposals for one effective draw where the posterior is nearly normal
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What the next rung would take, beyond what has been spent, and what it would bring."""
+
+    accuracy: str
+    seconds: float
+    brings: str
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature."""
+    """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature.
+
+    `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
+    approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one.
+    """
 
     fit: Fit
     draws: dict[str, np.ndarray] = field(repr=False)
     ess: float
     rhat: float
-    acceptance: float
     method: str
     result: Result
     seed: int
+    accuracy: str
+    estimates: dict[str, Estimate] = field(repr=False)
+    errors: dict[str, Estimate] = field(repr=False)
+    evaluations: int
+    seconds: float
+    pace: float
+    below: "Posterior | None" = field(repr=False)
 
     def summary(self) -> dict[str, Parameter]:
         """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined."""
         found = {}
         for name in self.fit.parameters:
             if name in self.draws:
-                x = self.draws[name]
-                low, high = np.quantile(x, [0.025, 0.975])
-                found[name] = parameter(self.fit, name, float(x.mean()), float(x.std(ddof=1)), (float(low), float(high)))
+                e = self.estimates[name]
+                found[name] = parameter(self.fit, name, e.value, e.std, (e.low, e.high))
             else:
                 found[name] = self.fit.parameters[name]
         return found
 
+    @property
+    def error(self) -> float:
+        """The largest numerical error of a mean or of an interval's end, in standard deviations of its parameter."""
+        off = [(self.errors[n], e.std) for n, e in self.estimates.items() if e.std > 0]
+        return max((max(o.value, o.low, o.high) / std for o, std in off), default=float("nan"))
 
-@dataclass(frozen=True)
-class _Mixture:
-    """Student-t components in the coordinates z: centres (m, p), triangular scales (m, p, p), weights (m,)."""
+    @property
+    def moved(self) -> float | None:
+        """The largest distance of an estimate from that of the rung before, in standard deviations; None at the first."""
+        if self.below is None:
+            return None
+        return max(e.distance(self.below.estimates[n]) for n, e in self.estimates.items())
 
-    centres: np.ndarray
-    scales: np.ndarray
-    weights: np.ndarray
+    def offer(self) -> Offer | None:
+        """The next rung; None above the last."""
+        rung = above(self.accuracy)
+        if rung is None or not self.fit.result.bounded:
+            return None
+        share = PER_DRAW if self.below is None else self.evaluations / self.ess
+        trials = self.fit.modes[0].trials
+        kept, rows = sum(len(t.log) for t in trials), sum(int(t.count.sum()) for t in trials)
+        seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
+        if rung.every_row and rows > kept:
+            seconds += ROWS * self.pace * rows / kept
+            return Offer(rung.name, seconds, f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means")
+        if self.below is None:
+            return Offer(rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}")
+        left = self.error * np.sqrt(self.ess / rung.effective)
+        return Offer(rung.name, seconds, f"{rung.effective} effective draws and numerical errors of {left:.1g}")
 
-    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        m, p = self.centres.shape
-        which = rng.choice(m, n, p=self.weights)
-        t = rng.standard_normal((n, p)) / np.sqrt(rng.chisquare(TAILS, (n, 1)) / TAILS)
-        return self.centres[which] + np.einsum("nij,nj->ni", self.scales[which], t)
-
-    def log_density(self, z: np.ndarray) -> np.ndarray:
-        p = z.shape[1]
-        parts = []
-        for centre, scale, weight in zip(self.centres, self.scales, self.weights, strict=True):
-            inside = np.linalg.solve(scale, (z - centre).T)
-            size = np.sum(np.log(np.abs(np.diag(scale))))
-            parts.append(np.log(weight) - size - 0.5 * (TAILS + p) * np.log1p(np.sum(inside**2, axis=0) / TAILS))
-        return np.logaddexp.reduce(parts, axis=0)
+    def twice(self) -> float | None:
+        """Seconds that half the Monte-Carlo error would take beyond what has been spent; None without chains."""
+        return None if self.below is None else 3 * self.evaluations * self.pace
 
 
 @float64
-def sample(fit: Fit, seed: int = 0) -> Posterior:
-    """Draw from the posterior of `fit` until ENOUGH effective draws of each parameter and R-hat below AGREED.
+def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0) -> Posterior:
+    """The posterior of `fit` at an accuracy: "quick" (its normal approximation, and how far off it is), "standard" (Markov chains
+    until 1000 effective draws of each parameter and R-hat below 1.01) or "exact" (10 000, and the density of every row).
 
-    Each walker is an independence Metropolis chain whose proposal is the mixture of Student-t about the fit's minima.
-    A parameter about which the logs say nothing is held where the fit left it. The same seed gives the same draws. With one
-    minimum the density comes from `sysid.surrogate`, where that agrees with the exact one.
+    `budget`: seconds; the best rung that ends within them, up to `accuracy`; the first is always there. `starting`: seconds to
+    allow for loading emcee where the program has not done it. A parameter about which the logs say nothing is held where the fit
+    left it. The same seed and accuracy give the same draws.
     """
-    best = fit.modes[0]
-    names = _sampled(fit)
-    index = [NAMES.index(n) for n in names]
-    covariance = best.covariance[np.ix_(index, index)]
-    if not fit.result.bounded:  # a broad look at what is left, not an interval
-        covariance = np.diag(np.minimum(np.diag(covariance), 1.0))
-    triangle = np.linalg.cholesky(covariance)
-    groups, _ = group(best.trials, fit.reference, low_q=best.low_q)
+    until = np.inf if budget is None else perf_counter() + budget
+    first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
+    begun = perf_counter()
+    target = Target(fit)
+    posterior = _normal(target, seed, first, begun)
+    chain = None
+    for rung in higher:
+        begun, offer = perf_counter(), posterior.offer()
+        if begun + (offer.seconds if offer else 0.0) + (0.0 if chain else starting) > until:
+            break
+        from sysid.chain import ROUNDS, Chain  # what emcee imports takes as long as all else, and the first rung has no chains
 
-    def theta(z: np.ndarray) -> np.ndarray:
-        full = np.tile(best.theta, (len(z), 1))
-        full[:, index] += z @ triangle.T
-        return full
-
-    density = Density(theta, groups, smooth=fit.result.bounded and len(fit.modes) == 1)
-    proposal = _proposal(fit, index, triangle)
-    sampler, worst, agreed = _run(density, proposal, len(index), seed, ROUNDS if fit.result.bounded else 1)
-    chains = np.swapaxes(sampler.get_chain(discard=BURN), 0, 1)
-    draws = _parameters(fit, names, theta(chains.reshape(-1, len(index))), chains.shape[:2])
-    result = fit.result
-    if result is Result.successful and (worst < ENOUGH or not agreed < AGREED):
-        result = Result.sampler_stopped
-    method = f"emcee, {WALKERS} walkers, independence Metropolis from a Student-t mixture about each minimum ({len(fit.modes)})"
-    if density.smooth:
-        method += f"; log density by a cubic of the residual, within {density.error:.1g} of the exact one"
-    accepted = float(np.mean(sampler.acceptance_fraction))
-    posterior = Posterior(fit, draws, worst, agreed, accepted, method, result, seed)
-    if result is Result.successful and not usable(posterior.summary(), best.trials):
-        return Posterior(fit, draws, worst, agreed, accepted, method, Result.undetermined, seed)
+        chain = chain or Chain(target, target.normal().heavy(), seed)
+        if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
+            break
+        whole = Target(fit, every_row=True) if rung.every_row and any(t.whole for t in fit.modes[0].trials) else None
+        posterior = _drawn(chain, whole, posterior, rung, begun)
     return posterior
 
 
-def _sampled(fit: Fit) -> tuple[str, ...]:
-    """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
-    state = fit.modes[0]
-    widest = limits(1.0, np.exp(state.theta[1])) | {"tau": limits(1.0, 1.0)["tau"]}
-    std = np.sqrt(np.diag(state.covariance))
-    kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
-    return kept or ("tau",)
+def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
+    """The first rung: the normal approximation, checked at a few points."""
+    fit, normal = target.fit, target.normal()
+    z = normal.spread(CHAINS * EVEN, np.random.default_rng(seed))
+    x = target.parameters(z)
+    estimates = {n: Estimate.of(v, np.full(len(v), 1 / len(v))) for n, v in x.items()}
+    errors = _off(target, x, estimates) if fit.result.bounded else _unknown(estimates)
+    draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
+    method = f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at {CHECKED} points"
+    effective, agreed = min(ess(v) for v in draws.values()), max(rhat(v) for v in draws.values())
+    evaluations, pace = target.evaluations, target.pace if fit.result.bounded else 0.0
+    result, spent = _judged(fit, fit.result, estimates), perf_counter() - begun
+    had = (fit, draws, effective, agreed, method, result, seed, rung.name, estimates, errors)
+    return Posterior(*had, evaluations, spent, pace, None)
 
 
-def _proposal(fit: Fit, index: list[int], triangle: np.ndarray) -> _Mixture:
-    centres, scales = [], []
-    if not fit.result.bounded:
-        return _Mixture(np.zeros((1, len(index))), np.eye(len(index))[None], np.ones(1))
-    for state in fit.modes:
-        centres.append(np.linalg.solve(triangle, (state.theta - fit.modes[0].theta)[index]))
-        scales.append(np.linalg.solve(triangle, np.linalg.cholesky(state.covariance[np.ix_(index, index)])))
-    weights = np.exp(-np.array([s.cost for s in fit.modes]) + fit.modes[0].cost) + 0.02
-    return _Mixture(np.array(centres), np.array(scales), weights / weights.sum())
+def _off(target: Target, even: dict[str, np.ndarray], estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+    """By how much the equation moves the estimates of the normal approximation, over a few even points further out."""
+    normal = target.normal()
+    wide = replace(normal, scales=WIDER * normal.scales)
+    z = wide.spread(CHECKED, np.random.default_rng(0))
+    proposed = wide.log_density(z)
+    ratios = target(z) - proposed, normal.log_density(z) - proposed
+    after = {n: moved(even[n], (x, ratios)) for n, x in target.parameters(z).items()}
+    return {n: Estimate(*np.abs(np.subtract(astuple(after[n]), astuple(e))).tolist()) for n, e in estimates.items()}
 
 
-class _Independence(emcee.moves.Move):
-    """Independence Metropolis of all walkers: what is proposed does not depend on where they are, so that the proposals of many
-    steps are evaluated together beforehand."""
-
-    def __init__(self, proposal: _Mixture, density: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator):
-        self.proposal, self.density, self.rng = proposal, density, rng
-        self.ahead: Iterator[tuple[np.ndarray, np.ndarray]] = iter(())
-
-    def prepare(self, steps: int) -> None:
-        """Draw and evaluate what the next `steps` will propose."""
-        z = self.proposal.draw(steps * WALKERS, self.rng)
-        log_density = self.density(z)
-        self.ahead = zip(z.reshape(steps, WALKERS, -1), log_density.reshape(steps, WALKERS), strict=True)
-
-    def propose(self, model, state):
-        z, log_density = next(self.ahead)
-        rise = log_density - state.log_prob + self.proposal.log_density(state.coords) - self.proposal.log_density(z)
-        accepted = np.log(model.random.rand(WALKERS)) < rise
-        return self.update(state, emcee.State(z, log_prob=log_density), accepted), accepted
-
-
-def _run(density, proposal: _Mixture, dimension: int, seed: int, rounds: int):
-    """Run emcee in rounds until the criteria hold. Returns the sampler, the smallest ESS and the largest R-hat."""
-    rng = np.random.default_rng(seed)
-    move = _Independence(proposal, density, rng)
-    sampler = emcee.EnsembleSampler(WALKERS, dimension, density, moves=move, vectorize=True)
-    # emcee accepts by the legacy generator and takes its state from numpy's global one unless told otherwise.
-    state = emcee.State(proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state())
-    worst, agreed, steps = 0.0, np.inf, FIRST
-    for _ in range(rounds):
-        move.prepare(steps)
-        state = sampler.run_mcmc(state, steps, skip_initial_state_check=True)
-        chains = np.swapaxes(sampler.get_chain(discard=BURN), 0, 1)
-        worst = min(ess(chains[..., k]) for k in range(dimension))
-        agreed = max(rhat(chains[..., k]) for k in range(dimension))
-        if worst >= ENOUGH and agreed < AGREED:
-            break
-        short = 1.05 * sampler.iteration * (ENOUGH / max(worst, 1.0) - 1.0)  # steps, at the rate seen so far
-        steps = int(np.clip(short, LEAST, sampler.iteration))
-    return sampler, float(worst), float(agreed)
+def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, begun: float) -> Posterior:
+    """A rung of Markov chains; `whole`: the density of every row, by which the estimates are corrected."""
+    target, fit = chain.target, chain.target.fit
+    z = chain.draws()
+    draws = {n: v.reshape(z.shape[:2]) for n, v in target.parameters(z.reshape(-1, z.shape[-1])).items()}
+    if fit.result.bounded:
+        estimates, errors = _corrected(chain, below, whole)
+    else:
+        estimates = {n: Estimate.of(v.ravel(), np.full(v.size, 1 / v.size)) for n, v in draws.items()}
+        errors = _unknown(estimates)
+    result = fit.result
+    if result is Result.successful and not chain.reached(rung.effective):
+        result = Result.sampler_stopped
+    method = (
+        f"emcee, {z.shape[0]} walkers, independence Metropolis from a Student-t mixture about each minimum ({len(fit.modes)}),"
+        f" {rung.effective} effective draws; estimates corrected by importance"
+    )
+    if target.density.smooth:
+        method += f"; density by a cubic of the residual, within {target.density.error:.1g} of the exact one"
+    if whole is not None:
+        method += f", with the density of all {whole.rows} rows at {whole.evaluations} points"
+    result, spent = _judged(fit, result, estimates), perf_counter() - begun
+    had = (fit, draws, chain.ess, chain.rhat, method, result, below.seed, rung.name, estimates, errors)
+    return Posterior(*had, target.evaluations, spent, target.pace, below)
 
 
-def _parameters(fit: Fit, names, thetas: np.ndarray, shape) -> dict[str, np.ndarray]:
-    drift = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
-    values = {
-        "G": np.exp(thetas[:, 0]),
-        "tau": np.exp(thetas[:, 1]),
-        "f0": fit.reference[0] + thetas[:, 2] + drift * thetas[:, 3],
-        "k_T": thetas[:, 3],
-        **dict(zip(FINGER, thetas[:, 4:].T, strict=True)),
-    }
-    return {n: values[n].reshape(shape) for n in names}
+def _corrected(chain: "Chain", below: Posterior, whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Estimates by the equation of `sysid/estimate.py`, and their Monte-Carlo errors from BLOCKS blocks of the proposals."""
+    target, normal = chain.target, chain.target.normal()
+    even = below
+    while even.below is not None:
+        even = even.below
+    z, density, proposed = chain.proposed()
+    few = slice(0, ROWS if whole else 0)  # proposals are independent: the first are as good as any
+    ratios = [density - proposed, normal.log_density(z) - proposed]
+    rows = [(whole(z[few]) if whole else density[few]) - proposed[few], ratios[0][few]]
+    estimates, errors = {}, {}
+    for name, x in target.parameters(z).items():
+        flat = even.draws[name].ravel()
+        blocks = [slice(k, None, BLOCKS) for k in range(BLOCKS)]
+        parts = [moved(flat, (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
+        spread = np.std([astuple(e) for e in parts], axis=0, ddof=1) / np.sqrt(BLOCKS)
+        estimates[name], errors[name] = moved(flat, (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
+    return estimates, errors
+
+
+def _unknown(estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+    return dict.fromkeys(estimates, Estimate(np.nan, np.nan, np.nan, np.nan))
+
+
+def _judged(fit: Fit, result: Result, estimates: dict[str, Estimate]) -> Result:
+    """`result`, unless an estimate shows that the logs do not determine tau or G."""
+    if result is not Result.successful:
+        return result
+    known = {n: parameter(fit, n, e.value, e.std, (e.low, e.high)) for n, e in estimates.items()}
+    return result if usable(fit.parameters | known, fit.modes[0].trials) else Result.undetermined

@@ -49,6 +49,7 @@ def _options(level: int) -> dict[str, bool | int | str]:
 
 LARGE = 1 << 16  # numbers in the largest array from which on a program that is seldom called is worth optimising
 _traced: list[Path] = []  # the folder of traced programs, when there is one
+_all: list["compiled"] = []
 
 
 def keep_programs(folder: Path) -> None:
@@ -59,6 +60,13 @@ def keep_programs(folder: Path) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def forget_programs() -> None:
+    """Forget what this process compiled, as if it had just begun; what is kept on disk stays."""
+    for function in _all:
+        function.programs.clear()
+    jax.clear_caches()
 
 
 @cache
@@ -79,6 +87,7 @@ class compiled:
     def __init__(self, function: Callable[..., Any], seldom: bool = False):
         self.function, self.seldom = function, seldom
         self.programs: dict[tuple, Callable[..., Any]] = {}
+        _all.append(self)
 
     def __call__(self, *args: Any) -> Any:
         *arrays, layouts, groups = args

@@ -45,6 +45,9 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
         found[name] = Parameter(float(x.mean()), float(x.std()), (float(low), float(high)), UNITS[name], True)
     logs = tuple(logs or (fitted(), fitted("sweep.csv", "steady", 60)))
     fit = SimpleNamespace(logs=logs, parameters=found, units=UNITS, reference_temperature=24.0, warnings=(), result=result)
-    return SimpleNamespace(
-        fit=fit, draws=draws, summary=lambda: found, method="emcee", ess=ess, rhat=1.004, result=result, seed=3
-    )
+    off = {name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0) for name in draws}
+    given = {"fit": fit, "draws": draws, "summary": lambda: found, "ess": ess, "rhat": 1.004, "result": result, "seed": 3}
+    given |= {"errors": off, "twice": lambda: 0.84, "offer": lambda: None}
+    quick = SimpleNamespace(accuracy="quick", evaluations=32, error=0.04, moved=None, below=None, **given)
+    given |= {"method": "emcee", "accuracy": "standard", "evaluations": 1376, "error": 0.004, "moved": 0.03, "below": quick}
+    return SimpleNamespace(**given)

@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # A module may import those before it.
 ORDER = [
+    "accuracy",
     "precision",
     "units",
     "csvfile",
@@ -40,11 +41,19 @@ ORDER = [
     "comparison",
     "planning",
     "diagnostics",
+    "estimate",
+    "mixture",
     "surrogate",
+    "target",
+    "chain",
     "posterior",
+    "clock",
+    "bill",
     "outputs",
+    "costcurve",
     "report",
     "scene",
+    "arguments",
     "cli",
     "__main__",
 ]

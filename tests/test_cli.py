@@ -11,10 +11,12 @@ from types import SimpleNamespace
 import pytest
 
 from sysid import __version__, cli
+from sysid.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
 ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c"}
+Z = 4.5  # standard deviations of Monte-Carlo error
 CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c"}
 
 
@@ -56,6 +58,11 @@ def second(bench, first):
 
 
 @pytest.fixture(scope="module")
+def quick(tmp_path_factory, second):
+    return identify("--json", "--accuracy", "quick", *LOGS, cwd=tmp_path_factory.mktemp("quick"))
+
+
+@pytest.fixture(scope="module")
 def refused(bench, second):
     """Answers of the command to unusable input, over the files of the second run."""
     texts = {"misspelt": "time_s,volage_V,wd_um,wq_um\n0,1,0,0\n1,1,1,0\n", "strange": "a,b\n1,2\n3,4\n"}
@@ -70,6 +77,8 @@ def refused(bench, second):
         "option": ("--effects", "drift", *LOGS),
         "no logs": (),
         "seed": ("--seed", "-1", *LOGS),
+        "budget": ("--budget=-1", *LOGS),
+        "both": ("--budget", "9", "--accuracy", "quick", *LOGS),
         "temperature": ("--reference-temperature", "nan", *LOGS),
         "mapping": ("--columns", "absent.toml", *LOGS),
         "unwritable": ("-o", "file", *LOGS),
@@ -104,7 +113,25 @@ def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):
     assert content["result"] == "successful" and content["reference_temperature_degC"] == 24.0
     assert content["files"] == {name: sha256(first.files[name]).hexdigest() for name in sorted(ALL - {"fit.json"})}
     assert json.loads(first.files["controller.json"]) == content["controller"]
-    assert set(content["cost"]) == {"read_s", "load_s", "fit_s", "sample_s", "compare_s", "report_s"}
+    cost = content["cost"]
+    assert [row["stage"] for row in cost["stages"]] == ["read", "load", "fit", "sample", "compare", "report"]
+    assert 0.9 * cost["total_s"] < sum(row["seconds"] for row in cost["stages"]) <= cost["total_s"]  # the design has no stage
+    assert cost["next"]["accuracy"] == "exact" and cost["sentence"] in " ".join(first.out.split())
+
+
+def test_quick_is_the_standard_within_the_error_that_it_states(first, quick):
+    assert quick.code == 0, quick.err
+    content, standard = json.loads(quick.out), json.loads(first.files["fit.json"])
+    how = content["uncertainty"]
+    assert (how["accuracy"], standard["uncertainty"]["accuracy"]) == ("quick", "standard")
+    assert how["rungs"] == standard["uncertainty"]["rungs"][:1]  # the second rung stands on the first
+    for name in ("G", "tau", "f0"):
+        for part in ("value", "std"):
+            off, chance = (c["uncertainty"]["numerical_error"][name][part] for c in (content, standard))
+            # what the check finds is right to its lowest order, and no larger part is left than it finds
+            apart = abs(content["parameters"][name][part] - standard["parameters"][name][part])
+            assert apart < 2 * off + Z * chance, (name, part)
+    assert content["cost"]["twice_as_exact_s"] is None and content["cost"]["next"]["accuracy"] == "standard"
 
 
 def test_parameters_are_those_that_the_logs_were_made_from(first):
@@ -153,6 +180,8 @@ def test_the_same_logs_give_the_same_bytes(first, second):
         ("pattern", ("absent*.csv", "pattern")),
         ("option", ("usage:", "--effects")),
         ("no logs", ("usage:", "LOGS")),
+        ("budget", ("--budget", "-1")),
+        ("both", ("--budget", "not allowed with", "--accuracy")),
         ("seed", ("--seed", "expected 0 to")),
         ("temperature", ("--reference-temperature", "nan")),
         ("mapping", ("absent.toml",)),
@@ -237,12 +266,12 @@ def test_names_cannot_steer_the_terminal(tmp_path):
     ],
 )
 def test_effects_are_forced_in_or_out(text, kept):
-    assert cli._parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
+    assert parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
 
 
 @pytest.mark.parametrize("text", ["lateness", "-rotation,late", "", "none,late"])
 def test_effects_that_are_not_understood_are_refused(text, capsys):
     with pytest.raises(SystemExit) as refused:
-        cli._parser().parse_args([f"--effects={text}", "log.csv"])
+        parser().parse_args([f"--effects={text}", "log.csv"])
     assert refused.value.code == 2
     assert "expected" in capsys.readouterr().err

@@ -78,6 +78,27 @@ def test_the_seed_decides_whatever_numpy_s_global_state_is(fit, posterior):
     assert again.draws["tau"].tobytes() == posterior.draws["tau"].tobytes()
 
 
+def test_rungs_agree_within_their_errors(fit, posterior):
+    quick, one, two = sysid.sample(fit, accuracy="quick"), posterior, sysid.sample(fit, seed=1)
+    assert quick.below is None and quick.accuracy == "quick" and one.below.estimates == quick.estimates
+    assert quick.error < 0.2 and one.error < 0.02 and one.moved < 2 * quick.error + Z * one.error
+    for name, estimate in one.estimates.items():
+        apart = abs(estimate.value - two.estimates[name].value)
+        assert apart < Z * np.hypot(one.errors[name].value, two.errors[name].value)
+    assert quick.twice() is None and one.twice() > 0
+    assert quick.offer().accuracy == "standard" and one.offer().accuracy == "exact"
+
+
+def test_a_budget_takes_the_best_rung_that_fits_and_its_name_replays_it(fit):
+    hurried, at_ease = sysid.sample(fit, budget=1e-3), sysid.sample(fit, accuracy="standard", budget=600)
+    assert (hurried.accuracy, at_ease.accuracy) == ("quick", "standard")
+    again = sysid.sample(fit, accuracy=hurried.accuracy)
+    assert again.draws["tau"].tobytes() == hurried.draws["tau"].tobytes() and again.estimates == hurried.estimates
+    assert sysid.sample(fit, budget=1.0, starting=1e3, accuracy="standard").accuracy == "quick"
+    with pytest.raises(ValueError, match=r"accuracy 'exakt', expected one of quick, standard, exact"):
+        sysid.sample(fit, accuracy="exakt")
+
+
 def test_two_seeds_draw_from_one_distribution(fit, posterior):
     other = sysid.sample(fit, seed=2)
     for name in ("G", "tau", "f0"):
@@ -101,10 +122,10 @@ def test_two_modes_are_both_drawn_and_neither_is_reported_as_a_value(bench):
 
 
 def test_a_sampler_that_misses_its_criteria_says_so(fit, monkeypatch):
-    from sysid import posterior as module
+    from sysid import accuracy, chain
 
-    monkeypatch.setattr(module, "ROUNDS", 1)
-    monkeypatch.setattr(module, "ENOUGH", 1e6)
+    monkeypatch.setattr(chain, "ROUNDS", 1)
+    monkeypatch.setattr(accuracy, "LADDER", (accuracy.LADDER[0], accuracy.Rung("standard", 10**6, False)))
     stopped = sysid.sample(fit)
     assert stopped.result is Result.sampler_stopped
     assert stopped.summary()["tau"].value is not None  # what was drawn can be looked at

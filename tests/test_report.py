@@ -13,7 +13,7 @@ from matplotlib.image import imread
 
 import controller
 from sysid import outputs
-from sysid.report import html, plots, screen, text
+from sysid.report import costs, html, plots, screen, text
 from sysid.result import Result
 
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"
@@ -135,7 +135,7 @@ def test_hostile_names_are_text_in_the_report():
     parsed = Page(page)
     assert "script" not in parsed.tags and not [name for name, _ in parsed.attributes if name.startswith("on")]
     sources = [value for name, value in parsed.attributes if name == "src"]
-    assert len(sources) == 3 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert len(sources) == 4 and all(source.startswith("data:image/png;base64,") for source in sources)
     assert "&lt;/script&gt;" in page and "\x1b" not in page
     page.encode()
 
@@ -188,6 +188,8 @@ def test_a_figure_shows_points_and_fit_where_they_are():
 
 def test_images_travel_whole():
     posterior = standin.posterior()
-    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, document(posterior)["parameters"])
+    content = document(posterior)
+    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, content["parameters"])
+    images |= costs.ladder_figure(content["uncertainty"]["rungs"])
     found = re.findall(r'base64,([^"]+)"', rendered(posterior))
     assert [base64.b64decode(image) for image in found] == list(images.values())

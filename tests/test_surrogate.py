@@ -38,7 +38,7 @@ def test_it_is_the_exact_density_near_and_far(fit):
     fast, value, exact = both(fit, z)
     far = np.linalg.norm(z, axis=1) > surrogate.FAR
     assert fast.smooth and far.sum() > 10
-    # what checks it is furthest out, so that draws further in deviate less: twice, for those between the directions checked
+    # where it is checked is as far out, in other directions: twice
     assert np.max(np.abs(value - exact)[~far]) <= 2 * fast.error < surrogate.FAITHFUL
     # evaluated by two programs: rounding of a sum of 600 squares
     np.testing.assert_allclose(value[far], exact[far], rtol=1e-9)
@@ -47,11 +47,5 @@ def test_it_is_the_exact_density_near_and_far(fit):
 def test_where_a_cubic_does_not_do_every_point_is_evaluated(fit, monkeypatch):
     monkeypatch.setattr(surrogate, "FAITHFUL", 1e-12)
     fast, value, exact = both(fit, draws(100))
-    assert not fast.smooth
-    np.testing.assert_array_equal(value, exact)
-
-
-def test_few_draws_cannot_check_it(fit):
-    fast, value, exact = both(fit, draws(surrogate.CHECKS - 1))
     assert not fast.smooth
     np.testing.assert_array_equal(value, exact)

@@ -16,6 +16,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     `drawn`: the figures of the logs, where there are any already."""
     import jinja2
 
+    from sysid.report.costs import ladder_figure
     from sysid.report.plots import PANELS, log_figures, posterior_figure
 
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
@@ -24,6 +25,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     )
     environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
     figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
+    figures |= ladder_figure(document["uncertainty"]["rungs"])
     return environment.get_template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, taken_for
+from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 NO_ADVICE = "no step or sweep can be laid out: no log has a drive and a frequency, or tau is not known"
@@ -31,6 +31,15 @@ def findings(found: Sequence[Any], file: IO[str]) -> None:
     for f in found:
         said = Text("as predicted", style="green") if f.kept else Text(clean(f"no: {f.hint}"), style="red")
         table.add_row(*(Text(clean(cell)) for cell in (f.what, f.found, f.expected)), said)
+    console.print(table)
+
+
+def rows(cells: Sequence[Sequence[str]], file: IO[str]) -> None:
+    """Print a table whose first row is its header."""
+    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
+    table = _table(*cells[0], right=tuple(cells[0][1:]))
+    for row_ in cells[1:]:
+        table.add_row(*row_)
     console.print(table)
 
 
@@ -73,6 +82,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     if document["advice"] is not None:
         lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
+    if cost := document["cost"]:
+        lines.append(("cost", f"{spent(cost)}; {cost['sentence']}"))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
     said = result if good else f"{result}: {ADVICE.get(result, 'see the warnings')}"

@@ -116,6 +116,13 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
     return [*lines, *_promise(controller), *controller["notes"]]
 
 
+def spent(cost: Mapping[str, Any]) -> str:
+    """What a run took, stage by stage."""
+    stages = ", ".join(f"{row['stage']} {row['seconds']:.2g}" for row in cost["stages"])
+    of = "" if cost["budget_s"] is None else f" of {cost['budget_s']:g}"
+    return f"{cost['total_s']:.2g}{of} s ({stages})"
+
+
 def _promise(controller: Mapping[str, Any]) -> list[str]:
     """What 99 % of the plants that the logs allow do."""
     promise, unit = controller["promise"], controller["units"]["response"] or ""

@@ -1,0 +1,87 @@
+"""The options of the command `identify`."""
+
+import argparse
+import math
+
+from sysid import __version__
+from sysid.accuracy import NAMES
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    command = argparse.ArgumentParser(
+        prog="identify",
+        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
+        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
+        allow_abbrev=False,
+    )
+    command.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
+    command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
+    command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
+    command.add_argument(
+        "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
+    )
+    command.add_argument(
+        "--effects",
+        type=_effects,
+        metavar="LIST",
+        help="what the bench may have added to the logs, all unless stated: rotation,background,offset,start,late; or none;"
+        " --effects=-late leaves one out",
+    )
+    command.add_argument(
+        "--advise",
+        choices=("G", "tau", "f0", "k_T", "worst"),
+        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst) most per second",
+    )
+    command.add_argument(
+        "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
+    )
+    spent = command.add_mutually_exclusive_group()
+    spent.add_argument(
+        "--accuracy",
+        choices=NAMES,
+        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated); exact: ten times as long,"
+        " over every row",
+    )
+    spent.add_argument("--cost-curve", action="store_true", help="error against time of every accuracy on these logs")
+    spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
+    command.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
+    command.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
+    command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
+    command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    return command
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _seed(text: str) -> int:
+    if not 0 <= (value := int(text)) < 2**32:
+        raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
+    return value
+
+
+def _effects(text: str) -> tuple[str, ...]:
+    """`rotation,late`: those alone; `-late,-offset`: all but those; `none`."""
+    from sysid.experiment import NUISANCES
+
+    names = [] if text == "none" else [name.strip() for name in text.split(",")]
+    if unknown := {name.removeprefix("-") for name in names} - set(NUISANCES):
+        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(NUISANCES)}, or none")
+    out = {name[1:] for name in names if name.startswith("-")}
+    if out and len(out) < len(names):
+        raise argparse.ArgumentTypeError(f"found {text}, expected either those that are in or, with a minus, those that are out")
+    return tuple(name for name in NUISANCES if (name not in out if out else name in names))
+
+
+def _seconds(text: str) -> float:
+    if not 0 < (value := float(text)) < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text}, expected seconds above 0")
+    return value
+
+
+_number.__name__, _seed.__name__, _seconds.__name__ = "temperature", "seed", "time"  # argparse says: invalid temperature value

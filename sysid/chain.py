@@ -1,0 +1,90 @@
+"""Markov chains of the posterior: emcee over the compiled density, proposals from the mixture about the fit's own minima."""
+
+from collections.abc import Iterator
+from time import perf_counter
+
+import emcee
+import numpy as np
+
+from sysid.diagnostics import ess, rhat
+from sysid.mixture import Mixture
+from sysid.target import Target
+
+WALKERS = 8
+AGREED = 1.01  # split R-hat
+BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
+FIRST, LEAST = 150, 16  # steps before the first look at the criteria, and before any other
+ROUNDS = 100
+
+
+class _Independence(emcee.moves.Move):
+    """Independence Metropolis of all walkers: what is proposed does not depend on where they are, so that the proposals of many
+    steps are evaluated together beforehand, and kept."""
+
+    def __init__(self, proposal: Mixture, target: Target, rng: np.random.Generator):
+        self.proposal, self.target, self.rng = proposal, target, rng
+        self.ahead: Iterator[tuple[np.ndarray, np.ndarray]] = iter(())
+        self.seen: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def prepare(self, steps: int) -> None:
+        """Draw and evaluate what the next `steps` will propose."""
+        z = self.proposal.draw(steps * WALKERS, self.rng)
+        log_density = self.target(z)
+        self.seen.append((z, log_density))
+        self.ahead = zip(z.reshape(steps, WALKERS, -1), log_density.reshape(steps, WALKERS), strict=True)
+
+    def propose(self, model, state):
+        z, log_density = next(self.ahead)
+        rise = log_density - state.log_prob + self.proposal.log_density(state.coords) - self.proposal.log_density(z)
+        accepted = np.log(model.random.rand(WALKERS)) < rise
+        return self.update(state, emcee.State(z, log_prob=log_density), accepted), accepted
+
+
+class Chain:
+    """Walkers that go on until they hold enough effective draws. The same seed gives the same draws."""
+
+    def __init__(self, target: Target, proposal: Mixture, seed: int):
+        rng = np.random.default_rng(seed)
+        dimension = len(target.index)
+        self._move = _Independence(proposal, target, rng)
+        self._sampler = emcee.EnsembleSampler(WALKERS, dimension, target, moves=self._move, vectorize=True)
+        # emcee accepts by the legacy generator and takes its state from numpy's global one unless told otherwise.
+        self._state = emcee.State(proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state())
+        self.target, self.ess, self.rhat = target, 0.0, np.inf
+
+    def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
+        """Go on in rounds until every parameter has `effective` draws and R-hat is below AGREED, or `rounds` are over.
+
+        False where a round would have ended after `until` (perf_counter) and was not begun.
+        """
+        for _ in range(rounds):
+            if self.reached(effective):
+                break
+            done = self._sampler.iteration
+            short = 1.05 * done * (effective / max(self.ess, 1.0) - 1.0)  # steps, at the rate seen so far
+            steps = int(np.clip(short, LEAST, done)) if done else FIRST
+            if until < np.inf and perf_counter() + steps * WALKERS * self.target.pace > until:
+                return False
+            self._move.prepare(steps)
+            self._state = self._sampler.run_mcmc(self._state, steps, skip_initial_state_check=True)
+            chains = self.draws()
+            self.ess = float(min(ess(chains[..., k]) for k in range(chains.shape[-1])))
+            self.rhat = float(max(rhat(chains[..., k]) for k in range(chains.shape[-1])))
+        return True
+
+    def reached(self, effective: float) -> bool:
+        """Whether the criteria hold."""
+        return self.ess >= effective and self.rhat < AGREED
+
+    def draws(self) -> np.ndarray:
+        """(chain, draw, parameter) in z."""
+        return np.swapaxes(self._sampler.get_chain(discard=BURN), 0, 1)
+
+    def proposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All proposals z (n, p), the target's log density and the proposal's at them."""
+        z, density = (np.concatenate(part) for part in zip(*self._move.seen, strict=True))
+        return z, density, self._move.proposal.log_density(z)
+
+    @property
+    def acceptance(self) -> float:
+        return float(np.mean(self._sampler.acceptance_fraction))
