@@ -28,7 +28,7 @@ LEAST = 3  # rows
 
 class Calibration(NamedTuple):
     """Gain, rotation in degrees, delay in s; standard deviations of the gain, of the angle at the mean `frequency` (Hz) in
-    degrees, and of the delay, inf where all rows are at one frequency: then it is taken as zero, and the rotation is the angle."""
+    degrees, and of the delay, inf where all rows are at one frequency: it is taken as zero, and the rotation is the angle."""
 
     gain: float
     rotation: float

@@ -48,7 +48,7 @@ NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 
 def test_the_scenes_are_these():
     figures = ["figure_3_finger", "figure_4_temperature", "figure_5_duty", "figure_6_sweep", "figure_8_closed_loop"]
-    assert NAMES == [*figures, "temperature_run", "touch"]
+    assert [*figures, "temperature_run", "touch"] == NAMES
 
 
 @pytest.mark.parametrize("name", NAMES)
