@@ -6,19 +6,22 @@ Only the closed loop needs JAX; it is loaded when it is first used.
 from importlib import import_module
 
 from controller.adaptive import Adaptive
+from controller.demodulator import Demodulator
 from controller.design import Loop, design
 from controller.document import as_dict
 from controller.dq import DQ, Command
 from controller.export import export_c
 from controller.guard import Guard
+from controller.machine import Machine
 from controller.pi import PI
 from controller.rig import Rig, RigError, Sensor
-from controller.tracker import SignTracker, Tracker
+from controller.tracker import PLL, SignTracker, Tracker
 
 _LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
 _LATER |= {name: "controller.interop" for name in ("loop_systems", "plant_system")}
 __all__ = [
-    "DQ", "PI", "Adaptive", "Command", "Guard", "Loop", "Rig", "RigError", "Sensor", "SignTracker", "Trace", "Tracker",
+    "DQ", "PI", "PLL", "Adaptive", "Command", "Demodulator", "Guard", "Loop", "Machine", "Rig", "RigError", "Sensor",
+    "SignTracker", "Trace", "Tracker",
     "as_dict", "closed_loop", "closed_loops", "design", "export_c", "loop_systems", "plant_system", "settling_time",
 ]  # fmt: skip
 

@@ -7,7 +7,7 @@ HEADER = """\
  *
  * {use}
  *
- * Nothing here loops, allocates, or remembers anything but its state, and no operation depends on what comes in: one step is
+ * A step has no loop and no heap, remembers nothing but its state, and takes the same operations whatever comes in:
  * {operations}.
 {arithmetic} */
 #ifndef {guard}
@@ -16,7 +16,7 @@ HEADER = """\
 #include <stdint.h>
 
 typedef {type} {number};
-
+{missing}
 typedef struct {{
 {fields}
 }} dq_state;
@@ -49,8 +49,8 @@ typedef struct {{
 
 /* At rest. */
 void dq_demodulator_init(dq_demodulator *s);
-/* One sample of the sensor, {sample}, {rate} times a second; `phase` is the accumulator's
- * when it was taken, 2^32 a turn, with a drive of V sin(phase). One step is
+/* One sample of the sensor, {rate} times a second: {sample}.
+ * `phase` is the accumulator's when it was taken, 2^32 a turn, with a drive of V sin(phase). One step takes
  * {operations}.
  * Of the image at twice the carrier {image:.2g} of W is left, W is late by {delay:.3g} s; sine and cosine are right to
  * 3.2e-7{coarse}. */
@@ -136,10 +136,11 @@ static dq_real dq_floor(dq_real x)
 
 FIXED = """
 typedef {wide} dq_wide;
+{called}"""
 
-#define DQ_TOP {top}
+FIXED_MISSING = """#define DQ_TOP {top}
 #define DQ_MISSING (-DQ_TOP - 1)
-{fit}"""
+"""
 
 FIT = """
 /* x 2^-shift, to the nearest and halves away from zero, within +-DQ_TOP */

@@ -60,6 +60,7 @@ def texts(loop: Loop, name: str, precision: Precision | None = None) -> tuple[st
         guard=_guard(name),
         type=TYPES[precision],
         number=number,
+        missing=ctext.FIXED_MISSING.format(top=2 ** (bits - 1) - 1) if bits else "",
         fields=_fields(number, step.state),
         inputs="\n".join(
             [f"    {number} {name}; /* {said}{_point(step, name)} */" for name, said in says.items()]
@@ -169,7 +170,7 @@ def _helpers(precision: Precision, lines: str) -> str:
     if bits:
         used = [(ctext.FIT, "dq_fit("), (ctext.RATIO, "dq_ratio("), (ctext.FIXED_FLOOR, "dq_floor(")]
         called = "".join(text for text, call in used if call in lines)
-        return ctext.FIXED.format(wide=f"int{2 * bits}_t", top=2 ** (bits - 1) - 1, fit=called)
+        return ctext.FIXED.format(wide=f"int{2 * bits}_t", called=called)
     whole, integer, one = ("4503599627370496.0", "int64_t", "1.0") if precision == "double" else ("8388608.0f", "int32_t", "1.0f")
     floor = ctext.FLOOR.format(whole=whole, integer=integer, one=one) if "dq_floor(" in lines else ""
     return ctext.FLOATING.format(floor=floor)

@@ -4,7 +4,8 @@ A fault makes the voltage zero and is latched: only `init` arms the controller a
 
     1 missing    no finite reading for `patience` samples
     2 dead       the sensor shows less than `floor` of what the drive makes of the plate, for `patience` samples
-    3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit
+    3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit, or the
+                 frequency by 0.2 % of its window
     4 above      |W| above `ceiling` for `patience` samples
     5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere, or
                  the sign of Wq is wrong and the tracker ran away
@@ -21,7 +22,8 @@ FAULTS = ("none", "missing", "dead", "stuck", "above", "edge")
 
 class GuardState(NamedTuple):
     """The controller's own state; the latched `fault`, a number of FAULTS; how many samples each has been suspected for; the
-    amplitude `expected` of the drive; the last reading, and the voltage at which it was first seen; the last voltage."""
+    amplitude `expected` of the drive; the last reading, and the voltage and the frequency at which it was first seen; the last
+    voltage. `heard` is None where there is no tracker."""
 
     control: Any
     fault: Any
@@ -34,6 +36,7 @@ class GuardState(NamedTuple):
     d: Any
     q: Any
     since: Any
+    heard: Any
     voltage: Any
 
 
@@ -65,7 +68,7 @@ class Guard(NamedTuple):
 
     def init(self) -> GuardState:
         """Armed, at rest."""
-        return GuardState(self.control.init(), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return GuardState(self.control.init(), *(0.0,) * 10, self.rest().frequency, 0.0)
 
     def rest(self) -> Command:
         """As the controller's own."""
@@ -76,20 +79,21 @@ class Guard(NamedTuple):
         patient, volts, W = Span(0.0, 2 * self.patience), Span(-self.limit, self.limit), Span(-full.response, full.response)
         counts = (patient, patient, Span(0.0, 2 * self.repeats), patient, patient)
         expected = Span(0.0, self.gain * self.limit)
-        return GuardState(self.control.span(full), Span(0.0, len(FAULTS)), *counts, expected, W, W, volts, volts)
+        window = None if self.rest().frequency is None else Span(self.lowest, self.highest)
+        return GuardState(self.control.span(full), Span(0.0, len(FAULTS)), *counts, expected, W, W, volts, window, volts)
 
     def step(
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
     ) -> tuple[GuardState, Command, GuardInfo]:
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where it was."""
         control, command, said = self.control.step(state.control, reference, W, temperature, xp, share)
-        counts, since = self._suspicions(state, W, xp)
         at_edge, frequency = self._window(command.frequency, xp)
+        counts, since, heard = self._suspicions(state, W, frequency, xp)
         edge = xp.where(at_edge, state.edge + 1.0, 0.0)
         missing, dead, stuck, above = counts
         fault = state.fault
         for code, suspected in enumerate(
-            (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, since, state, xp),
+            (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, state, since, heard, frequency),
              above >= self.patience, edge >= self.patience), 1,
         ):  # fmt: skip
             fault = xp.where((fault == 0.0) & suspected, 1.0 * code, fault)
@@ -99,11 +103,11 @@ class Guard(NamedTuple):
         expected = state.expected + self.decay * (self.gain * size - state.expected)
         there = seen(0.0, W, xp)
         d, q = xp.where(there, W.real, state.d), xp.where(there, W.imag, state.q)
-        after = GuardState(control, fault, missing, dead, stuck, above, edge, expected, d, q, since, voltage)
+        after = GuardState(control, fault, missing, dead, stuck, above, edge, expected, d, q, since, heard, voltage)
         return after, Command(voltage, frequency), GuardInfo(fault, said)
 
-    def _suspicions(self, state: GuardState, W: Any, xp: Any) -> tuple[tuple[Any, Any, Any, Any], Any]:
-        """Samples for which a reading has been missing, dead, the same, above; and the voltage when it was first the same."""
+    def _suspicions(self, state: GuardState, W: Any, frequency: Any, xp: Any) -> tuple[tuple[Any, Any, Any, Any], Any, Any]:
+        """Samples for which a reading has been missing, dead, the same, above; what was driven when it was first the same."""
         there = seen(0.0, W, xp)
         size = W.real * W.real + W.imag * W.imag
         low, high = self.floor * state.expected, self.ceiling
@@ -112,11 +116,16 @@ class Guard(NamedTuple):
         dead = xp.where(there & (size < low * low), state.dead + 1.0, xp.where(there, 0.0, state.dead))
         stuck = xp.where(same, state.stuck + 1.0, 0.0)
         above = xp.where(there & (size > high * high), state.above + 1.0, xp.where(there, 0.0, state.above))
-        return (missing, dead, stuck, above), xp.where(same, state.since, state.voltage)
+        heard = None if frequency is None else xp.where(same, state.heard, frequency)
+        return (missing, dead, stuck, above), xp.where(same, state.since, state.voltage), heard
 
-    def _is_stuck(self, stuck: Any, since: Any, state: GuardState, xp: Any) -> Any:
-        moved = state.voltage - since
-        return (stuck >= self.repeats) & (moved * moved > (1e-3 * self.limit) * (1e-3 * self.limit))
+    def _is_stuck(self, stuck: Any, state: GuardState, since: Any, heard: Any, frequency: Any) -> Any:
+        moved, enough = state.voltage - since, 1e-3 * self.limit
+        moves = (moved > enough) | (moved < -enough)
+        if frequency is not None:
+            turned, far = frequency - heard, 2e-3 * (self.highest - self.lowest)
+            moves = moves | (turned > far) | (turned < -far)
+        return (stuck >= self.repeats) & moves
 
     def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
         if frequency is None:

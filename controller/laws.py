@@ -69,6 +69,8 @@ class Asked(NamedTuple):
         half_bandwidth = 1 / (2 * math.pi * self.plate.tau)
         if self.method == "pll":
             kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
+            # Between the steps of a coarse source only a quiet estimate decides: its noise goes with kp.
+            kp *= 1.0 if self.rig.source(f0) is None else 0.1
             lead = kp / (2 * math.pi)
             return PLL(lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency())
         # With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)).

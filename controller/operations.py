@@ -20,8 +20,7 @@ def value(values: Mapping[str, Any], argument: Argument) -> Any:
 def fit(x: Any, shift: int, top: int) -> Any:
     """x 2^-shift, to the nearest and halves away from zero, within +-top."""
     if shift:
-        half = 1 << shift - 1
-        x = np.where(x >= 0, (x + half) >> shift, -((half - x) >> shift))
+        x = (x + ((1 << shift - 1) - (x < 0))) >> shift
     return np.minimum(np.maximum(x, -top), top)
 
 

@@ -189,7 +189,15 @@ class _Reader:
         path = table["calibration"]
         if len(table) > 1 or not isinstance(path, str):
             self.refuse("sensor.calibration", table, "the path of a log, and nothing beside it")
-        return Sensor(*calibrate(self.path.parent / path))
+        try:
+            found = calibrate(self.path.parent / path)
+        except (ValueError, OSError) as error:
+            raise RigError(f"{self.path}: sensor.calibration: {error}") from None
+        if found.delay < 0 and -found.delay > 3 * found.delay_error:
+            self.refuse("sensor.calibration", f"a delay of {found.delay:.3g} s", "a sensor that is no earlier than the logs'")
+        if found.delay < 0:  # within its error none; the whole angle is what counts
+            found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
+        return Sensor(found.gain, (found.rotation + 180) % 360 - 180, found.delay, found.gain_error, found.angle_error)
 
     def table(
         self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, tuple[str, ...] | None]

@@ -13,7 +13,7 @@ from controller.recording import measures_temperature, record, words
 
 KIND = {"double": np.float64, "single": np.float32, "q31": np.int32, "q15": np.int16}
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-ffp-contract=off"]
-SANITIZERS = ["-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+SANITIZERS = ["-O0", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
 STEP_C = """\
 #include <stdio.h>

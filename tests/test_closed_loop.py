@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -168,13 +169,14 @@ def test_settling_time():
 
 # --- the paper's figures, with the paper's controller -------------------------------------------------------------------------
 
+SCENES = Path(__file__).parents[1] / "data" / "synthetic" / "scenes"
 PRESS = Profile(np.array([0.0, 0.03, 0.06]), np.array([0.0, 1.5, 0.0]))
 START = Profile(np.array([0.0, 0.002]), np.array([0.0, 100.0]))
 
 
 @pytest.mark.parametrize("latency", [0.0, T])
 def test_figure_8(latency):
-    said = scene([FINGER], 0.1, force=PRESS, volts=START)
+    said = dataclasses.replace(Scene.from_toml(SCENES / "figure_8_closed_loop.toml"), fidelity="envelope")
     free, pressed, released = slice(20, 300), slice(300, 600), slice(600, None)
     log, trace = said.simulate(), closed_loop(paper(latency=latency), said)
     opened = np.abs(log.response)

@@ -41,9 +41,11 @@ def test_the_arithmetic_is_that_of_fractions(bits):
     xp = FixedRecord(bits, quotient=8.0)
     x, y = xp.input("a", Span(-3.0, 3.0)), xp.input("b", Span(-0.02, 0.02))
     results = {"sum": x + y, "less": x - y, "product": x * y, "square": x * x, "turned": -x, "scaled": 0.3 * x}
-    results |= {"floor": xp.floor(x), "ratio": y / xp.where(x > 0.1, x, 0.1), "larger": xp.where(x > y, x, y), "both": (x > y) & (x > 1.0)}
+    results |= {"floor": xp.floor(x), "ratio": y / xp.where(x > 0.1, x, 0.1), "larger": xp.where(x > y, x, y)}
+    results["both"] = (x > y) & (x > 1.0)
     exact = {"sum": a + b, "less": a - b, "product": a * b, "square": a * a, "turned": -a, "scaled": 0.3 * a}
-    exact |= {"floor": np.floor(a), "ratio": b / np.where(a > 0.1, a, 0.1), "larger": np.maximum(a, b), "both": (a > b) & (a > 1.0)}
+    exact |= {"floor": np.floor(a), "ratio": b / np.where(a > 0.1, a, 0.1), "larger": np.maximum(a, b)}
+    exact["both"] = (a > b) & (a > 1.0)
     points = {"a": xp.known(x).point, "b": xp.known(y).point}
     points |= {name: xp.known(value).point for name, value in results.items()}
     twin = xp.twin({}, {}, results, {}, points)
@@ -118,14 +120,14 @@ CASES = {"pi-rig": {"rig": RIG}, "paper": {"method": "paper"}, "pll": {"method":
 def test_c_gives_the_bits_of_its_twin(tmp_path, name, precision):
     """A hundred thousand samples; a million of each case: benchmarks/fixed_point.py."""
     loop = designed(**CASES[name])
-    inputs = worded(loop, hard(250, 400), precision)
+    inputs = worded(loop, hard(200, 500), precision)
     mine, theirs = in_twin(loop, inputs, precision), in_c(loop, tmp_path, inputs, precision, *SANITIZERS)
     for output in mine.dtype.names:
         np.testing.assert_array_equal(theirs[output], mine[output])
     twin = record(loop, precision).twin
     V, f = twin.number("voltage", mine["voltage"]), twin.number("frequency", mine["frequency"])
     assert np.abs(V).max() == 150.0 and f.min() >= 32000.0 and f.max() <= 32600.0
-    assert set(np.unique(mine["mode"])) == set(range(len(MODES))) and len(np.unique(mine["fault"])) >= 4
+    assert set(np.unique(mine["mode"])) == set(range(len(MODES))) and len(np.unique(mine["fault"])) >= 3
     assert (mine["voltage"][(mine["mode"] == 0) | (mine["mode"] == 5)] == 0).all()
 
 
@@ -168,7 +170,7 @@ REPLAYS = {  # the spoilt reading, of the true and the last one; ms within which
     "stuck": (lambda told, last: last, 50, {"stuck", "edge"}),
     "wrong sign of q": (lambda told, last: told.conjugate(), 50, {"edge"}),
 }
-AT, SAMPLES = 700, 1300
+AT, SAMPLES = 550, 1080
 
 
 def played(loop, precision, wanted):
@@ -206,12 +208,12 @@ def test_it_finds_starts_runs_and_a_fault_ends_it(precision):
     V, f, mode, fault, W = played(loop, precision, 1.5)
     assert np.abs(V).max() <= 350.0 and f.min() >= 32150.0 and f.max() <= 32490.0
     assert W[:AT].max() < 1.5 * 1.1
-    np.testing.assert_allclose(W[AT - 150 : AT].mean(0), 1.5, rtol=0.005)
+    np.testing.assert_allclose(W[AT - 100 : AT].mean(0), 1.5, rtol=0.005)
     # the tracker's noise, and in 16 bits a word of 1 Hz
-    np.testing.assert_allclose(f[AT - 150 : AT].mean(0), 32340.0, atol=1.0 if precision != "q15" else 2.0)
+    np.testing.assert_allclose(f[AT - 100 : AT].mean(0), 32340.0, atol=1.0 if precision != "q15" else 2.0)
     for k, (name, (_, within, expected)) in enumerate(REPLAYS.items()):
         begun = int(np.argmax(mode[:, k] == RUN))
-        assert 0 < begun < AT - 150 and sorted(set(mode[:begun, k])) == [1, 2, 3]  # find, soft start, lock
+        assert 0 < begun < AT - 100 and sorted(set(mode[:begun, k])) == [1, 2, 3]  # find, soft start, lock
         ends = AT + round(1e-3 * within / T)
         assert fault[AT - 1, k] == 0 and (V[ends:, k] == 0.0).all() and (mode[ends:, k] == 5).all(), name
         assert (fault[ends:, k] == fault[-1, k]).all() and FAULTS[int(fault[-1, k])] in expected, name

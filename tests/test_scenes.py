@@ -47,7 +47,8 @@ NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 def test_the_scenes_are_these():
-    assert NAMES == ["figure_3_finger", "figure_4_temperature", "figure_5_duty", "figure_6_sweep", "temperature_run", "touch"]
+    figures = ["figure_3_finger", "figure_4_temperature", "figure_5_duty", "figure_6_sweep", "figure_8_closed_loop"]
+    assert [*figures, "temperature_run", "touch"] == NAMES
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -72,6 +73,7 @@ EFFECTS_OF = {
     "figure_4_temperature": set(),
     "figure_5_duty": {"inverter", "white_noise"},
     "figure_6_sweep": {"white_noise"},
+    "figure_8_closed_loop": {"finger_damping"},
     "temperature_run": set(),
     "touch": {"finger_damping", "white_noise"},
 }

@@ -1,0 +1,189 @@
+"""What a rig says is used: the loop's sensor by a calibration log, its timer, its converters; the PLL beside the trackers."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import controller
+from controller import Rig, RigError
+from controller.actuator import Dds, Inverter
+from controller.calibration import calibrate
+from controller.source import Timer
+
+TAU, T = 5e-3 / math.log(20), 1e-4
+PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16)
+GIVEN = {"voltage_limit": 350.0, "amplitude": 2.0, "frequency_window": (32000.0, 32600.0)}
+
+
+def written(path, seed, gain=0.31, rotation=12.0, delay=1.3e-6, noise=0.01, span=500.0):
+    """A log of both sensors over a resonance; the loop's is late, turned, in volts, and noisy."""
+    rng = np.random.default_rng(seed)
+    f = np.linspace(32300 - span, 32300 + span, 101)
+    W = 2.0 / (1 + 2j * np.pi * (f - 32300) * TAU)
+    S = gain * np.exp(1j * (math.radians(rotation) - 2 * np.pi * f * delay)) * W
+    S = S + noise * 2 * gain * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+    rows = np.stack([f / 1e3, W.real, W.imag, S.real, S.imag], 1)
+    lines = ["frequency_kHz,wd_um,wq_um,sensor_wd_V,sensor_wq_V", *(",".join(f"{v:.17g}" for v in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_calibration_log_gives_gain_angle_and_delay_with_errors(tmp_path):
+    """Over thirty logs each is off by its own standard deviation: the mean square of 30 normal numbers is 1 +- 0.26."""
+    scores = []
+    for seed in range(30):
+        found = calibrate(written(tmp_path / "both.csv", seed))
+        angle = found.rotation - 360 * found.frequency * found.delay - (12.0 - 360 * 32300 * 1.3e-6)
+        angle = (angle + 180) % 360 - 180
+        off = ((found.gain - 0.31) / found.gain_error, angle / found.angle_error, (found.delay - 1.3e-6) / found.delay_error)
+        scores.append(off)
+    assert np.mean(np.square(scores), 0).min() > 0.3 and np.mean(np.square(scores), 0).max() < 1.8
+    assert found.angle_error < 0.3 and found.gain_error < 0.005 * 0.31
+
+
+def test_at_one_frequency_the_angle_is_whole(tmp_path):
+    found = calibrate(written(tmp_path / "both.csv", 0, span=0.0))
+    assert found.delay == 0.0 and found.delay_error == math.inf
+    assert found.rotation == pytest.approx(12.0 - 360 * 32300 * 1.3e-6, abs=4 * found.angle_error)
+
+
+def test_the_rig_uses_it_and_says_how_well_it_is_known(tmp_path):
+    written(tmp_path / "both.csv", 1)
+    (tmp_path / "rig.toml").write_text('[sensor]\ncalibration = "both.csv"\n')
+    loop = controller.design(PLATE, rig=Rig.from_toml(tmp_path / "rig.toml"), **GIVEN)
+    turned = loop.control.d + 1j * loop.control.q
+    true = 0.31 * np.exp(1j * (math.radians(12.0) - 2 * np.pi * 32300 * 1.3e-6))
+    assert turned * true == pytest.approx(1.0, abs=0.006)  # 1 % of noise in 101 points across the resonance: 0.15 %, four of them
+    assert "the loop's sensor is known to" in loop.notes[0] and "degrees (standard deviations)" in loop.notes[0]
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("wd_um,wq_um\n1,2\n", "found 0 columns frequency_*"),
+    ("frequency_Hz,wd_um,wq_um,sensor_wd_V,sensor_wq_V\n1,2,3,4,5\n", "found 1 rows, expected"),
+    ("frequency_Hz,wd_um,wq_um,sensor_wd_V,sensor_wq_mV\n1,2,3,4,5\n", "expected one unit"),
+    (None, "both.csv"),
+])  # fmt: skip
+def test_a_calibration_that_cannot_be_used(tmp_path, text, said):
+    if text is not None:
+        (tmp_path / "both.csv").write_text(text)
+    (tmp_path / "rig.toml").write_text('[sensor]\ncalibration = "both.csv"\n')
+    with pytest.raises(RigError) as error:
+        Rig.from_toml(tmp_path / "rig.toml")
+    assert said in str(error.value) and "rig.toml: sensor.calibration" in str(error.value)
+
+
+FULL = """
+timer_MHz = 100
+tracker_period_ms = 2
+arithmetic = "q31"
+[adc]
+bits = 12
+full_scale = 5
+rate_MHz = 1
+[dac]
+bits = 10
+full_scale_V = 400
+[inverter]
+supply_V = 300
+law = "sine"
+"""
+
+
+def test_converters_and_clocks(tmp_path):
+    (tmp_path / "rig.toml").write_text(FULL)
+    rig = Rig.from_toml(tmp_path / "rig.toml")
+    assert rig.adc == (12, 5, 1e6) and rig.adc.unit == 5 / 2048 and rig.dac == (10, 400) and rig.inverter == (300, True)
+    loop = controller.design(PLATE, rig=rig, **GIVEN)
+    assert loop.law.tracker.every == 2 * controller.design(PLATE, **GIVEN).law.tracker.every
+    # the demodulator's delay counts: a loop that has it is slower
+    assert loop.bandwidth_limit_hz < 0.8 * controller.design(PLATE, **GIVEN).bandwidth_limit_hz
+    controller.export_c(loop, tmp_path / "dq_pi.h")
+    assert "typedef int32_t dq_word;" in (tmp_path / "dq_pi.h").read_text()
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("timer_MHz = 100\ndds_MHz = 1", "expected one source of the frequency"),
+    ("arithmetic = 'q7'", "expected one of double, single, q31, q15"),
+    ("[adc]\nbits = 12\nrate_MHz = 1", "adc.full_scale: found None, expected a number above zero"),
+    ("[dac]\nbits = 40\nfull_scale_V = 3", "dac.bits: found 40.0, expected 4 to 24"),
+    ("[inverter]\nlaw = 'sine'", "inverter.supply: found None"),
+    ("[sensor]\ncalibration = 'a.csv'\ngain = 2", "the path of a log, and nothing beside it"),
+])  # fmt: skip
+def test_a_rig_that_is_wrong(tmp_path, text, said):
+    (tmp_path / "rig.toml").write_text(text)
+    with pytest.raises(RigError) as error:
+        Rig.from_toml(tmp_path / "rig.toml")
+    assert said in str(error.value)
+
+
+def test_words_of_the_source_are_the_frequency():
+    timer, clock = Timer.of(1e8, 32300.0), 1e8
+    for wanted in np.linspace(31000.0, 33600.0, 997):  # 4 %: the series is right to 0.04^4, 0.1 Hz
+        ticks = timer.periods + timer.ticks(wanted - 32300.0, controller.tracker.scalar)
+        assert abs(clock / ticks - wanted) <= 0.5 * wanted**2 / clock + 0.1
+    dds = Dds(1e6, 32300.0)
+    for wanted in (32123.4, 32300.0, 32599.9):
+        assert dds.base + dds.more(wanted, controller.tracker.scalar) == round(wanted / 1e6 * 2**32)
+
+
+@pytest.mark.parametrize("sine", [True, False])
+def test_the_duty_law_is_turned_round(sine):
+    inverter = Inverter(300.0, sine)
+    V = np.linspace(-285.0, 285.0, 101)
+    duty = inverter.duty(V, 285.0)
+    made = 300.0 * (4 / np.pi * np.sin(np.pi / 2 * duty) if sine else duty)
+    np.testing.assert_allclose(made, V, rtol=0, atol=1e-4 * 300 * 2)  # the duty ratio to 1e-4, its slope 2 supply at most
+    with pytest.raises(ValueError, match="which the inverter can make"):
+        inverter.check(1000.0)
+
+
+# --- trackers -------------------------------------------------------------------------------------------------------------------
+
+
+def tracked(loop, f0, samples, noise=0.02, timer=None):
+    """f (samples, n), |W| (samples, n) of the law on plates with resonances f0 (n,), one sample of latency."""
+    rng, xp, law = np.random.default_rng(1), np, loop.law
+    state, W = law.init(), np.zeros(len(f0), complex)
+    voltage, frequency, rows = np.zeros(len(f0)), np.full(len(f0), 32300.0), []
+    for _ in range(samples):
+        told = W + noise * (rng.standard_normal(len(f0)) + 1j * rng.standard_normal(len(f0)))
+        state, command, _ = law.step(state, 2.0, told, None, xp)
+        made = frequency if timer is None else timer / np.round(timer / frequency)
+        pole = -1 / TAU + 2j * math.pi * (f0 - made)
+        settled = -0.02 / TAU * voltage / pole
+        W = settled + (W - settled) * np.exp(pole * T)
+        voltage, frequency = (v + 0.0 * f0 for v in command)
+        rows.append((frequency, np.abs(W)))
+    return np.array(rows).transpose(1, 0, 2)
+
+
+def test_the_pll_locks_and_rests():
+    """100 Hz off and 1 % of noise; kp = 1/tau, so that without noise it passes by nothing."""
+    loop = controller.design(PLATE, method="pll", **GIVEN)
+    off = np.array([-100.0, -30.0, 30.0, 100.0])
+    f, W = tracked(loop, 32300.0 + off, 600, noise=0.0)
+    past = (f - 32300.0 - off) * np.sign(off)
+    assert past.max() < 10.0  # a detuning of one half bandwidth bends arctan into tan: beyond linear by a tenth
+    assert np.abs(past[300:]).max() < 0.01  # 30 ms: 18 tau
+    np.testing.assert_allclose(W[-1], 2.0, rtol=1e-3)
+    f, W = tracked(loop, 32300.0 + off, 4000)
+    locked = [np.flatnonzero(np.abs(v) > 15)[-1] * T for v in (f - 32300.0 - off).T]
+    assert max(locked) < 15e-3
+    # an update adds kp/2pi = 95 Hz times 1 % of noise, and the next takes most of it away again
+    assert np.std(f[500:], 0).max() < 2.5
+
+
+@pytest.mark.parametrize("method", ["pi", "pll"])  # the other: in test_closed_loop.py
+def test_a_timer_of_100_MHz_does_not_chatter(method):
+    """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, wherever the resonance lies between
+    two; with 1 % of noise, of each of Wd and Wq and each sample."""
+    loop = controller.design(PLATE, method=method, rig=Rig(timer=1e8), **GIVEN)
+    f0 = 32300.0 + np.linspace(-10.0, 10.0, 9)
+    f, W = tracked(loop, f0, 11000, timer=1e8)
+    assert (np.diff(f[1000:], axis=0) != 0).sum() == 0
+    assert np.abs(f[-1] - f0).max() < 0.62 * 10.45  # half a step and a dead band of a tenth, and noise
+    # the PI holds Wd, so that nothing is lost: |W| is above it by up to 6.3 Hz / 95 Hz squared and halved, 0.22 %
+    lost = 1 - W[1000:].mean(0) / 2.0
+    assert lost.max() < 0.0015 and lost.min() > -0.0030
