@@ -5,6 +5,9 @@ the corpus. A finding is: an exception of another type, a warning, a mapping fil
 takes SLOW seconds, a number that is not finite, and numbers that differ from those that Python's own `csv` and `float` read where
 the header was left alone. Each finding is made smaller, and stands in fuzz_reader.md beside this file.
 
+Found so, and mended: a header that is blank to Python but not to the reader, or without a name (IndexError); a control character
+of a header in a comment of the mapping file to start from, which TOML forbids; a warning where a velocity is divided by 0 Hz.
+
     --seconds S    how long (default 900)           --seed N       of the mutations (default 0)
     --replay TEXT  run one input, a pair of bytes as the table shows it
 """

@@ -39,6 +39,7 @@ POSSIBLE = {
     "frequency": (0.0, np.inf, "a frequency of 0 or more"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
+ROOM = (273.15, 333.15)  # K
 BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
 BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
 
@@ -133,7 +134,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
             logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
         else:
             logs[read[0].sha256] = read
-    return _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))
+    return [_doubted(log) for log in _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))]
 
 
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
@@ -365,6 +366,14 @@ def _of_one_plate(logs: list[Log]) -> list[Log]:
             first = f"{named[0][0].path} names the plate {named[0][1]!r}"
             raise LogError(f"{first} and {log.path} the plate {plate!r}, expected logs of one plate")
     return logs
+
+
+def _doubted(log: Log) -> Log:
+    """The log, with a note where its temperature is a room's in kelvin: it may be right, and moves k_T by far if it is not."""
+    if log.temperature is None or not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
+        return log
+    note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
+    return dataclasses.replace(log, notes=(*log.notes, note))
 
 
 def _in_common_units(logs: list[Log]) -> list[Log]:

@@ -289,10 +289,11 @@ class Plant:
         """
         if self.f0 is None:
             frequency = None
-        reference = (0.0, self.reference_temperature)
+        near = 0.0 if frequency is None else float(np.ravel(frequency)[0])  # a difference of two rounded 2 pi f loses Q digits
         time = np.asarray(time, float)
+        reference = (near, self.reference_temperature)
         hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
-        detuning = 2 * jnp.pi * self._resonance(hold.warming) + hold.offset
+        detuning = 2 * jnp.pi * (self._resonance(hold.warming) - near) + hold.offset
         found = respond(self.tau, detuning, hold, both_modes=both_modes)
         return _plain(self._gain * found.forced + start * found.free)
 

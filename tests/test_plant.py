@@ -152,6 +152,27 @@ def test_splitting_an_interval_changes_nothing(both_modes):
     np.testing.assert_allclose(split[::2], whole, rtol=0, atol=3e-14 * np.max(np.abs(whole)))  # 60 roundings of 2e-16
 
 
+@pytest.mark.parametrize("both_modes", [False, True])
+def test_laws_of_scale_hold_to_the_last_bit(both_modes):
+    """Twice the drive or the gain, half of every time at twice every frequency: powers of two round nothing."""
+    time, drive, frequency, temperature = random_inputs(LOW_Q, np.random.default_rng(5), 30)
+    rows = LOW_Q.transient(time, drive, frequency, temperature, both_modes=both_modes)
+    louder = LOW_Q.transient(time, 2.0**40 * drive, frequency, temperature, both_modes=both_modes)
+    np.testing.assert_array_equal(louder, 2.0**40 * rows)
+    stronger = Plant(LOW_Q.G / 8, LOW_Q.tau, LOW_Q.f0).transient(time, drive, frequency, both_modes=both_modes)
+    np.testing.assert_array_equal(stronger, rows / 8)
+    quicker = Plant(LOW_Q.G, LOW_Q.tau / 2**20, LOW_Q.f0 * 2**20)
+    found = quicker.transient(time / 2**20, drive, frequency * 2**20, both_modes=both_modes)
+    np.testing.assert_array_equal(found, rows)
+
+
+def test_a_mirrored_detuning_mirrors_q():
+    detuning = np.array([1.0, 30.0, 95.0, 400.0])
+    above, below = (np.asarray(PLATE.steady(100.0, PLATE.f0 + s * detuning)) for s in (1, -1))
+    # (w0/omega) and (w0^2 - omega^2)/(2 omega) differ from their mirror images by the relative detuning, twice that in W
+    assert np.all(np.abs(above - below.conj()) <= 4 * detuning / PLATE.f0 * np.abs(above))
+
+
 def test_an_interval_without_length_changes_nothing():
     time = np.array([0.0, 1e-3, 1e-3, 1e-3, 2e-3])
     drive = np.array([1.0, 7.0, -3.0, 1.0, 1.0])
