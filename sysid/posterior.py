@@ -21,7 +21,7 @@ from sysid.target import Target
 if TYPE_CHECKING:
     from sysid.chain import Chain
 
-CHAINS, EVEN = 8, 512  # of the normal approximation, and its draws in each: their own error is a thousandth of a deviation
+CHAINS, EVEN = 8, 512  # of the normal approximation, and its draws in each
 CHECKED, WIDER = 64, 1.3  # points at which the first rung asks for the density, from a normal that is so much wider
 ROWS = 256  # proposals at which the last rung asks for the density of every row
 BLOCKS = 16  # of proposals, whose spread is the error of what all together give
@@ -140,8 +140,8 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     fit, normal = target.fit, target.normal()
     z = normal.spread(CHAINS * EVEN, np.random.default_rng(seed))
     x = target.parameters(z)
-    estimates = {n: Estimate.of(v, np.full(len(v), 1 / len(v))) for n, v in x.items()}
-    errors = _off(target, x, estimates) if fit.result.bounded else _unknown(estimates)
+    estimates = {n: Estimate.of(*even) for n, even in target.marginals().items()}
+    errors = _off(target, estimates) if fit.result.bounded else _unknown(estimates)
     draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
     method = f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at {CHECKED} points"
     effective, agreed = min(ess(v) for v in draws.values()), max(rhat(v) for v in draws.values())
@@ -151,13 +151,14 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     return Posterior(*had, evaluations, spent, pace, None)
 
 
-def _off(target: Target, even: dict[str, np.ndarray], estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+def _off(target: Target, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
     """By how much the equation moves the estimates of the normal approximation, over a few even points further out."""
     normal = target.normal()
     wide = replace(normal, scales=WIDER * normal.scales)
     z = wide.spread(CHECKED, np.random.default_rng(0))
     proposed = wide.log_density(z)
     ratios = target(z) - proposed, normal.log_density(z) - proposed
+    even = target.marginals()
     after = {n: moved(even[n], (x, ratios)) for n, x in target.parameters(z).items()}
     return {n: Estimate(*np.abs(np.subtract(astuple(after[n]), astuple(e))).tolist()) for n, e in estimates.items()}
 
@@ -168,7 +169,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     z = chain.draws()
     draws = {n: v.reshape(z.shape[:2]) for n, v in target.parameters(z.reshape(-1, z.shape[-1])).items()}
     if fit.result.bounded:
-        estimates, errors = _corrected(chain, below, whole)
+        estimates, errors = _corrected(chain, whole)
     else:
         estimates = {n: Estimate.of(v.ravel(), np.full(v.size, 1 / v.size)) for n, v in draws.items()}
         errors = _unknown(estimates)
@@ -188,23 +189,20 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     return Posterior(*had, target.evaluations, spent, target.pace, below)
 
 
-def _corrected(chain: "Chain", below: Posterior, whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
     """Estimates by the equation of `sysid/estimate.py`, and their Monte-Carlo errors from BLOCKS blocks of the proposals."""
     target, normal = chain.target, chain.target.normal()
-    even = below
-    while even.below is not None:
-        even = even.below
+    even = target.marginals()
     z, density, proposed = chain.proposed()
     few = slice(0, ROWS if whole else 0)  # proposals are independent: the first are as good as any
     ratios = [density - proposed, normal.log_density(z) - proposed]
     rows = [(whole(z[few]) if whole else density[few]) - proposed[few], ratios[0][few]]
     estimates, errors = {}, {}
     for name, x in target.parameters(z).items():
-        flat = even.draws[name].ravel()
         blocks = [slice(k, None, BLOCKS) for k in range(BLOCKS)]
-        parts = [moved(flat, (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
+        parts = [moved(even[name], (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
         spread = np.std([astuple(e) for e in parts], axis=0, ddof=1) / np.sqrt(BLOCKS)
-        estimates[name], errors[name] = moved(flat, (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
+        estimates[name], errors[name] = moved(even[name], (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
     return estimates, errors
 
 

@@ -3,13 +3,16 @@
 from time import perf_counter
 
 import numpy as np
+from scipy.special import ndtri
 
 from sysid.experiment import group
 from sysid.fitting import Fit
 from sysid.identify import limits
-from sysid.minimise import FINGER, NAMES
+from sysid.minimise import NAMES
 from sysid.mixture import Mixture
 from sysid.surrogate import Density
+
+QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 
 
 class Target:
@@ -27,6 +30,10 @@ class Target:
         if not fit.result.bounded:  # a broad look at what is left, not an interval
             covariance = np.diag(np.minimum(np.diag(covariance), 1.0))
         self.triangle = np.linalg.cholesky(covariance)
+        carry = np.eye(len(NAMES))  # f0 is reported at another temperature than the fit's own
+        carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
+        self._carried = carry[self.index]
+        self._along = self._carried[:, self.index] @ self.triangle
         trials = tuple(t.uncondensed() for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
         smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
@@ -41,12 +48,22 @@ class Target:
 
     def parameters(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
-        fit, theta = self.fit, self.theta(z)
-        drift = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
-        f0 = fit.reference[0] + theta[:, 2] + drift * theta[:, 3]
-        values = {"G": np.exp(theta[:, 0]), "tau": np.exp(theta[:, 1]), "f0": f0, "k_T": theta[:, 3]}
-        values |= dict(zip(FINGER, theta[:, 4:].T, strict=True))
-        return {n: values[n] for n in self.names}
+        return self._named(self.fit.modes[0].theta @ self._carried.T + z @ self._along.T)
+
+    def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Of the normal approximation: of each parameter even quantiles, and their weights."""
+        normal = self.normal()
+        centres = self.fit.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
+        widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
+        even = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
+        x = (centres[:, None] + even[:, None] * widths[:, None]).reshape(-1, len(self.names))
+        weight = np.repeat(normal.weights / QUANTILES, QUANTILES)
+        return {name: (values, weight) for name, values in self._named(x).items()}
+
+    def _named(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Of the numbers of theta the parameters."""
+        f0 = self.fit.reference[0]
+        return {n: np.exp(v) if n in ("G", "tau") else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum."""

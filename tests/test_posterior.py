@@ -83,6 +83,9 @@ def test_rungs_agree_within_their_errors(fit, posterior):
     assert quick.below is None and quick.accuracy == "quick" and one.below.estimates == quick.estimates
     assert quick.error < 0.2 and one.error < 0.02 and one.moved < 2 * quick.error + Z * one.error
     for name, estimate in one.estimates.items():
+        drawn = quick.draws[name].ravel()  # even draws of the same normal, whose quantiles are the estimates
+        assert abs(drawn.mean() - quick.estimates[name].value) < 0.01 * estimate.std
+        assert drawn.std() == pytest.approx(quick.estimates[name].std, rel=0.01)
         apart = abs(estimate.value - two.estimates[name].value)
         assert apart < Z * np.hypot(one.errors[name].value, two.errors[name].value)
     assert quick.twice() is None and one.twice() > 0
