@@ -4,50 +4,25 @@
 the numbers themselves. What cannot be read ends in a `LogError` that names the file, the line and the column.
 """
 
-import bz2
 import csv
-import gzip
 import hashlib
 import io
 import itertools
-import lzma
 import math
-import os
 import re
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 
+from sysid.textfile import LogError, open_text, read_line, refuse_binary
+
 BLOCK = 1 << 24  # bytes parsed at a time
-LONGEST = 1 << 24  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
 WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
 SHOWN = 20  # names in a message, of files that have thousands
-# What a file is, told by its first bytes, not by its name.
-PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
-FOREIGN = {
-    b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
-    b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
-    b"\x89HDF": "an HDF5 file",
-    b"MATLAB 5.0 MAT-file": "a MATLAB file",
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
-}
-
-
-class LogError(ValueError):
-    """Unusable input: the message names file, line or column, what was found and what was expected.
-
-    `mapping` is a mapping file (TOML text) to start from when the file was not understood, else None.
-    """
-
-    def __init__(self, message: str, mapping: str | None = None) -> None:
-        super().__init__(message.replace("\n", "\\n"))  # one line: the name of a file may hold a line end
-        self.mapping = mapping
 
 
 @dataclass(frozen=True)
@@ -103,10 +78,10 @@ def read_head(path: str, dialect: Dialect) -> Head:
     """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
     comments, line, offset, number = [], "", 0, 0
     encoding, notes = "utf-8-sig", []
-    with _open(path) as file:
-        while raw := _line(path, file, number + 1):
+    with open_text(path) as file:
+        while raw := read_line(path, file, number + 1):
             offset, number = offset + len(raw), number + 1
-            _refuse_binary(path, raw, number)
+            refuse_binary(path, raw, number)
             try:
                 line = raw.decode(encoding)
             except UnicodeDecodeError:
@@ -120,7 +95,7 @@ def read_head(path: str, dialect: Dialect) -> Head:
                 break
         else:
             raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
-        below = list(itertools.takewhile(bool, (_line(path, file, number + k) for k in range(1, 51))))
+        below = list(itertools.takewhile(bool, (read_line(path, file, number + k) for k in range(1, 51))))
     following = [text.decode("utf-8", errors="replace") for text in below]
     if dialect.header is False or (dialect.header is None and _holds_numbers(line, dialect)):
         offset, number, following = offset - len(raw), number - 1, [line, *following]
@@ -151,7 +126,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
     line = head.first_line
     with open(head.path, "rb") as raw:
         digest = hashlib.file_digest(raw, "sha256").hexdigest()
-    with _open(head.path) as file:
+    with open_text(head.path) as file:
         file.seek(head.start)
         for block in _blocks(file, head.dialect.delimiter == WHITESPACE):
             blank, count = _check_counts(head, block, line)
@@ -172,7 +147,7 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
     """Raise the LogError of one bad cell: what stands there is read again from the file."""
     label = head.names[column] or column
     number = body.line(head, row)
-    with _open(head.path) as file:
+    with open_text(head.path) as file:
         text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
     cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = repr(cell) if cell else "an empty cell"
@@ -215,43 +190,6 @@ def listed(names: Sequence[str]) -> str:
     """Names in a message: the first of them, where a file has thousands."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
     return ", ".join(names[:SHOWN]) + more
-
-
-@contextmanager
-def unchanged(path: str) -> Iterator[None]:
-    """Raise LogError when the file is another one, or of another length or time, at the end of the block."""
-    before = os.stat(path)
-    yield
-    after = os.stat(path)
-    if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
-        raise LogError(f"{path}: found that it changed while it was read, expected a log that is written to its end")
-
-
-def _open(path: str) -> BinaryIO:
-    """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
-    with open(path, "rb") as file:
-        first = file.read(20)
-    if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
-        raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
-    opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), open)
-    return opener(path, "rb")
-
-
-def _line(path: str, file: BinaryIO, number: int) -> bytes:
-    """The next line, b"" at the end. One of unreasonable length: LogError."""
-    raw = file.readline(LONGEST)
-    if len(raw) == LONGEST and not raw.endswith(b"\n"):
-        raise LogError(f"{path}, line {number}: found more than {LONGEST} bytes without a line end, expected lines of text")
-    return raw
-
-
-def _refuse_binary(path: str, raw: bytes, number: int) -> None:
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):  # of a packed file
-        raise LogError(f"{path}: found UTF-16 text, expected UTF-8; save it again as CSV (UTF-8)")
-    if b"\x00" in raw:
-        raise LogError(f"{path}, line {number}: found binary data, expected a text table (CSV)")
-    if b"\r" in raw.rstrip(b"\r\n"):
-        raise LogError(f"{path}, line {number}: found a carriage return alone, expected lines that end in a line feed")
 
 
 def _metadata(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:

@@ -15,6 +15,7 @@ ORDER = [
     "accuracy",
     "precision",
     "units",
+    "textfile",
     "csvfile",
     "mapping",
     "header",

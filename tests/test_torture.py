@@ -16,7 +16,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from sysid import csvfile
+from sysid import csvfile, textfile
 from sysid.log import LogError, read_logs
 
 NAMES = ("time", "voltage", "frequency", "wd", "wq")
@@ -175,7 +175,7 @@ REFUSED = {
     "JSON": ('{"time_s": [0, 1], "w_um": [1, 2]}\n', ""),
     "JSON lines": ('{"time_s": 0, "w_um": 1}\n{"time_s": 1, "w_um": 2}\n', ""),
     "pointer of large file storage": ("version https://git-lfs.github.com/spec/v1\noid sha256:ab\nsize 12\n", ""),
-    "one line without an end": (b"a" * (csvfile.LONGEST + 1), "without a line end"),
+    "one line without an end": (b"a" * (textfile.LONGEST + 1), "without a line end"),
     "short row": (TEXT + "0.3,5.0\n", "line 5"),
     "long row": (TEXT + "0.3,5,1,0,0,7\n", "line 5"),
     "cut-off row": (TEXT + "0.3,5.0,32", "still being written"),
@@ -350,7 +350,7 @@ def test_a_file_that_may_not_be_read(path, monkeypatch):
         raise PermissionError(13, "Permission denied", str(path))
 
     write(path, TEXT)
-    monkeypatch.setattr(csvfile, "_open", refuse)  # an administrator may read what is forbidden
+    monkeypatch.setattr(csvfile, "open_text", refuse)  # an administrator may read what is forbidden
     with pytest.raises(LogError, match=r"log\.csv: cannot be read: .*Permission denied"):
         read_logs([path])
 

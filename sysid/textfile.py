@@ -1,0 +1,69 @@
+"""A file of text as its bytes: packed or not, what it is when it is no text, and whether it stays the same while it is read."""
+
+import bz2
+import gzip
+import lzma
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, BinaryIO
+
+LONGEST = 1 << 24  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
+# What a file is, told by its first bytes, not by its name.
+PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
+FOREIGN = {
+    b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
+    b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
+    b"\x89HDF": "an HDF5 file",
+    b"MATLAB 5.0 MAT-file": "a MATLAB file",
+    b"\xff\xfe": "UTF-16 text",
+    b"\xfe\xff": "UTF-16 text",
+}
+
+
+class LogError(ValueError):
+    """Unusable input: the message names file, line or column, what was found and what was expected.
+
+    `mapping` is a mapping file (TOML text) to start from when the file was not understood, else None.
+    """
+
+    def __init__(self, message: str, mapping: str | None = None) -> None:
+        super().__init__(message.replace("\n", "\\n"))  # one line: the name of a file may hold a line end
+        self.mapping = mapping
+
+
+@contextmanager
+def unchanged(path: str) -> Iterator[None]:
+    """Raise LogError when the file is another one, or of another length or time, at the end of the block."""
+    before = os.stat(path)
+    yield
+    after = os.stat(path)
+    if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
+        raise LogError(f"{path}: found that it changed while it was read, expected a log that is written to its end")
+
+
+def open_text(path: str) -> BinaryIO:
+    """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
+    with open(path, "rb") as file:
+        first = file.read(20)
+    if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
+        raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
+    opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), open)
+    return opener(path, "rb")
+
+
+def read_line(path: str, file: BinaryIO, number: int) -> bytes:
+    """The next line, b"" at the end. One of unreasonable length: LogError."""
+    raw = file.readline(LONGEST)
+    if len(raw) == LONGEST and not raw.endswith(b"\n"):
+        raise LogError(f"{path}, line {number}: found more than {LONGEST} bytes without a line end, expected lines of text")
+    return raw
+
+
+def refuse_binary(path: str, raw: bytes, number: int) -> None:
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):  # of a packed file
+        raise LogError(f"{path}: found UTF-16 text, expected UTF-8; save it again as CSV (UTF-8)")
+    if b"\x00" in raw:
+        raise LogError(f"{path}, line {number}: found binary data, expected a text table (CSV)")
+    if b"\r" in raw.rstrip(b"\r\n"):
+        raise LogError(f"{path}, line {number}: found a carriage return alone, expected lines that end in a line feed")
