@@ -55,7 +55,7 @@ def held(c: dict[str, np.ndarray]) -> tuple[Hold, np.ndarray]:
     reference, zeros = c["frequency"][:, :1], np.zeros((n, INTERVALS))
     own = np.broadcast_to(np.arange(INTERVALS, dtype=np.int32), (n, INTERVALS))
     omega, offset = 2 * np.pi * c["frequency"], 2 * np.pi * (reference - c["frequency"])
-    hold = Hold(c["duration"], c["drive"], omega, offset, zeros, own, c["duration"], zeros, zeros + 0j, np.zeros(n))
+    hold = Hold(c["duration"], c["drive"], omega, offset, zeros, zeros, own, c["duration"], zeros, zeros + 0j, np.zeros(n))
     return hold, reference[:, 0]
 
 

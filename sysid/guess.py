@@ -107,7 +107,7 @@ def _transient(trial: Trial) -> list[tuple[float, float]]:
         for pole in _pencil(log.time[begin : end + 1], log.response[begin : end + 1], trial.signed):
             found.append((-1 / pole.real, drive_frequency + pole.imag / (2 * np.pi)))
     at = [np.nan] if log.frequency is None else [float(np.median(log.frequency))]
-    span = log.time[-1] - log.time[0]
+    span = (log.time[-1] - log.time[0]) or 1.0  # of a single moment any time constant is as good
     return found + [(t, f) for t in np.geomspace(2e-4 * span, 2 * span, 13) for f in at]
 
 

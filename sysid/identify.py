@@ -121,6 +121,8 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         )
     if moving and not swept:
         window = max(t.log.time[-1] - t.log.time[0] for t in moving)
+        if window == 0:
+            return "cannot tell, because all rows are of one moment; see whether the time is in the column that was taken for it"
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
             return hidden
@@ -224,7 +226,7 @@ def assumptions(trial: Trial) -> list[str]:
 def hangs_on_lateness(trials: Sequence[Trial], error: float, tau: float) -> str | None:
     """A sentence when the relative `error` of G is that of not knowing how late the response is, a row; else None."""
     lateness = [t.lateness for t in trials if t.driven]
-    if not lateness or min(lateness) == 0 or error < 0.3 * min(lateness) / tau:
+    if not lateness or min(lateness) == 0 or not 0.3 * min(lateness) / tau < error < 1:
         return None
     return (
         f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"

@@ -376,3 +376,11 @@ def test_a_temperature_that_drifts_along_with_the_frequency_is_the_reason(bench)
     assert "drifted along with the frequency" in told(fit.parameters["tau"]).why
     back = dataclasses.replace(bench.sweep(seed=1), temperature=np.linspace(25.2, 24.6, 101))
     assert sysid.fit([drifting, back]).parameters["tau"].determined  # what it says to record
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_moment_holds_no_time_constant(rows):
+    inputs = {"drive": np.full(rows, 100.0), "frequency": np.full(rows, 32300.0)}
+    log = sysid.Log("moment", np.full(rows, 1 + 1j), time=np.zeros(rows), **inputs)
+    fit = sysid.fit([log])
+    assert fit.result is Result.undetermined and "cannot tell" in told(fit.parameters["tau"]).why

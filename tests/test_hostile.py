@@ -90,8 +90,9 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile):
     assert tree(tmp_path) == before
 
     controller.export_c(loop, tmp_path / "dq_pi.h")
-    lines = (tmp_path / "dq_pi.h").read_text(encoding="ascii").splitlines()
-    assert [line for line in lines if line.startswith("#include")] == ["#include <math.h>"]
+    lines = [line for end in ("h", "c") for line in (tmp_path / f"dq_pi.{end}").read_text(encoding="ascii").splitlines()]
+    included = [line.split()[1] for line in lines if line.startswith("#include")]
+    assert sorted(included) == ['"dq_pi.h"', "<math.h>", "<stdint.h>"]
     assert not [line for line in lines if "#error" in line or "passwd" in line]
 
 
