@@ -251,7 +251,7 @@ def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) 
     from sysid.report.text import clean, derived
 
     for warning in content["warnings"]:
-        print(f"warning: {clean(warning)}", file=sys.stderr)
+        print("warning:", *clean(warning).split("\n"), file=sys.stderr)  # one line each
     if as_json:
         sys.stdout.write(text)
         return

@@ -240,10 +240,12 @@ def describe(trial: Trial) -> str:
     shape = "settled points" if trial.steady else "transient"
     if log.frequency is not None and np.ptp(log.frequency) > 0:
         shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
+    elif not trial.steady and not trial.driven:
+        shape += ", undriven"
     elif not trial.steady:
-        times = "once" if trial.changes == 1 else f"{trial.changes} times"
-        changes = f", drive changes {times}" if trial.changes else ", one level"
-        shape += changes if trial.driven else ", undriven"
+        changes = np.count_nonzero(np.diff(trial.inputs.drive))
+        shape += f", drive changes {'once' if changes == 1 else f'{changes} times'}" if changes else ", one level"
+    shape += f", a finger of up to {np.max(log.force):.2g} N" if trial.touched else ""
     shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
     return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
 

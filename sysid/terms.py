@@ -194,16 +194,21 @@ def _driven(view: View, push: np.ndarray) -> np.ndarray:
 
 
 def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
-    """What one log would have for itself if it contradicts the others."""
+    """What one log would have for itself if it contradicts the others. Of two logs either may be the one to believe."""
     if len(views) < 2:
         return
+
+    def doubted(parameter: str) -> tuple[str, float] | None:
+        return (parameter, 1.0) if len(views) == 2 else None
+
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
         yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
-        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", _times), i)
-        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", _times), i)
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", _times), i, beside=doubted("G"))
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", _times), i, beside=doubted("tau"))
         if "f0" in free:
-            yield Term("resonance", {i: columns[:, 2:3]}, _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that"), i)
+            said = _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that")
+            yield Term("resonance", {i: columns[:, 2:3]}, said, i, beside=doubted("f0"))
 
 
 def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:

@@ -90,6 +90,12 @@ def millimetres(bench):
     return [bench.transient(seed=14), bench.sweep(seed=16), replace(log, name="slipped", response=1000 * log.response)]
 
 
+def millivolts(bench):
+    """One log of two whose drive is a thousand times too large: mV called V."""
+    log = bench.sweep(seed=16)
+    return [bench.transient(seed=14), replace(log, name="slipped", drive=1000 * log.drive)]
+
+
 @pytest.mark.parametrize(
     ("logs", "said"),
     [
@@ -104,6 +110,7 @@ def millimetres(bench):
         (two_resonances, "the resonance contradicts the other logs"),
         (softer_when_warm, "tau changes with the temperature"),
         (millimetres, "about 1.01e+03 times that of theirs"),
+        (millivolts, "G contradicts the other logs"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
