@@ -13,6 +13,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,9 @@ from sysid.arguments import parser
 
 if TYPE_CHECKING:
     from sysid.clock import Budget, Stages
+
+
+LATER = ("sysid.report.plots", "controller", "sysid.report.html", "jinja2", "h5netcdf", "sysid.comparison", "sysid.report.screen")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         missing = "the following arguments are required: LOGS"
         command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
     work = _check if arguments.check else _cost_curve if arguments.cost_curve else _identify
+    collects = gc.isenabled()
+    gc.disable()  # what the libraries leave on loading is searched for cycles again and again: a twentieth of a run's time
     try:
         return work(arguments)
     except KeyboardInterrupt:
@@ -42,7 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         return 70
     finally:
-        gc.freeze()  # or the interpreter would search all that JAX has loaded for cycles on its way out: half a second
+        gc.freeze()  # or the interpreter would search all of it once more on its way out: half a second
+        if collects:
+            gc.enable()
 
 
 def _identify(arguments: argparse.Namespace) -> int:
@@ -156,6 +164,8 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             from sysid.posterior import sample
         if not (budget.seconds or arguments.accuracy == NAMES[0]):
             beside.submit(budget.load_chains)
+        for module in LATER:  # while compiled programs load and run, which leaves the interpreter idle
+            beside.submit(import_module, module)
         with stages("fit", "fitting the plant"):
             fitted = fit(logs, **_settings(arguments))
         with stages("sample", "sampling the posterior"):
