@@ -30,8 +30,16 @@ def named(scene):
 
 
 def edges(scene, end):
-    """Times within (0, end) at which an input steps or bends."""
-    return sorted({float(t) for p in scene.inputs.values() for t in p.times if 0 < t < end})
+    """Times within (0, end) at which an input steps or bends, or a ramp's frequency is rounded to the next step."""
+    bends = {float(t) for p in scene.inputs.values() for t in p.times if 0 < t < end}
+    profile, resolution = scene.inputs["frequency"], named(scene).get("frequency_resolution")
+    if resolution and not profile.held:
+        for a, b in pairwise([0.0, *sorted(bends), end]):
+            f = np.interp([a, b], profile.times, profile.values) / resolution.step - 0.5
+            for k in range(math.ceil(min(f)), math.floor(max(f)) + 1):
+                if f[1] != f[0]:
+                    bends.add(float(a + (b - a) * (k - f[0]) / (f[1] - f[0])))
+    return sorted(t for t in bends if 0 < t < end)
 
 
 def value(profile, time):
@@ -155,7 +163,7 @@ def by_carrier(scene, rtol=1e-12):
             theta = 0.0 if f_before not in (None, middle.f) else theta
             f_before = middle.f
         first, last = (conditions(scene, t).omega for t in inside(begin, end))
-        slope = 0.0 if held else (last - first) / (end - begin)
+        slope = 0.0 if held or "frequency_resolution" in e else (last - first) / (end - begin)
         omega0 = middle.omega - slope * (end - begin) / 2
 
         def rate(t, y, begin=begin, middle=middle, omega0=omega0, slope=slope, theta=theta):
