@@ -71,10 +71,11 @@ def _inputs(log: Log, kind: str) -> Hold:
 
 
 def _contact(log: Log) -> np.ndarray | None:
-    """Of the recorded force, from row to row at its middle; None where there is none but the sensor's own."""
+    """Of the recorded force, of either sign, from row to row at its middle; None where there is none but the sensor's own."""
     if log.force is None or np.max(np.abs(log.force)) < LEAST_FORCE:
         return None
-    force = np.where(log.force < LEAST_FORCE, 0.0, log.force)
+    force = np.abs(log.force)
+    force = np.where(force < LEAST_FORCE, 0.0, force)
     if log.kind != "steady" and log.sampling != "settled":
         force = 0.5 * (force + np.append(force[1:], force[-1]))
     return contact(force, xp=np)

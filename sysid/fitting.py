@@ -243,6 +243,9 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
         warnings += [f"{log.name}: {note}" for note in identify.assumptions(trial)]
+    if any(t.touched for t in trials):
+        unknown = [t.log.name for t in trials if t.log.force is None]
+        warnings += [f"{name}: no force is recorded; taken as with nothing on the plate" for name in unknown]
     return tuple(trials), warnings
 
 

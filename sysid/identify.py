@@ -245,7 +245,7 @@ def describe(trial: Trial) -> str:
     elif not trial.steady:
         changes = np.count_nonzero(np.diff(trial.inputs.drive))
         shape += f", drive changes {'once' if changes == 1 else f'{changes} times'}" if changes else ", one level"
-    shape += f", a finger of up to {np.max(log.force):.2g} N" if trial.touched else ""
+    shape += f", a finger of up to {np.max(np.abs(log.force)):.2g} N" if trial.touched else ""
     shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
     return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
 

@@ -55,6 +55,7 @@ def test_settled_points_with_and_without_it(bench):
         logs.append(sysid.Log(f"{force} N", rows, force=np.full(101, force), **inputs))
     fit = sysid.fit(logs)
     assert fit.result is Result.successful
+    assert "sweep: no force is recorded; taken as with nothing on the plate" in fit.warnings
     for name, truth in (("tau", bench.plant.tau), ("finger_damping", RHO), ("finger_detuning", SHIFT)):
         assert abs(fit.parameters[name].value - truth) < 4.5 * fit.parameters[name].std
     draws = sysid.sample(fit).draws
@@ -66,6 +67,12 @@ def test_an_amplitude_does_not_tell_damping_from_detuning(bench):
     assert fit.parameters["tau"].determined
     finger = fit.parameters["finger_detuning"]
     assert finger.determined or "record wd and wq under the finger" in finger.why
+
+
+def test_a_sensor_that_counts_pressure_below_zero_shows_the_same_finger(bench):
+    log = pressed(bench, 0)
+    either = [sysid.fit([dataclasses.replace(log, force=sign * PRESS)]).plant for sign in (1, -1)]
+    assert either[0] == either[1]
 
 
 def test_a_log_without_a_finger_has_no_finger(bench):
