@@ -31,13 +31,15 @@ HERE = Path(__file__).parent
 SCENES = HERE.parent / "data" / "synthetic" / "scenes"
 FIRST_SEED = 100
 NAMES = ("G", "tau", "f0", "k_T")
+NOISE = 0.02  # um, of scenes without noise
+THRESHOLD = 8.3  # log-likelihood of one more term from which `sysid.misfit` counts it, of 27 that it tries
 FAR = 3.0  # standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
 
 
 @dataclass(frozen=True)
 class Outcome:
     """One fit: how it ended, (value - truth)/std and the relative error of each parameter that it fitted, the sum of squares
-    of the scores over their covariance, and what was said."""
+    of the scores over their covariance, and what was said against it."""
 
     result: Result
     scores: dict[str, float]
@@ -45,12 +47,17 @@ class Outcome:
     distance: float
     said: str
 
+    @property
+    def warned(self) -> bool:
+        """Called successful, and something named that would move a parameter."""
+        return self.result is Result.successful and self.said != ""
+
 
 def noisy(scene: Scene) -> Scene:
     """The scene, with noise if it has none."""
     if any(effect.kind == "noise" for effect in scene.effects):
         return scene
-    return replace(scene, effects=(*scene.effects, EFFECTS["white_noise"](std=0.02)))
+    return replace(scene, effects=(*scene.effects, EFFECTS["white_noise"](std=NOISE)))
 
 
 def outcome(scenes: list[Scene], seed: int, told: Callable[[Log], Log], folder: Path, truth: Plant | None = None) -> Outcome:
@@ -67,7 +74,11 @@ def outcome(scenes: list[Scene], seed: int, told: Callable[[Log], Log], folder: 
     std = np.sqrt(np.diag(found.covariance))
     scale = dict.fromkeys(found.names, 1.0) | {"G": true["G"], "tau": true["tau"]}
     known = [name for name in found.names if found.parameters[name].determined]
-    said = {Result.misfit: found.warnings[-1:], Result.undetermined: [p.why for p in found.parameters.values() if p.why]}
+    said = {
+        Result.misfit: found.warnings[-1:],
+        Result.undetermined: [p.why for p in found.parameters.values() if p.why],
+        Result.successful: [w for w in found.warnings if "of its standard deviations" in w],
+    }
     return Outcome(
         found.result,
         {n: float(d / s) for n, d, s in zip(found.names, difference, std, strict=True) if n in known},
@@ -119,7 +130,8 @@ def spread(scores: list[float]) -> str:
 
 
 def ends(found: list[Outcome]) -> str:
-    return ", ".join(f"{name} {n}" for name, n in Counter(o.result.name for o in found).most_common())
+    counts = Counter("warned" if o.warned else o.result.name for o in found)
+    return ", ".join(f"{name} {n}" for name, n in counts.most_common())
 
 
 def shortened(found: list[Outcome]) -> str:
@@ -243,15 +255,31 @@ def effect_table(draws: int, folder: Path) -> tuple[list[str], list[str]]:
         for name, scenes in (single | pairs).items():
             loud = [noisy(s) for s in scenes]
             found = [outcome(loud, FIRST_SEED + k, case.told, folder, case.alike) for k in range(draws)]
-            good = [o for o in found if o.result is Result.successful]
+            good = [o for o in found if o.result is Result.successful and not o.warned]
             wrong = [n for n in NAMES if rms([o.scores[n] for o in good if n in o.scores]) > FAR]
             verdict = "named" if not good else "**silent**" if wrong else "covered, as another plate" if case.alike else "covered"
             verdict += f", {len(found) - len(good)} of {len(found)} named" if good and len(good) < len(found) else ""
             columns = [f"{rms([o.scores[n] for o in found if n in o.scores]):.1f} ({off(n, found)})" for n in NAMES[:3]]
             line = f"| {case.name} | {name} | {ends(found)} | {' | '.join(columns)} | {verdict} | {shortened(found)} |"
             lines.append(line)
-            silent += [line] if wrong and good else []
+            silent += [f"{line} {left(loud, case.told, folder):.1f} |"] if wrong and good else []
     return lines, silent
+
+
+def left(scenes: list[Scene], told: Callable[[Log], Log], folder: Path) -> float:
+    """Log-likelihood that a test which knew its shape could gain from what the fit leaves of an effect."""
+
+    def fitted(noise: float) -> Fit:
+        paths = [folder / f"{k}.csv" for k in range(len(scenes))]
+        for path, scene in zip(paths, scenes, strict=True):
+            others = tuple(effect for effect in scene.effects if effect.kind != "noise")
+            louder = replace(scene, effects=(*others, EFFECTS["white_noise"](std=noise)))
+            write_log(told(louder.simulate(FIRST_SEED)), path)
+        return fit(read_logs(paths))
+
+    quiet, loud = fitted(0.05 * NOISE), fitted(NOISE)
+    both = zip(quiet.logs, loud.logs, strict=True)
+    return sum(float(np.sum(np.abs(q.residual) ** 2)) / (2 * n.noise_std**2) for q, n in both)
 
 
 def rms(scores: list[float]) -> float:
@@ -264,6 +292,10 @@ def off(name: str, found: list[Outcome]) -> str:
     if not errors:
         return "-"
     return f"{np.mean(errors):+.2g} Hz" if name == "f0" else f"{100 * np.mean(errors):+.2g} %"
+
+
+def silent_table(silent: list[str]) -> list[str]:
+    return [f"{HEAD[0]} left |", f"{HEAD[1]}---|", *silent]
 
 
 # --- the page ---------------------------------------------------------------------------------------------------------
@@ -297,16 +329,21 @@ def page(given: argparse.Namespace, folder: Path) -> str:
             "",
             f"{given.effects} draws of each. The columns hold the root mean square of (value - truth)/std where the parameter was"
             " determined, and in brackets",
-            f"its mean error. Verdicts: `covered`, successful and within {FAR:g}; `named`, no fit is called successful; `silent`,"
-            " called successful with an interval that misses; `as another plate`: nothing in the logs tells the effect from that plate,",
-            "which is then the truth.",
+            f"its mean error. Verdicts: `covered`, successful and within {FAR:g}; `named`, no fit is called successful, or it is"
+            " `warned` of what moves a parameter;",
+            "`silent`, called successful, unwarned, with an interval that misses; `as another plate`: nothing in the logs tells the"
+            " effect from that plate, which is then the truth.",
             "",
             *HEAD,
             *effects,
             "",
             "## Wrong in silence",
             "",
-            *(HEAD + silent if silent else ["None."]),
+            "`left`: log-likelihood that all of the effect is worth which the fit leaves in the residual, found with a twentieth of the",
+            f"noise. What is left is a normal score of sqrt(2 left), and a fit is a misfit from about {THRESHOLD:g} on, so that one in a",
+            "thousand good fits is.",
+            "",
+            *(silent_table(silent) if silent else ["None."]),
         ]
     )
 

@@ -189,7 +189,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
     finger does is fitted."""
     best = [f for f in found if f.worth >= found[0].worth - NEARLY]  # what is worth less may be a shadow of what is worth more
-    harmful = any(f.harmful for f in best)
+    harmful = any(f.harmful and f.certain for f in best)
     named = {f.log for f in best} if harmful else set()
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
@@ -201,7 +201,15 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     if harmful:
         likely = {f.name: f.sentence for f in reversed(best)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
-    return said, [f"{f.sentence} (no parameter leaves its interval)" for f in best[:1]]
+    return said, [f"{f.sentence} ({_unharmed(f)})" for f in best[:1]]
+
+
+def _unharmed(found: Found) -> str:
+    """Why what the logs hold is no more than a warning."""
+    if not found.harmful:
+        return "no parameter leaves its interval"
+    moved = f"move {found.farthest} by {found.moves[found.farthest]:+.2g} of its standard deviations"
+    return f"perhaps: one good fit in a hundred looks so by chance; it would {moved}"
 
 
 def _fitted(state: State) -> tuple[FittedLog, ...]:

@@ -3,7 +3,8 @@
 For a term with shapes A, its coefficients are fitted beside the plant's parameters and the nuisances of every log (white
 weights), the noise of the logs is estimated anew from what is then left, and the gain in log-likelihood is what the term is
 worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried. It makes the
-fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning.
+fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning. One that would move them and
+is worth less, but PERHAPS, is a warning too.
 
 Cook & Weisberg, Residuals and Influence in Regression (1982), added variables and one-step influence.
 """
@@ -17,7 +18,8 @@ from sysid.minimise import NAMES, State
 from sysid.terms import LATE, Term, terms
 from sysid.view import View
 
-ENOUGH = 5.0  # log-likelihood: one of a hundred good fits is doubted
+ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
+PERHAPS = 3.0  # by chance in one of a hundred
 UNCHANGED = 0.01  # sum of squares in units of the noise
 ROUGH = 5.0  # by which a residual is larger than the noise between its neighbours, and
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
@@ -36,10 +38,16 @@ class Found:
     log: int | None
 
     freedom: int  # numbers that it has
+    certain: bool = True
+
+    @property
+    def farthest(self) -> str:
+        """Which of G, tau and f0 it moves most."""
+        return max((n for n in self.moves if n != "k_T"), key=lambda n: abs(self.moves[n]))
 
     @property
     def harmful(self) -> bool:
-        return any(abs(m) > MOVES for n, m in self.moves.items() if n != "k_T")
+        return abs(self.moves[self.farthest]) > MOVES
 
 
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> list[Found]:
@@ -48,23 +56,24 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     away = 0.0 if at is None else at - reference[1]
     fit = _Linear(views, state.covariance, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
-    threshold = ENOUGH + np.log(max(len(tried), 1))
-    found = [f for t in tried if (f := fit.worth(t, threshold + t.freedom - 1)) is not None]
+    chance = np.log(max(len(tried), 1))
+    found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
     found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]
-    std = float(np.sqrt(state.covariance[1, 1]))
-    found += [late for i, v in enumerate(views) if (late := _very_late(i, v, std)) is not None]
+    found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth)
 
 
-def _very_late(i: int, view: View, std: float) -> Found | None:
-    """A response so late that more than the first order of it matters, for log tau of the given standard deviation."""
-    lateness = view.trial.lateness
-    if not lateness or (abs(view.late) < TENSE * lateness and 0.5 * (view.late / view.course.tau) ** 2 < std):
+def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
+    """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay."""
+    lateness, c = view.trial.lateness, view.course
+    if not lateness:
         return None
-    column = view.off(view.observed(view.course.rate[None])[0])  # its own prior keeps it from vanishing
-    if np.sum(column**2) * view.late**2 < 2 * ENOUGH:
-        return None
-    return Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, {"tau": np.inf}, "late", i, 1)
+    moves = fit.moved(i, view.late**2 * view.observed((c.pole * c.rate)[None])[0])
+    column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
+    if abs(view.late) >= TENSE * lateness and np.sum(column**2) * view.late**2 >= 2 * ENOUGH:
+        moves = {"tau": np.inf}
+    found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
+    return found if found.harmful else None
 
 
 def _strange(i: int, view: View) -> Found | None:
@@ -101,8 +110,14 @@ class _Linear:
         self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True))
         self.before = [v.likelihood(v.recorded) for v in views]
 
-    def worth(self, term: Term, threshold: float) -> Found | None:
-        """The term with its gain in log-likelihood and what it moves; None when that is not above `threshold`."""
+    def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
+        """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
+        shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
+        return dict(zip(self.names, -shift, strict=True))
+
+    def worth(self, term: Term, chance: float) -> Found | None:
+        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than `chance` gives."""
+        threshold = chance + PERHAPS
         rows = {i: np.stack([self.views[i].off(s) for s in shapes.T], axis=1) for i, shapes in term.shapes.items()}
         scale = np.sqrt(sum(np.sum(a**2, axis=0) for a in rows.values()))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
@@ -128,4 +143,5 @@ class _Linear:
         moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
         if term.beside is not None and term.beside[0] in moves:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
-        return Found(said, float(gained), moves, term.name, term.log, term.freedom)
+        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, bool(gained >= chance + ENOUGH))
+        return found if found.certain or found.harmful else None
