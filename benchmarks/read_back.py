@@ -32,7 +32,6 @@ SCENES = HERE.parent / "data" / "synthetic" / "scenes"
 FIRST_SEED = 100
 NAMES = ("G", "tau", "f0", "k_T")
 NOISE = 0.02  # um, of scenes without noise
-THRESHOLD = 8.3  # log-likelihood of one more term from which `sysid.misfit` counts it, of 27 that it tries
 FAR = 3.0  # standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
 
 
@@ -262,24 +261,8 @@ def effect_table(draws: int, folder: Path) -> tuple[list[str], list[str]]:
             columns = [f"{rms([o.scores[n] for o in found if n in o.scores]):.1f} ({off(n, found)})" for n in NAMES[:3]]
             line = f"| {case.name} | {name} | {ends(found)} | {' | '.join(columns)} | {verdict} | {shortened(found)} |"
             lines.append(line)
-            silent += [f"{line} {left(loud, case.told, folder):.1f} |"] if wrong and good else []
+            silent += [line] if wrong and good else []
     return lines, silent
-
-
-def left(scenes: list[Scene], told: Callable[[Log], Log], folder: Path) -> float:
-    """Log-likelihood that a test which knew its shape could gain from what the fit leaves of an effect."""
-
-    def fitted(noise: float) -> Fit:
-        paths = [folder / f"{k}.csv" for k in range(len(scenes))]
-        for path, scene in zip(paths, scenes, strict=True):
-            others = tuple(effect for effect in scene.effects if effect.kind != "noise")
-            louder = replace(scene, effects=(*others, EFFECTS["white_noise"](std=noise)))
-            write_log(told(louder.simulate(FIRST_SEED)), path)
-        return fit(read_logs(paths))
-
-    quiet, loud = fitted(0.05 * NOISE), fitted(NOISE)
-    both = zip(quiet.logs, loud.logs, strict=True)
-    return sum(float(np.sum(np.abs(q.residual) ** 2)) / (2 * n.noise_std**2) for q, n in both)
 
 
 def rms(scores: list[float]) -> float:
@@ -292,10 +275,6 @@ def off(name: str, found: list[Outcome]) -> str:
     if not errors:
         return "-"
     return f"{np.mean(errors):+.2g} Hz" if name == "f0" else f"{100 * np.mean(errors):+.2g} %"
-
-
-def silent_table(silent: list[str]) -> list[str]:
-    return [f"{HEAD[0]} left |", f"{HEAD[1]}---|", *silent]
 
 
 # --- the page ---------------------------------------------------------------------------------------------------------
@@ -339,11 +318,7 @@ def page(given: argparse.Namespace, folder: Path) -> str:
             "",
             "## Wrong in silence",
             "",
-            "`left`: log-likelihood that all of the effect is worth which the fit leaves in the residual, found with a twentieth of the",
-            f"noise. What is left is a normal score of sqrt(2 left), and a fit is a misfit from about {THRESHOLD:g} on, so that one in a",
-            "thousand good fits is.",
-            "",
-            *(silent_table(silent) if silent else ["None."]),
+            *(HEAD + silent if silent else ["None."]),
         ]
     )
 

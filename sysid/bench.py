@@ -42,22 +42,13 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
 def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
     found = {}
     if view.columns:
-        values, errors = np.array([c.value for c in view.columns]), _errors(view, covariance)
+        values, errors = np.array([c.value for c in view.columns]), np.sqrt(np.diag(view.covariance(covariance)))
         for column, value, error in zip(view.columns, values, errors, strict=True):
             if shown := _shown(column.name, view.trial):
                 prior = min(column.prior * shown.factor, ANY_ANGLE if shown.name == "rotation" else np.inf)
                 found[shown.name] = _parameter(float(value) * shown.factor, float(error) * shown.factor, shown.unit, prior)
     noise = view.trial.noise_std
     return found | {"noise": _parameter(noise, noise * _relative_error(view.trial), view.trial.log.response_unit, np.inf)}
-
-
-def _errors(view: View, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations of the coefficients of the view's columns."""
-    a = view.weighted(view.columns)
-    size = np.linalg.norm(a, axis=0)
-    within = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
-    by_theta = within @ (a / size).T @ np.stack([view.rows(d) for d in view.derivatives.T], axis=1)
-    return np.sqrt(np.diag(within + by_theta @ covariance @ by_theta.T)) / size
 
 
 def _shown(name: str, trial: Trial) -> _Shown | None:

@@ -35,6 +35,8 @@ class Trial:
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
+    late_std: float = np.inf  # s; of its prior, where that is narrower than a row
+    feedthrough_std: float = np.inf  # of its prior, in the unit of the response, where that is narrower than `looseness`
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
@@ -223,14 +225,18 @@ class Trial:
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
         radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
-        return radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian))
+        return min(radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian)), self.late_std)
 
     def span(self, keep: slice | np.ndarray = slice(None)) -> tuple[np.ndarray, np.ndarray]:
         """Orthonormal basis (n + K, K) of the whitened columns, each with its prior's row, and the triangle R that made it."""
         now, before = (v[keep] for v in self.whitening())
         columns = self.columns[:, keep]
         white = now * columns - before * np.roll(columns, 1, axis=1)
-        return np.linalg.qr(np.concatenate([white.T, np.eye(len(columns)) / self.looseness]))
+        return np.linalg.qr(np.concatenate([white.T, np.diag([1 / self.prior(name) for name in self.shapes])]))
+
+    def prior(self, shape: str) -> float:
+        """Standard deviation of the prior of a shape's coefficient, in the unit of the response."""
+        return min(self.looseness, self.feedthrough_std) if shape == "feedthrough" else self.looseness
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
         """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""

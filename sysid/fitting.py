@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid import identify
+from sysid.coincidence import hangs, tightened
 from sysid.experiment import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 from sysid.guess import candidates
 from sysid.log import Log
@@ -82,6 +83,8 @@ def fit(
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         states = minimiser.minima(flipped, start)
+    if len(states) == 1 and (tight := tightened(states[0], reference, free)):
+        states = [minimiser.refine(tight, states[0].theta)]
     return _conclude(states, reference, free, warnings, reference_temperature)
 
 
@@ -114,8 +117,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
-    if "G" in free and (hanging := identify.hangs_on_lateness(best.trials, np.sqrt(best.covariance[0, 0]), tau)):
-        doubts = [*doubts, hanging]
+    if hangs(best, reference, free):
+        doubts = [*doubts, identify.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]
     warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged

@@ -223,11 +223,8 @@ def assumptions(trial: Trial) -> list[str]:
     return found
 
 
-def hangs_on_lateness(trials: Sequence[Trial], error: float, tau: float) -> str | None:
-    """A sentence when the relative `error` of G is that of not knowing how late the response is, a row; else None."""
-    lateness = [t.lateness for t in trials if t.driven]
-    if not lateness or min(lateness) == 0 or not 0.3 * min(lateness) / tau < error < 1:
-        return None
+def hangs_on_lateness(error: float) -> str:
+    """For a G whose relative `error` is that of not knowing how late the response is."""
     return (
         f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"
         " record a sweep beside it, or state delay_s (0 if nothing is late)"

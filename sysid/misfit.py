@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.coincidence import cancelling
 from sysid.minimise import NAMES, State
-from sysid.terms import LATE, Term, terms
+from sysid.terms import LATE, Term, own, terms, times
 from sysid.view import View
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
@@ -59,6 +60,8 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     chance = np.log(max(len(tried), 1))
     found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
     found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]
+    if len(views) > 1:
+        found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth)
 
@@ -74,6 +77,14 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
         moves = {"tau": np.inf}
     found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
+
+
+def _cancelling(i: int, view: View, threshold: float) -> Found | None:
+    """A gain of its own that a log shows as a feedthrough and a lateness that cancel."""
+    found = cancelling(view)
+    if found is None or found[1] < threshold:
+        return None
+    return Found(own(view.trial.log.name, "G", times(found[0] - 1)), found[1], {"G": np.inf}, "gain", i, 1)
 
 
 def _strange(i: int, view: View) -> Found | None:

@@ -204,8 +204,8 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
         yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
-        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", _times), i, beside=doubted("G"))
-        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", _times), i, beside=doubted("tau"))
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"))
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"))
         if "f0" in free:
             said = _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that")
             yield Term("resonance", {i: columns[:, 2:3]}, said, i, beside=doubted("f0"))
@@ -223,13 +223,18 @@ def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
     return say
 
 
-def _times(x: float) -> str:
+def times(x: float) -> str:
     """A factor to first order: 1 + x, and never below 0."""
     return f"{1 + x if x > 0 else np.exp(x):.4g} times that"
 
 
-def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
-    return lambda value, _: (
-        f"{name}: {what} contradicts the other logs, about {put(float(value[0]))} of theirs; check its units, its sensor and its"
-        " temperature, or leave it out"
+def own(name: str, what: str, about: str) -> str:
+    """Of a log that contradicts the others in `what`, by `about` so much."""
+    return (
+        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor and its temperature, or"
+        " leave it out"
     )
+
+
+def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: own(name, what, put(float(value[0])))

@@ -68,7 +68,8 @@ class View:
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
         shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
-        columns = [Column(f"{n}_{part}", by * x, loose, 0.0) for n, x in shapes.items() for part, by in (("d", 1.0), ("q", 1j))]
+        parts = (("d", 1.0), ("q", 1j))
+        columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
         found = self._fitted(columns, trial.log.response - forced)
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
         value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))
@@ -100,6 +101,16 @@ class View:
         rows = self.weighted(columns)
         size = np.linalg.norm(rows, axis=0)
         return np.linalg.lstsq(rows / size, self.rows(target, len(columns)), rcond=1e-12)[0] / size
+
+    def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
+        """Of the columns' coefficients, with the plant's parameters of the covariance `plant` of theta, or held."""
+        a = self.weighted(self.columns)
+        size = np.linalg.norm(a, axis=0)
+        found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
+        if plant is not None:
+            by_theta = found @ (a / size).T @ np.stack([self.rows(d) for d in self.derivatives.T], axis=1)
+            found = found + by_theta @ plant @ by_theta.T
+        return found / np.outer(size, size)
 
     def _orthonormal(self) -> np.ndarray:
         """Basis of the bench's columns."""
