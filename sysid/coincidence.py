@@ -14,6 +14,7 @@ feedthrough and a lateness that cancel there are taken for what is simpler, a ga
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,33 +28,25 @@ REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that
 
 def tightened(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[Trial, ...] | None:
     """The trials with priors of the size that they show, where the error of G is that of lateness; else None."""
-    if (covariance := _punctual(state, reference, free)) is None:
+    if not hangs(state, reference, free):
         return None
     found = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        found.append(_tight(trial, _on_time(trial, model, state, reference), covariance) if _both(trial) else trial)
+        view = View(trial, model, state, reference, coloured=True)
+        found.append(_tight(view, _Both.of(view, state.covariance)) if _both(trial) else trial)
     return tuple(found)
 
 
 def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
-    """Whether the error of G is that of lateness."""
-    return _punctual(state, reference, free) is not None
-
-
-def _punctual(state: State, reference: tuple[float, float], free: Sequence[str]) -> np.ndarray | None:
-    """Covariance of theta if nothing were late; None where G would be known little better."""
+    """Whether the error of G is that of lateness: without it, G would be known much better."""
     if "G" not in free or not any(_both(t) for t in state.trials):
-        return None
-    views = [_on_time(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
-    covariance = _covariance(views, [NAMES.index(n) for n in free])
-    if covariance is None or covariance[0, 0] > MOSTLY**2 * state.covariance[0, 0]:
-        return None
-    return covariance
-
-
-def _on_time(trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float]) -> View:
-    kept = tuple(n for n in trial.nuisances if n != "late")
-    return View(replace(trial, nuisances=kept), model, state, reference, coloured=True)
+        return False
+    views = []
+    for trial, model in zip(state.trials, state.models, strict=True):
+        punctual = replace(trial, nuisances=tuple(n for n in trial.nuisances if n != "late"))
+        views.append(View(punctual, model, state, reference, coloured=True))
+    variance = _variance(views, [NAMES.index(n) for n in free])
+    return variance is not None and variance < MOSTLY**2 * state.covariance[0, 0]
 
 
 def cancelling(view: View) -> tuple[float, float] | None:
@@ -61,39 +54,53 @@ def cancelling(view: View) -> tuple[float, float] | None:
     log-likelihood, against a feedthrough of any phase and of the size that is seen."""
     if not (view.trial.signed and _both(view.trial)):
         return None
-    values, covariance = np.array([c.value for c in view.columns]), view.covariance()
-    names = [c.name for c in view.columns]
-    late = float(np.max(np.abs(view.course.push))) * view.trial.lateness / view.trial.looseness  # response of one coefficient
-
-    def complex_of(name: str, factor: complex) -> np.ndarray:
-        return np.array([factor * (n == f"{name}_d") + 1j * factor * (n == f"{name}_q") for n in names])
-
-    feedthrough, lateness = complex_of("feedthrough", np.conj(view.turn)), complex_of("late", late)
-    seen, left = feedthrough @ values, feedthrough - lateness
-    noise = np.sqrt((left @ covariance @ left.conj()).real / 2)
-    worth = 2 * np.log(abs(seen) / noise) - 0.5 * abs(left @ values / noise) ** 2 + 0.5 * (view.late / view.trial.lateness) ** 2
-    return 1 + float(seen.real) / float(np.max(np.abs(view.course.forced))), float(worth)
+    both = _Both.of(view)
+    worth = 2 * np.log(abs(both.feedthrough) / both.error) - 0.5 * abs(both.left / both.error) ** 2
+    gain = 1 + both.feedthrough.real / float(np.max(np.abs(view.course.forced)))
+    return gain, float(worth + 0.5 * (view.late / view.trial.lateness) ** 2)
 
 
 def _both(trial: Trial) -> bool:
     return trial.lateness > 0 and "feedthrough" in trial.shapes
 
 
-def _covariance(views: Sequence[View], index: Sequence[int]) -> np.ndarray | None:
-    """Of all numbers of theta, those at `index` free; None where the logs do not tell them apart."""
+class _Both(NamedTuple):
+    """A log's feedthrough in the plate's frame and unit; what is `left` of it when what its lateness adds is taken off, A - B;
+    the error of that per channel. The gain has no part in it."""
+
+    feedthrough: complex
+    left: complex
+    error: float
+
+    @classmethod
+    def of(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
+        """With the plant's parameters of the covariance `plant` of theta, or held."""
+        names, values = [c.name for c in view.columns], np.array([c.value for c in view.columns])
+
+        def complex_of(name: str, factor: complex) -> np.ndarray:
+            return np.array([factor * (n == f"{name}_d") + 1j * factor * (n == f"{name}_q") for n in names])
+
+        through = complex_of("feedthrough", np.conj(view.turn))
+        left = through - complex_of("late", _rise(view) * view.trial.lateness / view.trial.looseness)
+        error = np.sqrt((left @ view.covariance(plant) @ left.conj()).real / 2)
+        return cls(complex(through @ values), complex(left @ values), float(error))
+
+
+def _rise(view: View) -> float:
+    """Rate of the response after the largest step, per second."""
+    return float(np.max(np.abs(view.course.push)))
+
+
+def _variance(views: Sequence[View], index: Sequence[int]) -> float | None:
+    """Of log G, the numbers of theta at `index` free; None where the logs do not tell them apart."""
     gram = sum(v.jacobian[:, index].T @ v.jacobian[:, index] for v in views)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram / np.outer(size, size)
     if np.linalg.eigvalsh(scaled)[0] < REGULAR:
         return None
-    full = np.zeros((len(NAMES), len(NAMES)))
-    full[np.ix_(index, index)] = np.linalg.inv(scaled) / np.outer(size, size)
-    return full
+    return float(np.linalg.inv(scaled)[0, 0] / size[0] ** 2)
 
 
-def _tight(trial: Trial, view: View, covariance: np.ndarray) -> Trial:
-    """The trial with the feedthrough that the view, of nothing late, shows as the size of both."""
-    errors = np.sqrt(np.diag(view.covariance(covariance)))
-    shown = [(c.value, e) for c, e in zip(view.columns, errors, strict=True) if c.name.startswith("feedthrough")]
-    size = float(np.sqrt(0.5 * np.mean([value**2 + error**2 for value, error in shown])))
-    return replace(trial, feedthrough_std=size, late_std=size / float(np.max(np.abs(view.course.push))))
+def _tight(view: View, both: _Both) -> Trial:
+    size = float(np.sqrt(0.5 * (0.5 * abs(both.left) ** 2 + both.error**2)))
+    return replace(view.trial, feedthrough_std=size, late_std=size / _rise(view))

@@ -83,9 +83,10 @@ def fit(
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         states = minimiser.minima(flipped, start)
-    if len(states) == 1 and (tight := tightened(states[0], reference, free)):
-        states = [minimiser.refine(tight, states[0].theta)]
-    return _conclude(states, reference, free, warnings, reference_temperature)
+    found = _conclude(states, reference, free, warnings, reference_temperature)
+    if len(states) > 1 or found.result is Result.misfit or not (tight := tightened(states[0], reference, free)):
+        return found
+    return _conclude([minimiser.refine(tight, states[0].theta)], reference, free, warnings, reference_temperature)
 
 
 def _check_units(logs: Sequence[Log]) -> None:

@@ -1,5 +1,7 @@
 """The fit: bundled logs against their truth, against an independent least squares, and what it says when logs cannot tell."""
 
+from functools import partial
+
 import jax
 import numpy as np
 import pytest
@@ -113,9 +115,9 @@ def slow_modes(tau, f0, time, frequency):
     return -1 / tau + 1j * (wd - omega), -1 / tau - 1j * (wd + omega), w0 / (tau * wd)
 
 
-def step_model(p, log):
-    """Rotation, start, offset, feedthrough and lateness free: p = log G, log tau, f0, phi, three complex numbers, and one in
-    units of its standard deviation, a row."""
+def step_model(p, log, through, seconds):
+    """Rotation, start, offset, feedthrough and lateness free: p = log G, log tau, f0, phi, two complex numbers, and two more in
+    units of the standard deviation of their priors, `through` um and `seconds`."""
     G, tau, f0 = np.exp(p[0]), np.exp(p[1]), 32290 + p[2]
     s1, s2, b = slow_modes(tau, f0, log.time, 32290.0)
     begin = int(np.flatnonzero(log.drive)[0])
@@ -123,9 +125,8 @@ def step_model(p, log):
     on = np.arange(len(log)) > begin  # a row is read just before its inputs act
     W = np.where(on, b * 100 * ((np.exp(s1 * since) - 1) / s1 + 1 / s2), 0)
     start, offset, leak, late = p[4] + 1j * p[5], p[6] + 1j * p[7], p[8] + 1j * p[9], p[10] + 1j * p[11]
-    late = late * np.hypot(log.time[1] - log.time[0], 1 / (2 * np.pi * 32290))
-    driven = G * np.exp(1j * p[3]) * W - late * G * b * 100 * on * np.exp(s1 * since)
-    return driven + start * np.exp(s1 * (log.time - log.time[0])) + offset + leak * on
+    driven = G * np.exp(1j * p[3]) * W - seconds * late * G * b * 100 * on * np.exp(s1 * since)
+    return driven + start * np.exp(s1 * (log.time - log.time[0])) + offset + through * leak * on
 
 
 def sweep_model(p, log):
@@ -157,8 +158,10 @@ def independent(model, log, size, noise_std, held=()):
 
 @pytest.mark.parametrize("kind", ["step", "sweep"])
 def test_agrees_with_an_independent_least_squares(kind, step_fit, sweep_fit):
+    trial = step_fit.modes[0].trials[0]
+    step = partial(step_model, through=trial.feedthrough_std, seconds=trial.late_std)
     fit, model, at, size, held = {
-        "step": (step_fit, step_model, 32290, 12, (10, 11)),
+        "step": (step_fit, step, 32290, 12, (8, 9, 10, 11)),
         "sweep": (sweep_fit, sweep_model, 32300, 8, ()),
     }[kind]
     values, std = independent(model, fit.logs[0].log, size, fit.logs[0].noise_std, held)
