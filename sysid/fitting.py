@@ -116,8 +116,9 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     known = {n: float(values[n]) if n in free else None for n in PLANT}
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
-    found = misfits(best, reference, free, at)
+    found, unseen = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
+    doubts = doubts if described else [*doubts, *unseen]
     if hangs(best, reference, free):
         doubts = [*doubts, identify.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]

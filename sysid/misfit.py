@@ -26,6 +26,7 @@ ROUGH = 5.0  # by which a residual is larger than the noise between its neighbou
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
+FARAWAY = 4.0  # of these, by what is not seen
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,11 @@ class Found:
         return abs(self.moves[self.farthest]) > MOVES
 
 
-def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> list[Found]:
-    """What the logs hold that the model leaves out, the most significant first. `at` (degC): where parameters are reported."""
+def misfits(
+    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
+) -> tuple[list[Found], list[str]]:
+    """What the logs hold that the model leaves out, the most significant first; and sentences on what could be there unseen and
+    would move the parameters far. `at` (degC): where parameters are reported."""
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     away = 0.0 if at is None else at - reference[1]
     fit = _Linear(views, state.covariance, [n for n in NAMES if n in free], away)
@@ -63,7 +67,8 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
-    return sorted(found, key=lambda f: 2 * f.freedom - f.worth)
+    doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
+    return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
 
 
 def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
@@ -126,16 +131,37 @@ class _Linear:
         shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
         return dict(zip(self.names, -shift, strict=True))
 
-    def worth(self, term: Term, chance: float) -> Found | None:
-        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than `chance` gives."""
-        threshold = chance + PERHAPS
+    def doubt(self, term: Term) -> str | None:
+        """What the term would do at a size of two of its standard deviations, at which it is not seen; None if that is little."""
+        added = self._added(term)
+        if added is None or added[3][0, 0] < 1e-6:
+            return None
+        _, scale, cross, own = added
+        value = 2 / np.sqrt(own[0, 0])
+        moves = self.reported @ self.inverse @ cross[:, 0] * value / self.std
+        k = int(np.argmax(np.abs(moves)))
+        if abs(moves[k]) < FARAWAY:
+            return None
+        return term.unseen.format(value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations")
+
+    def _added(self, term: Term) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray, np.ndarray] | None:
+        """Rows of the term's shapes, of unit size, by log; that size; their products with the Jacobian; and with themselves, less
+        what the parameters can make of them."""
         rows = {i: np.stack([self.views[i].off(s) for s in shapes.T], axis=1) for i, shapes in term.shapes.items()}
         scale = np.sqrt(sum(np.sum(a**2, axis=0) for a in rows.values()))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
             return None
         rows = {i: a / np.where(scale > 0, scale, 1.0) for i, a in rows.items()}
         cross = sum(self.jacobians[i].T @ a for i, a in rows.items())
-        own = sum(a.T @ a for a in rows.values()) - cross.T @ self.inverse @ cross
+        return rows, scale, cross, sum(a.T @ a for a in rows.values()) - cross.T @ self.inverse @ cross
+
+    def worth(self, term: Term, chance: float) -> Found | None:
+        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than `chance` gives."""
+        threshold = chance + PERHAPS
+        added = self._added(term)
+        if added is None:
+            return None
+        rows, scale, cross, own = added
         score = sum(a.T @ self.views[i].r for i, a in rows.items()) - cross.T @ self.inverse @ self.slope
         if np.any(np.diag(own) < 1e-6):  # the plant and the nuisances can do the same
             return None

@@ -6,10 +6,16 @@ from itertools import chain
 
 import numpy as np
 
+from sysid.experiment import LEAST_WARMING
 from sysid.perturbed import accumulated
 from sysid.view import View
 
+SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+HIDDEN = (
+    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
+    " would move {{}}; sweep back as well, or record the temperature of every row"
+)
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
     " delay_s, or lockin_tau_s and lockin_order"
@@ -26,6 +32,7 @@ class Term:
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
     beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
+    unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
 
 
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
@@ -90,7 +97,18 @@ def _drift(i: int, view: View) -> Iterator[Term]:
                 " every row, or wait until it is constant"
             )
 
-        yield Term("drift", {i: shape[:, None]}, say, i)
+        unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
+        yield Term("drift", {i: shape[:, None]}, say, i, unseen=unseen)
+
+
+def _slow_one_way(view: View) -> bool:
+    """A sweep in one direction that lasts long, at a temperature that is not recorded or does not change."""
+    log = view.trial.log
+    if view.trial.steady or len(log) < 8 or (log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING):
+        return False
+    turns = np.sign(np.diff(log.frequency))
+    one_way = np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0))
+    return bool(one_way and log.time[-1] - log.time[0] > SLOW * view.course.tau)
 
 
 def _too_fast(i: int, view: View) -> Iterator[Term]:

@@ -45,6 +45,11 @@ def fourth_order_lock_in(bench):
     return [simulated("step_100V_24C", 5, EFFECTS["lock_in"](tau=100e-6, order=4))]
 
 
+def lock_in_of_a_sweep(bench):
+    """Rows 0.8 ms apart tell how late they are, 0.3 ms; more than the first order of that moves G."""
+    return [simulated("sweep_while_ringing", 21, EFFECTS["lock_in"](tau=300e-6))]
+
+
 def softening(bench):
     return [simulated("sweep_while_ringing", 6, EFFECTS["duffing"]())]
 
@@ -102,6 +107,7 @@ def millivolts(bench):
         (finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
         (late_trigger, "begins late"),
         (fourth_order_lock_in, "begins late, by a trigger or a demodulator's filter"),
+        (lock_in_of_a_sweep, "begins late"),
         (softening, "depend on the amplitude"),
         (sine_law, "not proportional to the drive"),
         (second_resonance, "a second resonance"),
@@ -124,6 +130,19 @@ def test_logs_that_the_model_describes_are_not_doubted(bench):
     """One of a hundred is the design: three or more of forty have a probability of 1 %."""
     ends = [sysid.fit([bench.transient(seed=100 + k), bench.sweep(seed=200 + k)]).result for k in range(40)]
     assert sum(end is not Result.successful for end in ends) <= 2, ends
+
+
+@pytest.mark.parametrize("effects", [(), (EFFECTS["self_heating"](),)])
+def test_a_slow_sweep_of_one_direction_cannot_exclude_that_the_plate_heats_itself(effects):
+    """A second at each of 101 frequencies. Heated by itself f0 is 7 Hz too low, 15 standard deviations, and what that leaves in the
+    residual is less than chance would in one of a thousand."""
+    scene = Scene.from_toml(SCENES.parent / "figure_6_sweep.toml")
+    second = np.arange(101.0)
+    frequency = sysid.Profile(second, scene.inputs["frequency"].at(second))
+    slow = replace(scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency})
+    noise = EFFECTS["white_noise"](std=0.02)
+    fit = sysid.fit([replace(slow, effects=(*scene.effects, noise, *effects)).simulate(31)])
+    assert any("as the plate heats itself" in said for said in fit.warnings), fit.warnings
 
 
 def test_a_coarse_recorder_is_named_and_not_called_saturated():
