@@ -66,8 +66,10 @@ def _promise(loop: Loop) -> dict[str, Any]:
     p = loop.promise
     names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin", "phase": "phase_margin_deg"}
     names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
-    kept = {said: _known(getattr(p, name)) for name, said in names.items()}
-    return kept | {"quantiles_5_50_95": {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}}
+    kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
+    kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
+    shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response, strict=True)
+    return kept | {"step_response": {said: [float(f"{v:.5g}") for v in values] for said, values in shown}}
 
 
 def _known(value: float) -> float | None:

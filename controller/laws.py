@@ -38,11 +38,17 @@ class Asked(NamedTuple):
     plants: Ensemble
     amplitude: float
     finger: float
+    warming: tuple[float, float]
 
     @property
     def delay(self) -> float:
         """Seconds from a motion of the plate to the command that answers it."""
         return self.latency + self.rig.delay(self.plate.f0)
+
+    def over(self, warming: tuple[float, float]) -> "Asked":
+        """The same over other temperatures."""
+        plants = Ensemble.of(self.plate.source, self.plate.means, self.finger, warming)
+        return self._replace(plants=plants, warming=warming)
 
     def control(self, bandwidth: float) -> DQ | Adaptive:
         if self.method == "adaptive":

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controller.ensemble import Ensemble
 from controller.plate import Plate, positive
 from controller.rig import Rig
 
@@ -19,13 +20,14 @@ class Limits(NamedTuple):
     said: str
 
 
-def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float) -> float:
-    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger."""
+def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float, plants: Ensemble) -> float:
+    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger. Where none is asked for
+    it is one that leaves the weakest of the plants HEADROOM."""
     if limits.voltage is None:
         return abs(plate.G) if asked is None else positive("amplitude", asked)
-    most = abs(plate.G) * limits.voltage / (1 + finger)
     if asked is None:
-        return most / HEADROOM
+        return limits.voltage * float(np.min(np.abs(plants.push) / plants.rate)) / HEADROOM
+    most = abs(plate.G) * limits.voltage / (1 + finger)
     if positive("amplitude", asked) > most * (1 + 1e-9):
         under = f" under a finger of {finger:g}" if finger else ""
         raise ValueError(
