@@ -94,9 +94,9 @@ class FixedRecord:
         return self._make(op.Sum(x.text, 1 << up, 0, 0, max(k.point - point, 0)), k._replace(point=point)).text
 
     def binary(self, sign: str, a: Any, b: Any) -> Any:
-        """a `sign` b of symbols or numbers, not both numbers, in the range that theirs allow and the finest scale that holds it, no
-        finer than theirs. Sums are formed exactly in twice the width and rounded once. Raises ValueError for a number that would
-        be lost in what it is added to, and for a division without a bound."""
+        """a `sign` b of symbols or numbers, not both numbers, in the range that theirs allow and the finest scale that holds it,
+        no finer than theirs. Sums are formed exactly in twice the width and rounded once. Raises ValueError for a number that
+        would be lost in what it is added to, and for a division without a bound."""
         if sign == "*":
             return self._product(a, b)
         if sign == "/":
@@ -137,8 +137,8 @@ class FixedRecord:
         return self._make(op.Logic(sign, a.text, b.text), Known(Span(0.0, 1.0), 0, present=both), condition=True)
 
     def where(self, condition: Any, yes: Any, no: Any) -> Any:
-        """`yes` where the condition holds, else `no`, in one scale. Where the condition compares just these two, the range is that
-        of the larger or the smaller one."""
+        """`yes` where the condition holds, else `no`, in one scale. Where the condition compares just these two, the range is
+        that of the larger or the smaller one."""
         if isinstance(condition, bool):
             return yes if condition else no
         if all(isinstance(v, bool) or (isinstance(v, Symbol) and v.condition) for v in (yes, no)):

@@ -64,6 +64,15 @@ def limits_of(
         raise ValueError(
             f"the tracker cannot follow: over the stated temperatures the resonance goes from {reached[0]:.6g} to"
             f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
-            f" (frequency_window states another)"
+            f" (frequency_window states another){_coolest(plate, window, warming)}"
         )
     return Limits(voltage, window, said)
+
+
+def _coolest(plate: Plate, window: tuple[float, float], warming: tuple[float, float]) -> str:
+    """The temperatures at which the resonance stays within a window, in words."""
+    if not (plate.k_T and window[0] < plate.f0 < window[1]):
+        return ""
+    ends = sorted(0.99 * (edge - plate.f0) / plate.k_T for edge in window)
+    low, high = (min(max(w, ends[0]), ends[1]) for w in warming)
+    return f"; the nearest that can be had is warming = ({low:.3g}, {high:.3g})"

@@ -181,6 +181,11 @@ def test_a_finger_needs_twice_the_voltage():
 def test_a_resonance_that_leaves_the_window_is_refused():
     with pytest.raises(ValueError, match=r"the tracker cannot follow.*32147\.6 to 32300 Hz.*window is 32200 to 32400"):
         controller.design(PLATE, warming=(0.0, 15.0), frequency_window=(32200.0, 32400.0))
+    with pytest.raises(ValueError, match="cannot follow") as error:
+        controller.design(PLATE, warming=(-20.0, 5.0), frequency_window=(32200.0, 32400.0))
+    low, high = nearest(error, "warming = (", ")")
+    assert low == pytest.approx(-100 / 10.16, rel=0.011) and high == 5.0  # a hundredth is kept clear
+    controller.design(PLATE, warming=(low, high), frequency_window=(32200.0, 32400.0))
 
 
 def nearest(error, before="", after=""):
