@@ -14,6 +14,7 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 
 import replay  # noqa: E402
 import test_fixed as fixed  # noqa: E402
+
 from controller.recording import record  # noqa: E402
 
 SEQUENCES, SAMPLES = 1000, 1000
