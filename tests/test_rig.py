@@ -177,13 +177,14 @@ def test_the_pll_locks_and_rests():
 
 @pytest.mark.parametrize("method", ["pi", "pll"])  # the other: in test_closed_loop.py
 def test_a_timer_of_100_MHz_does_not_chatter(method):
-    """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, wherever the resonance lies between
-    two; with 1 % of noise, of each of Wd and Wq and each sample."""
+    """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, or a plate at the edge of the dead band
+    leaves it once, wherever the resonance lies between two; with 1 % of noise, of each of Wd and Wq and each sample."""
     loop = controller.design(PLATE, method=method, rig=Rig(timer=1e8), **GIVEN)
-    f0 = 32300.0 + np.linspace(-10.0, 10.0, 9)
+    f0 = 32300.0 + np.linspace(-10.4, 10.4, 100)
     f, W = tracked(loop, f0, 11000, timer=1e8)
-    assert (np.diff(f[1000:], axis=0) != 0).sum() == 0
-    assert np.abs(f[-1] - f0).max() < 0.62 * 10.45  # half a step and a dead band of a tenth, and noise
-    # the PI holds Wd, so that nothing is lost: |W| is above it by up to 6.3 Hz / 95 Hz squared and halved, 0.22 %
+    changes = (np.diff(f[1000:], axis=0) != 0).sum(0)
+    assert changes.max() <= 1 and changes.sum() <= 5  # of a hundred plates
+    assert np.abs(f[-1] - f0).max() < 0.67 * 10.45  # half a step and a dead band of 0.15, and noise
+    # the PI holds Wd, so that nothing is lost: |W| is above it by up to 7 Hz / 95 Hz squared and halved, 0.27 %
     lost = 1 - W[1000:].mean(0) / 2.0
     assert lost.max() < 0.0015 and lost.min() > -0.0030
