@@ -123,7 +123,7 @@ def unkept(asked: Asked, bandwidth: float) -> str:
         )
     still = asked._replace(plants=asked.plants.resonant)
     if math.isfinite(_taken(still, bandwidth)):
-        least, most = asked.warming
+        least, most = asked.ranged.warming
 
         def warmed(share: float) -> Asked:
             return asked.over((share * least, share * most))

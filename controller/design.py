@@ -11,7 +11,7 @@ from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
 from controller.laws import SAMPLES, Asked, Method, calibrated, demodulated, guarded, switched
-from controller.limits import Limits, amplitude_of, limits_of
+from controller.limits import Limits, amplitude_of, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import LONGEST, Promise, samples
@@ -29,8 +29,9 @@ class Loop:
     "stated" by the caller, "settling" that was asked for, "plant" (a closed loop of 0.3 tau), "delay" (no oscillation with the
     delay that there is: `bandwidth_limit_hz`) or "posterior" (that, for what the logs leave open of G/tau). `Kp_continuous`
     and `Ti` (s) are the gains of the same loop in continuous time. `amplitude` (response unit) is the one `promise` is for,
-    `finger` and `warming` the range. `sample_time` and `latency` are in s, `reference_temperature` (where f0 holds) in degC;
-    units are None when nobody stated them.
+    `finger`, the `force` (N) at which it is as much, where the fit knows it, and `warming` the range; `plate` its name in the
+    logs. `sample_time` and `latency` are in s, `reference_temperature` (where f0 holds) in degC; units are None when nobody
+    stated them.
     """
 
     control: DQ | Adaptive | Calibrated | Guard
@@ -50,7 +51,9 @@ class Loop:
     Ti: float
     limits: Limits
     amplitude: float
+    plate: str | None
     finger: float
+    force: float | None
     warming: tuple[float, float]
     promise: Promise
     rig: Rig
@@ -71,8 +74,8 @@ def design(
     amplitude: float | None = None,
     voltage_limit: float | None = None,
     frequency_window: tuple[float, float] | None = None,
-    finger: float = 0.0,
-    warming: tuple[float, float] = (0.0, 0.0),
+    finger: float | None = None,
+    warming: tuple[float, float] | None = None,
     method: Method = "pi",
     rig: Rig | None = None,
     guard: bool = True,
@@ -84,9 +87,10 @@ def design(
     Default bandwidth: the slower of tau_cl = 0.3 tau and the delay's limit. `amplitude` (response unit) is the largest that
     will be asked for. `voltage_limit` (drive unit) and `frequency_window` (Hz) default to what the logs have seen; where there
     are no logs, to none. `finger`: the damping that a finger adds at most, in units of the plate's own (1: it halves the
-    amplitude); `warming`: degC above the reference temperature, from and to. `method`: "pi", PI and proportional tracker;
-    "paper", the rules of the paper; "pll", PI and phase-locked loop; "adaptive", an observer of the
-    pole. `guard`: faults end the drive (see `controller.guard`); only with it there is a `machine`, and an export.
+    amplitude); `warming`: degC above the reference temperature, from and to; both default to the rig's, else to none.
+    `method`: "pi", PI and proportional tracker; "paper", the rules of the paper; "pll", PI and phase-locked loop; "adaptive",
+    an observer of the pole. `guard`: faults end the drive (see `controller.guard`); only with it there is a `machine`, and an
+    export.
 
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
@@ -94,12 +98,13 @@ def design(
     rig = rig or Rig()
     T = positive("sample_time", sample_time if sample_time is not None else rig.sample_time)
     plate = plate_of(source)
-    limits = limits_of(plate, rig, voltage_limit, frequency_window, warming)
-    ranged = (float(warming[0]), float(warming[1]))
-    plants = Ensemble.of(source, plate.means, finger, ranged if plate.f0 is not None and plate.k_T is not None else (0.0, 0.0))
+    ranged = range_of(plate, rig, finger, warming)
+    limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
+    followed = plate.f0 is not None and plate.k_T is not None
+    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming if followed else (0.0, 0.0))
     asked = Asked(
         plate, T, _latency(T, latency if latency is not None else rig.latency, method), limits, rig, method, plants,
-        amplitude_of(plate, limits, amplitude, finger, plants), float(finger), ranged,
+        amplitude_of(plate, limits, amplitude, ranged.finger, plants), ranged,
     )  # fmt: skip
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
 
@@ -138,8 +143,10 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         Ti=plate.tau,
         limits=asked.limits,
         amplitude=asked.amplitude,
-        finger=asked.finger,
-        warming=asked.warming,
+        plate=plate.name,
+        finger=asked.ranged.finger,
+        force=asked.ranged.force,
+        warming=asked.ranged.warming,
         promise=promise,
         rig=asked.rig,
         drive_unit=drive_unit,

@@ -32,12 +32,17 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "frequency_window_Hz": None if loop.limits.frequency is None else list(loop.limits.frequency),
         "limits_from": loop.limits.said,
         "tracker": _tracker(loop),
-        "range": {"finger": loop.finger, "warming_degC": list(loop.warming), "amplitude": loop.amplitude},
+        "range": _range(loop),
         "promise": _promise(loop),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
     }
     return content | {"commissioning": [stage._asdict() for stage in sheet(content)]}
+
+
+def _range(loop: Loop) -> dict[str, Any]:
+    touched = {"finger": loop.finger, "force_N": loop.force}
+    return touched | {"warming_degC": list(loop.warming), "amplitude": loop.amplitude}
 
 
 def _law(loop: Loop) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.limits import Limits
+from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
 from controller.pi import PI
 from controller.plate import Plate
@@ -40,8 +40,7 @@ class Asked(NamedTuple):
     method: Method
     plants: Ensemble
     amplitude: float
-    finger: float
-    warming: tuple[float, float]
+    ranged: Range
 
     @property
     def delay(self) -> float:
@@ -50,8 +49,8 @@ class Asked(NamedTuple):
 
     def over(self, warming: tuple[float, float]) -> "Asked":
         """The same over other temperatures."""
-        plants = Ensemble.of(self.plate.source, self.plate.means, self.finger, warming)
-        return self._replace(plants=plants, warming=warming)
+        plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
+        return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
 
     def control(self, bandwidth: float) -> DQ | Adaptive:
         if self.method == "adaptive":
@@ -135,7 +134,7 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     return Guard(
-        control, limit, ceiling, gain / (1.0 + asked.finger), -math.expm1(-T / plate.tau), *window,
+        control, limit, ceiling, gain / (1.0 + asked.ranged.finger), -math.expm1(-T / plate.tau), *window,
         float(patience), float(repeats),
         edge=0.0 if source is None else 1.1 * source.step,
     )  # fmt: skip

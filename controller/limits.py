@@ -20,6 +20,42 @@ class Limits(NamedTuple):
     said: str
 
 
+class Range(NamedTuple):
+    """What a promise has to hold for: the damping that a finger adds at most, in units of the plate's own, and the `force` at
+    which it does (N; None: not known); degC above the reference temperature, from and to."""
+
+    finger: float
+    force: float | None
+    warming: tuple[float, float]
+
+
+def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float, float] | None) -> Range:
+    """As stated, else as the rig has it, else the untouched plate at its reference temperature."""
+    force = rig.force if finger is None else None
+    if finger is None:
+        finger = rig.finger or 0.0 if force is None else _damping(plate, force)
+    low, high = _warming(plate, rig) if warming is None else warming
+    return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
+
+
+def _damping(plate: Plate, force: float) -> float:
+    from sysid.plant import contact
+
+    if plate.finger.value is None:
+        raise ValueError(f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping itself")
+    return plate.finger.value * float(contact(force, xp=np))
+
+
+def _warming(plate: Plate, rig: Rig) -> tuple[float, float]:
+    reference = getattr(plate.fit, "reference_temperature", None)
+    if rig.coldest is None and rig.warmest is None:
+        return 0.0, 0.0
+    if reference is None:
+        raise ValueError("found coldest or warmest, expected logs whose temperature was recorded: there is no reference")
+    low, high = (reference if end is None else end for end in (rig.coldest, rig.warmest))
+    return low - reference, high - reference
+
+
 def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float, plants: Ensemble) -> float:
     """The amplitude of the promise; refused when the voltage does not suffice for it under the finger. Where none is asked for
     it is one that leaves the weakest of the plants HEADROOM."""
