@@ -100,8 +100,7 @@ def design(
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
-    followed = plate.f0 is not None and plate.k_T is not None
-    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming if followed else (0.0, 0.0))
+    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming)
     asked = Asked(
         plate, T, _latency(T, latency if latency is not None else rig.latency, method), limits, rig, method, plants,
         amplitude_of(plate, limits, amplitude, ranged.finger, plants), ranged,

@@ -35,6 +35,11 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
     if finger is None:
         finger = rig.finger or 0.0 if force is None else _damping(plate, force)
     low, high = _warming(plate, rig) if warming is None else warming
+    if (low, high) != (0.0, 0.0) and plate.k_T is None:
+        raise ValueError(
+            f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep at another temperature,"
+            f" or design for one temperature"
+        )
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
 
 

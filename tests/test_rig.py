@@ -149,6 +149,9 @@ def test_the_range_of_a_rig_is_designed_for_and_stamped(tmp_path):
         assert said in header, said
     stated = controller.design(identified(), rig=rig, finger=0.0, warming=(0.0, 0.0), frequency_window=(32000.0, 32600.0))
     assert stated.finger == 0.0 and stated.warming == (0.0, 0.0)
+    cold = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=None)
+    with pytest.raises(ValueError, match=r"warming = \(-5, 5\) cannot be answered for: k_T is not determined"):
+        controller.design(cold, warming=(-5.0, 5.0))
     with pytest.raises(ValueError, match=r"force = 0\.5 N says nothing.*no force was recorded; finger states"):
         controller.design(identified(), rig=rig)
 
