@@ -66,7 +66,7 @@ def fault_rows(count: int) -> list[str]:
             called = ", ".join(sorted({FAULTS[int(c)] if c < len(FAULTS) else "lost" for c in fault[-1]}))
             latched = bool((V[-1] == 0).all() and (mode[-1] == MODES.index("fault")).all()) if within else "-"
             inside = bool(np.abs(V).max() <= LIMIT and f.min() >= WINDOW[0] and f.max() <= WINDOW[1])
-            ends = f"{np.median(driven):.1f} | {driven.max():.1f} | {(driven > within).sum()} of {within}" if within else "- | - | -"
+            ends = f"{np.median(driven):.1f} | {driven.max():.1f} | {(driven > within).sum()} beyond {within} ms" if within else "- | - | -"
             rows.append(f"| {method} | {name} | {running} | {ends} | {latched} | {called} | {inside} |")
     return rows
 
@@ -99,7 +99,7 @@ asked for, noise of 1 %, voltage up to {LIMIT:g} V, frequencies {WINDOW[0]:g} to
 What is exported is switched on; after {1e3 * AT * T:g} ms the reading is spoilt, for another {1e3 * LAST * T:g} ms. Driven: how long the voltage is not zero from
 then on. "none": a sound sensor, as long.
 
-| method | reading | in run before it, of {given.plates} | driven (ms), median | most | plates beyond what is allowed, ms | all latched | called | V and f within limits |
+| method | reading | in run before it, of {given.plates} | driven (ms), median | most | plates beyond what is allowed | all latched | called | V and f within limits |
 |---|---|---|---|---|---|---|---|---|
 {line.join(fault_rows(given.plates))}
 
