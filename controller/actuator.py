@@ -83,14 +83,15 @@ class Dds(NamedTuple):
         """The increment at the start."""
         return round(self.start / self.clock * 2**32)
 
-    def more(self, frequency: Any, xp: Any) -> Any:
-        """What is added to `base`, a whole number."""
+    def more(self, offset: Any, xp: Any) -> Any:
+        """What is added to `base`, a whole number, for a frequency of `offset` Hz above the start."""
         exact = self.start / self.clock * 2**32 - self.base
-        return xp.floor((frequency - self.start) * (2**32 / self.clock) + (0.5 + exact))
+        return xp.floor(offset * (2**32 / self.clock) + (0.5 + exact))
 
 
 class Words(NamedTuple):
-    """All that a rig takes; None for what it has not. `limit` is the voltage's, `start` the tracker's in Hz."""
+    """All that a rig takes; None for what it has not. `limit` is the voltage's. Frequencies are in Hz, those that come in counted
+    so that the tracker's start is `start`."""
 
     limit: float | None
     start: float
@@ -106,8 +107,9 @@ class Words(NamedTuple):
             found["code"] = (0, self.dac.code(voltage, xp))
         if self.inverter is not None:
             found["duty"] = (None, self.inverter.duty(voltage, self.limit))
-        if frequency is not None and self.timer is not None:
-            found["ticks"] = (int(self.timer.periods), self.timer.ticks(frequency - self.start, xp))
-        if frequency is not None and self.dds is not None:
-            found["increment"] = (self.dds.base, self.dds.more(frequency, xp))
+        offset = None if frequency is None else frequency - self.start
+        if offset is not None and self.timer is not None:
+            found["ticks"] = (int(self.timer.periods), self.timer.ticks(offset, xp))
+        if offset is not None and self.dds is not None:
+            found["increment"] = (self.dds.base, self.dds.more(offset, xp))
         return found

@@ -32,12 +32,17 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "frequency_window_Hz": None if loop.limits.frequency is None else list(loop.limits.frequency),
         "limits_from": loop.limits.said,
         "tracker": _tracker(loop),
-        "range": {"finger": loop.finger, "warming_degC": list(loop.warming), "amplitude": loop.amplitude},
+        "range": _range(loop),
         "promise": _promise(loop),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
     }
     return content | {"commissioning": [stage._asdict() for stage in sheet(content)]}
+
+
+def _range(loop: Loop) -> dict[str, Any]:
+    touched = {"finger": loop.finger, "force_N": loop.force}
+    return touched | {"warming_degC": list(loop.warming), "amplitude": loop.amplitude}
 
 
 def _law(loop: Loop) -> dict[str, Any]:
@@ -66,8 +71,10 @@ def _promise(loop: Loop) -> dict[str, Any]:
     p = loop.promise
     names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin", "phase": "phase_margin_deg"}
     names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
-    kept = {said: _known(getattr(p, name)) for name, said in names.items()}
-    return kept | {"quantiles_5_50_95": {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}}
+    kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
+    kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
+    shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response, strict=True)
+    return kept | {"step_response": {said: [float(f"{v:.5g}") for v in values] for said, values in shown}}
 
 
 def _known(value: float) -> float | None:

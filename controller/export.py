@@ -24,9 +24,9 @@ def export_c(loop: Loop, path: str | Path, precision: Precision | None = None) -
     """Write the header at `path` and the source beside it, of the same name with .c.
 
     `precision`: "double", "single", or fixed point in words of 32 or 16 bits, "q31" and "q15"; None: as the rig says, else
-    double. Of the loop's texts only units and hashes go out, and of those only letters, digits and / ^ . - so that no text
-    from a log can end a comment. Notes stay in the JSON. Raises ValueError for what cannot be exported: a loop without its guard,
-    fixed point without the limits that scale it, or of the method "adaptive".
+    double. Of the loop's texts only units, the plate's name and hashes go out, and of those only letters, digits and / ^ . - so
+    that no text from a log can end a comment. Notes stay in the JSON. Raises ValueError for what cannot be exported: a loop
+    without its guard, fixed point without the limits that scale it, or of the method "adaptive".
     """
     path = Path(path)
     if path.suffix == ".c" or not re.fullmatch(r"[A-Za-z0-9_.+-]+", path.name):
@@ -46,7 +46,8 @@ def texts(loop: Loop, name: str, precision: Precision | None = None) -> tuple[st
     says = {"reference": f"wanted amplitude in {response}, peak", "share": "of the bandwidth, 0 to 1"}
     says |= {"wd": f"as the sensor shows it, in {response}, peak", "wq": "the same"}
     says |= {"temperature": "of the plate, degC"} if measured else {}
-    gives = {"voltage": f"{drive}, peak; negative: turned by half a carrier period", "frequency": "Hz", "duty": "duty ratio"}
+    gives = {"voltage": f"{drive}, peak; negative: turned by half a carrier period", "duty": "duty ratio"}
+    gives["frequency"] = f"Hz above {loop.f0:.12g}" if bits and loop.f0 else "Hz"
     gives |= {"fault": _listed((*FAULTS, "lost")), "mode": _listed(MODES), "code": "of the converter for the peak voltage"}
     gives |= {"ticks": "of the timer in a period of the carrier", "increment": "of the accumulator of 32 bits"}
     demodulator = record_demodulator(loop, precision) if loop.demodulator is not None else None
@@ -212,7 +213,8 @@ def _use(loop: Loop) -> str:
 
 def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
     """What it is for: plate, logs, ranges."""
-    lines = [f"plate: G {loop.G:.6g} {response} per {drive}, tau {loop.tau:.6g} s"]
+    named = "" if loop.plate is None else f"{_text(loop.plate, 40)}, "
+    lines = [f"plate: {named}G {loop.G:.6g} {response} per {drive}, tau {loop.tau:.6g} s"]
     lines[0] += "" if loop.f0 is None else f", f0 {loop.f0:.8g} Hz"
     if loop.reference_temperature is not None:
         low, high = (loop.reference_temperature + w for w in loop.warming)
@@ -222,7 +224,8 @@ def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
     if loop.limits.frequency is not None:
         lines.append("frequency: {:.8g} to {:.8g} Hz".format(*loop.limits.frequency))
     lines.append(f"amplitude: {loop.amplitude:.6g} {response} at most")
-    lines.append(f"finger: damping up to {loop.finger:.4g} of the plate's own")
+    force = "" if loop.force is None else f"force: 0 to {loop.force:.4g} N; "
+    lines.append(f"{force}finger: damping up to {loop.finger:.4g} of the plate's own")
     return lines + [f"log sha256 {_text(digest, 64)}" for digest in loop.logs]
 
 

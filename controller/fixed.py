@@ -10,13 +10,12 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from controller import operations as op
+from controller.operations import MISSING
 from controller.scalar import NO_LIMIT, Span
 from controller.symbols import Symbol
+from controller.twin import Twin
 
-MISSING = "DQ_MISSING"
 NOBODY: frozenset[str] = frozenset()
 
 
@@ -32,7 +31,12 @@ class Known(NamedTuple):
 
 
 class FixedRecord:
-    """Stands in for `xp`. `quotient` is the size at which a quotient of two values saturates."""
+    """Stands in for `xp`: what a step does to symbols becomes operations on words of `bits` bits, each operation once.
+
+    A symbol's range [low, high] follows from those of its parts by interval arithmetic; its word is n = round(x 2^point), with
+    point = floor(log2(top / max(|low|, |high|))) and top = 2^(bits-1) - 1, so that it is rounded by max(|low|, |high|) / top at
+    most. `quotient` is the size at which a quotient of two values saturates.
+    """
 
     def __init__(self, bits: int, quotient: float | None = None):
         self.bits, self.quotient = bits, quotient
@@ -71,6 +75,7 @@ class FixedRecord:
         return int(max(-self.top, min(self.top, round(math.ldexp(value, point)))))
 
     def known(self, x: Symbol) -> Known:
+        """Range and scale of a symbol that was made here."""
         return self._known[x.text]
 
     def fitted(self, x: Any, point: int) -> int | str:
@@ -89,6 +94,9 @@ class FixedRecord:
         return self._make(op.Sum(x.text, 1 << up, 0, 0, max(k.point - point, 0)), k._replace(point=point)).text
 
     def binary(self, sign: str, a: Any, b: Any) -> Any:
+        """a `sign` b of symbols or numbers, not both numbers, in the range that theirs allow and the finest scale that holds it,
+        no finer than theirs. Sums are formed exactly in twice the width and rounded once. Raises ValueError for a number that
+        would be lost in what it is added to, and for a division without a bound."""
         if sign == "*":
             return self._product(a, b)
         if sign == "/":
@@ -110,9 +118,12 @@ class FixedRecord:
         return self._make(made, Known(span, point, ka.missing | kb.missing))
 
     def negative(self, a: Symbol) -> Any:
+        """-a, which no word is too small for: -2^(bits-1) is no number."""
         return self.binary("-", 0.0, a)
 
     def compared(self, sign: str, a: Symbol, b: Any) -> Any:
+        """The condition a `sign` b, exact: both are brought to the finer of the two scales in twice the width. One that the limit
+        NO_LIMIT decides is a bool and costs nothing."""
         if (limit := self._of(b).span).low >= NO_LIMIT / 2 or limit.high <= -NO_LIMIT / 2:  # no limit: a is within it
             return (limit.low > 0) == (sign in ("<", "<="))
         (x, ka), (y, kb) = self._aligned(a, b)
@@ -121,10 +132,13 @@ class FixedRecord:
         return self._make(made, Known(Span(0.0, 1.0), 0, compares=(sign, a, b)), condition=True)
 
     def logic(self, sign: str, a: Symbol, b: Symbol) -> Symbol:
+        """Both or either of two conditions; both of two that say that measurements are there say it of all."""
         both = self.known(a).present | self.known(b).present if sign == "&&" else NOBODY
         return self._make(op.Logic(sign, a.text, b.text), Known(Span(0.0, 1.0), 0, present=both), condition=True)
 
     def where(self, condition: Any, yes: Any, no: Any) -> Any:
+        """`yes` where the condition holds, else `no`, in one scale. Where the condition compares just these two, the range is
+        that of the larger or the smaller one."""
         if isinstance(condition, bool):
             return yes if condition else no
         if all(isinstance(v, bool) or (isinstance(v, Symbol) and v.condition) for v in (yes, no)):
@@ -151,9 +165,11 @@ class FixedRecord:
         return self._make(op.Seen(tuple(sorted(names))), Known(Span(0.0, 1.0), 0, present=names), condition=True)
 
     def logical_not(self, x: Any) -> Any:
+        """The condition turned round."""
         return not x if isinstance(x, bool) else self._make(op.Not(x.text), Known(Span(0.0, 1.0), 0), condition=True)
 
     def floor(self, x: Symbol) -> Symbol:
+        """The largest whole number that is not above x: its scale is that of whole numbers."""
         k = self.known(x)
         span = Span(math.floor(k.span.low), math.floor(k.span.high))
         return self._make(op.Floor(x.text, max(k.point, 0)), Known(span, min(k.point, 0), k.missing))
@@ -161,14 +177,15 @@ class FixedRecord:
     def twin(
         self, first: Mapping[str, Any], then: Mapping[str, Any], output: Mapping[str, Any], states: dict[str, int],
         points: dict[str, int],
-    ) -> "Twin":  # fmt: skip
-        """The operations without which the next state and the output could not be had, as they run in Python."""
+    ) -> Twin:  # fmt: skip
+        """The operations without which the next state and the output could not be had, as they run in Python. By name: `first`,
+        the state at the beginning, as numbers; `then` and `output`, symbols or numbers; their scales, `states` and `points`."""
         after = {name: self.fitted(value, states[name]) for name, value in then.items()}
         said = {name: self.fitted(value, points[name]) for name, value in output.items()}
         wanted, kept = {*after.values(), *said.values()}, []
         for name, made in reversed(self.made.items()):
             if name in wanted:
-                wanted |= made.uses()
+                wanted |= op.uses(made)
                 kept.append((name, made))
         begun = {name: self.word(float(value), states[name]) for name, value in first.items()}
         return Twin(self.bits, dict(reversed(kept)), begun, after, said, states, points)
@@ -242,40 +259,3 @@ def _same(a: Any, b: Any) -> bool:
     if isinstance(a, Symbol) and isinstance(b, Symbol):
         return a.text == b.text
     return not isinstance(a, Symbol) and not isinstance(b, Symbol) and a == b
-
-
-class Twin(NamedTuple):
-    """The recorded operations as they run in Python, on integers or integer arrays: bit for bit what C computes.
-
-    `first` is the state at the beginning, `then` and `output` which words become the next state and what is given out;
-    `states` and `points` are the scales of the state and of inputs and outputs by name.
-    """
-
-    bits: int
-    operations: dict[str, op.Operation]
-    first: dict[str, int]
-    then: dict[str, int | str]
-    output: dict[str, int | str]
-    states: dict[str, int]
-    points: dict[str, int]
-
-    def step(self, state: Mapping[str, Any], **words: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-        """One sample: the next state, and the output by name, all in words."""
-        top = 2 ** (self.bits - 1) - 1
-        values: dict[str, Any] = {MISSING: -top - 1, **words}
-        for name, made in self.operations.items():
-            values[name] = made.run(values, state, top)
-        said = [{k: op.value(values, v) for k, v in names.items()} for names in (self.then, self.output)]
-        return said[0], said[1]
-
-    def number(self, name: str, word: Any) -> Any:
-        """What a word of an input or an output stands for."""
-        return np.ldexp(np.asarray(word, float), -self.points[name])
-
-    def word(self, name: str, value: Any) -> Any:
-        """The word for a number, saturated; for one that is not finite, the word that says so."""
-        top = 2 ** (self.bits - 1) - 1
-        there = np.isfinite(value)
-        scaled = np.ldexp(np.where(there, value, 0.0), self.points[name])
-        near = np.where(scaled < 0, -np.floor(0.5 - scaled), np.floor(0.5 + scaled))
-        return np.where(there, np.clip(near, -top, top), -top - 1).astype(np.int64)

@@ -8,7 +8,7 @@ from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.limits import Limits
+from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
 from controller.pi import PI
 from controller.plate import Plate
@@ -20,6 +20,9 @@ BETA = 0.3  # share of the detuning that one tracker update removes
 PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
 FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
 BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+# Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
+# back is twice as far.
+QUIET, LOUD = 0.1, 0.15
 SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
 OBSERVER = 5e-4, 2.5e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
@@ -37,12 +40,17 @@ class Asked(NamedTuple):
     method: Method
     plants: Ensemble
     amplitude: float
-    finger: float
+    ranged: Range
 
     @property
     def delay(self) -> float:
         """Seconds from a motion of the plate to the command that answers it."""
         return self.latency + self.rig.delay(self.plate.f0)
+
+    def over(self, warming: tuple[float, float]) -> "Asked":
+        """The same over other temperatures."""
+        plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
+        return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
 
     def control(self, bandwidth: float) -> DQ | Adaptive:
         if self.method == "adaptive":
@@ -77,9 +85,9 @@ class Asked(NamedTuple):
         # 1 ms gives the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
         period = max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
         every = float(max(1, round(period / self.T)))
-        return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency())
+        return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
-    def _frequency(self) -> dict[str, Any]:
+    def _frequency(self, dead: float = QUIET) -> dict[str, Any]:
         window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
         source = self.rig.source(self.plate.f0)
         k_T = self.plate.k_T if self.rig.thermometer else None
@@ -88,8 +96,8 @@ class Asked(NamedTuple):
         at = float(getattr(self.plate.fit, "reference_temperature", None) or 24.0)
         step = 0.0 if source is None else source.step
         # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within the window.
-        given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step, "source": source, "dead_band": 0.1 * step}
-        return given | {"k_T": k_T, "temperature": at}
+        given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step}
+        return given | {"source": source, "dead_band": dead * step, "k_T": k_T, "temperature": at}
 
     def _adaptive(self, bandwidth: float) -> Adaptive:
         plate, T = self.plate, self.T
@@ -126,7 +134,7 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     return Guard(
-        control, limit, ceiling, gain / (1.0 + asked.finger), -math.expm1(-T / plate.tau), *window,
+        control, limit, ceiling, gain / (1.0 + asked.ranged.finger), -math.expm1(-T / plate.tau), *window,
         float(patience), float(repeats),
         edge=0.0 if source is None else 1.1 * source.step,
     )  # fmt: skip

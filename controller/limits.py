@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from controller.ensemble import Ensemble
 from controller.plate import Plate, positive
 from controller.rig import Rig
 
@@ -19,13 +20,55 @@ class Limits(NamedTuple):
     said: str
 
 
-def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float) -> float:
-    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger."""
+class Range(NamedTuple):
+    """What a promise has to hold for: the damping that a finger adds at most, in units of the plate's own, and the `force` at
+    which it does (N; None: not known); degC above the reference temperature, from and to."""
+
+    finger: float
+    force: float | None
+    warming: tuple[float, float]
+
+
+def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float, float] | None) -> Range:
+    """As stated, else as the rig has it, else the untouched plate at its reference temperature."""
+    force = rig.force if finger is None else None
+    if finger is None:
+        finger = rig.finger or 0.0 if force is None else _damping(plate, force)
+    low, high = _warming(plate, rig) if warming is None else warming
+    if (low, high) != (0.0, 0.0) and plate.k_T is None:
+        raise ValueError(
+            f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep at another temperature,"
+            f" or design for one temperature"
+        )
+    return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
+
+
+def _damping(plate: Plate, force: float) -> float:
+    from sysid.plant import contact
+
+    if plate.finger.value is None:
+        raise ValueError(f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping itself")
+    return plate.finger.value * float(contact(force, xp=np))
+
+
+def _warming(plate: Plate, rig: Rig) -> tuple[float, float]:
+    reference = getattr(plate.fit, "reference_temperature", None)
+    if rig.coldest is None and rig.warmest is None:
+        return 0.0, 0.0
+    if reference is None:
+        raise ValueError("found coldest or warmest, expected logs whose temperature was recorded: there is no reference")
+    low, high = (reference if end is None else end for end in (rig.coldest, rig.warmest))
+    return low - reference, high - reference
+
+
+def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float, plants: Ensemble) -> float:
+    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger. Where none is asked for
+    it is one that leaves the weakest of the plants HEADROOM."""
     if limits.voltage is None:
         return abs(plate.G) if asked is None else positive("amplitude", asked)
-    most = abs(plate.G) * limits.voltage / (1 + finger)
     if asked is None:
-        return most / HEADROOM
+        return limits.voltage * float(np.min(np.abs(plants.push) / plants.rate)) / HEADROOM
+    most = abs(plate.G) * limits.voltage / (1 + finger)
     if positive("amplitude", asked) > most * (1 + 1e-9):
         under = f" under a finger of {finger:g}" if finger else ""
         raise ValueError(
@@ -62,6 +105,15 @@ def limits_of(
         raise ValueError(
             f"the tracker cannot follow: over the stated temperatures the resonance goes from {reached[0]:.6g} to"
             f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
-            f" (frequency_window states another)"
+            f" (frequency_window states another){_coolest(plate, window, warming)}"
         )
     return Limits(voltage, window, said)
+
+
+def _coolest(plate: Plate, window: tuple[float, float], warming: tuple[float, float]) -> str:
+    """The temperatures at which the resonance stays within a window, in words."""
+    if not (plate.k_T and window[0] < plate.f0 < window[1]):
+        return ""
+    ends = sorted(0.99 * (edge - plate.f0) / plate.k_T for edge in window)
+    low, high = (min(max(w, ends[0]), ends[1]) for w in warming)
+    return f"; the nearest that can be had is warming = ({low:.3g}, {high:.3g})"

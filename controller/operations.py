@@ -4,12 +4,13 @@ In C, `dq_word` is a word and `dq_wide` twice as wide. An argument is the name o
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 Argument: TypeAlias = int | str
+MISSING = "DQ_MISSING"  # the word of a measurement that is not there
 COMPARE = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal}
 
 
@@ -24,10 +25,6 @@ def fit(x: Any, shift: int, top: int) -> Any:
     return np.minimum(np.maximum(x, -top), top)
 
 
-def _names(*arguments: Argument) -> set[str]:
-    return {a for a in arguments if isinstance(a, str)}
-
-
 def _times(argument: Argument, factor: int) -> str:
     wide = f"(dq_wide){argument}" if isinstance(argument, str) else f"(dq_wide)({argument})"
     return wide if factor == 1 else f"{wide} * {factor}"
@@ -39,9 +36,6 @@ class Load:
 
     field: str
     kind: ClassVar[str] = "loads"
-
-    def uses(self) -> set[str]:
-        return set()
 
     def c(self) -> str:
         return f"s->{self.field}"
@@ -61,9 +55,6 @@ class Sum:
     shift: int
     kind: ClassVar[str] = "additions and scalings"
 
-    def uses(self) -> set[str]:
-        return _names(self.a, self.b)
-
     def c(self) -> str:
         second = "" if self.more == 0 else f" {'+' if self.more > 0 else '-'} {_times(self.b, abs(self.more))}"
         return f"dq_fit({_times(self.a, self.up)}{second}, {self.shift})"
@@ -80,9 +71,6 @@ class Product:
     b: Argument
     shift: int
     kind: ClassVar[str] = "multiplications"
-
-    def uses(self) -> set[str]:
-        return _names(self.a, self.b)
 
     def c(self) -> str:
         return f"dq_fit({_times(self.a, 1)} * {self.b}, {self.shift})"
@@ -101,9 +89,6 @@ class Ratio:
     most: int
     kind: ClassVar[str] = "divisions"
 
-    def uses(self) -> set[str]:
-        return _names(self.a, self.b)
-
     def c(self) -> str:
         return f"dq_ratio({_times(self.a, self.up)}, {self.b}, {self.most})"
 
@@ -119,9 +104,6 @@ class Floor:
     a: Argument
     point: int
     kind: ClassVar[str] = "floors"
-
-    def uses(self) -> set[str]:
-        return _names(self.a)
 
     def c(self) -> str:
         return f"dq_floor({self.a}, {self.point})"
@@ -141,9 +123,6 @@ class Compare:
     more: int
     kind: ClassVar[str] = "comparisons and selections"
 
-    def uses(self) -> set[str]:
-        return _names(self.a, self.b)
-
     def c(self) -> str:
         return f"{_times(self.a, self.up)} {self.sign} {_times(self.b, self.more)}"
 
@@ -160,9 +139,6 @@ class Logic:
     b: Argument
     kind: ClassVar[str] = "comparisons and selections"
 
-    def uses(self) -> set[str]:
-        return _names(self.a, self.b)
-
     def c(self) -> str:
         return f"{self.a} {self.sign} {self.b}"
 
@@ -178,9 +154,6 @@ class Not:
     a: Argument
     kind: ClassVar[str] = "comparisons and selections"
 
-    def uses(self) -> set[str]:
-        return _names(self.a)
-
     def c(self) -> str:
         return f"!{self.a}"
 
@@ -194,9 +167,6 @@ class Seen:
 
     names: tuple[str, ...]
     kind: ClassVar[str] = "comparisons and selections"
-
-    def uses(self) -> set[str]:
-        return set(self.names)
 
     def c(self) -> str:
         return " && ".join(f"{name} != DQ_MISSING" for name in self.names)
@@ -217,9 +187,6 @@ class Select:
     b: Argument
     kind: ClassVar[str] = "comparisons and selections"
 
-    def uses(self) -> set[str]:
-        return _names(self.condition, self.a, self.b)
-
     def c(self) -> str:
         return f"{self.condition} ? {self.a} : {self.b}"
 
@@ -228,3 +195,10 @@ class Select:
 
 
 Operation: TypeAlias = Load | Sum | Product | Ratio | Floor | Compare | Logic | Not | Seen | Select
+
+
+def uses(made: Operation) -> set[str]:
+    """Names of the values that it is made from."""
+    given = [getattr(made, f.name) for f in fields(made) if f.name not in ("field", "sign")]
+    each = (v if isinstance(v, tuple) else (v,) for v in given)
+    return {name for names in each for name in names if isinstance(name, str)}

@@ -28,6 +28,8 @@ class Plate:
     source: Any
     fit: Any
     why: str  # no f0
+    finger: Known  # what one of 1.5 N adds to the damping, in units of the plate's own
+    name: str | None  # as the logs have it
 
     @property
     def means(self) -> dict[str, float]:
@@ -45,7 +47,9 @@ def plate_of(source: Any) -> Plate:
     spread = 1.0
     if "G" in draws and "tau" in draws:
         spread = max(float(np.quantile(np.ravel(draws["G"]) / np.ravel(draws["tau"]), 0.99)) / (G / tau), 1.0)
-    return Plate(G, tau, f0, _value(parameters, "k_T")[0], spread, source, fit, why)
+    touched, unknown = _value(parameters, "finger_damping")
+    finger = Known(touched, touched is not None, f"finger_damping is not determined: {unknown}")
+    return Plate(G, tau, f0, _value(parameters, "k_T")[0], spread, source, fit, why, finger, _name(fit))
 
 
 def _read(source: Any) -> tuple[Mapping[str, Any], Any]:
@@ -65,6 +69,12 @@ def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]
     if p.determined and p.value is not None and math.isfinite(p.value):
         return float(p.value), ""
     return None, p.why or "the fit gives no reason"
+
+
+def _name(fit: Any) -> str | None:
+    """The plate that the logs name, which is one."""
+    named = (getattr(fitted.log, "metadata", {}).items() for fitted in getattr(fit, "logs", ()))
+    return next((value for items in named for key, value in items if key.casefold() == "plate" and value), None)
 
 
 def _needed(parameters: Mapping[str, Any], name: str) -> float:

@@ -1,20 +1,34 @@
 """What a design promises: margins and step responses over the plants that it answers for, with the controller that runs."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.margins import Margins, margins
+from controller.tracker import SignTracker
 
 SHARE = 0.005  # of the plants that may miss one promise: of margin and settling together, 1 %
 BAND = 0.05  # within which the amplitude counts as settled
+SHOWN = 50  # points of a step response
+LONGEST = 4000  # samples that are looked at
+
+
+class Response(NamedTuple):
+    """|W| from rest at `time` (m,), s: the 5, 50 and 95 % quantiles over the plants, each (m,)."""
+
+    time: np.ndarray
+    low: np.ndarray
+    middle: np.ndarray
+    high: np.ndarray
 
 
 class Promise(NamedTuple):
     """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was asked for) at most;
     margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of each, the 5, 50 and 95 %
-    quantiles over the plants."""
+    quantiles over the plants; `response`: those of the amplitude itself, until twice the settling time."""
 
     settling: float
     overshoot: float
@@ -23,16 +37,18 @@ class Promise(NamedTuple):
     disk: float
     delay: float
     spread: dict[str, tuple[float, float, float]]
+    response: Response
 
 
 def promise(control: Any, plants: Ensemble, sample_time: float, latency: float, amplitude: float, start: float | None) -> Promise:
     """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without one."""
     found = margins(control, plants, sample_time, latency)
-    settling, overshoot = steps(control, plants, sample_time, latency, amplitude, start)
+    W = rises(control, plants, sample_time, latency, amplitude, start)
+    settling, overshoot = judged(W, sample_time, amplitude)
     each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
     worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
     spread = {name: _quantiles(values) for name, values in each.items()}
-    return Promise(**worst, spread=spread)
+    return Promise(**worst, spread=spread, response=_shown(W, sample_time, worst["settling"]))
 
 
 def settling(control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None) -> float:
@@ -55,19 +71,23 @@ def _quantiles(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def steps(
-    control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None, most: int = 4000
+    control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to `amplitude`.
+    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to `amplitude`."""
+    return judged(rises(control, plants, T, latency, amplitude, start), T, amplitude)
+
+
+def rises(control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None) -> np.ndarray:
+    """|W| (m, n) of n plants from rest, at m samples.
 
     The slow envelope of each plant, exact under held inputs; a command takes effect `latency` s after its sample.
     """
-    length = min(int(np.ceil(14 / (np.min(plants.rate) * T) + 20)), most)
     late = int(np.floor(latency / T + 1e-9))
     part = min(max(latency - late * T, 0.0), T)
     Z = np.zeros(len(plants.rate), complex)
     still = (np.zeros_like(plants.rate), np.zeros_like(plants.rate))
     line = [still] * (late + 1)  # commands that were given, the latest first
-    state, rows = control.init(), np.empty((length, len(Z)))
+    state, rows = control.init(), np.empty((min(samples(control, plants, T), LONGEST), len(Z)))
     for row in rows:
         row[:] = np.abs(Z)
         state, command, _ = control.step(state, amplitude, Z, None, np)
@@ -78,7 +98,27 @@ def steps(
             settled = -plants.push * voltage / pole
             Z = settled + (Z - settled) * np.exp(pole * duration)
         line.pop()
-    outside = np.abs(rows - abs(amplitude)) > BAND * abs(amplitude)
-    last = length - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
+    return rows
+
+
+def judged(W: np.ndarray, T: float, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+    """Settling time and overshoot, both (n,), of |W| (m, n); see `steps`."""
+    outside = np.abs(W - abs(amplitude)) > BAND * abs(amplitude)
+    last = len(W) - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
     settling = np.where(outside[-1], np.inf, (last + 1) * T)
-    return settling, np.maximum(np.max(rows, axis=0) / abs(amplitude) - 1, 0.0)
+    return settling, np.maximum(np.max(W, axis=0) / abs(amplitude) - 1, 0.0)
+
+
+def samples(control: Any, plants: Ensemble, T: float) -> int:
+    """After which every plate has come to rest: 14 time constants of the slowest, and what the rule of fixed steps needs to
+    reach the furthest resonance."""
+    rest = 14 / (np.min(plants.rate) * T) + 20
+    if isinstance(control, DQ) and isinstance(control.tracker, SignTracker):
+        rest += control.tracker.every * np.max(np.abs(plants.detuning)) / control.tracker.size
+    return math.ceil(rest)
+
+
+def _shown(W: np.ndarray, T: float, settling: float) -> Response:
+    until = min(len(W), math.ceil(2 * settling / T) + 1) if math.isfinite(settling) else len(W)
+    rows = np.unique(np.linspace(0, until - 1, min(SHOWN, until)).round().astype(int))
+    return Response(rows * T, *np.quantile(W[rows], [0.05, 0.5, 0.95], axis=1))

@@ -11,11 +11,12 @@ from controller.actuator import Dds, Words
 from controller.demodulator import Turn
 from controller.design import Loop
 from controller.dq import DQ
-from controller.fixed import FixedRecord, Twin
+from controller.fixed import FixedRecord
 from controller.rig import Vector
 from controller.scalar import NO_LIMIT, Full, Span
 from controller.source import Timer
 from controller.symbols import Record, Symbol
+from controller.twin import Twin
 
 Precision = Literal["double", "single", "q31", "q15"]
 BITS = {"double": None, "single": None, "q31": 32, "q15": 16}
@@ -35,11 +36,15 @@ class Recorded(NamedTuple):
 
 
 def record(loop: Loop, precision: Precision) -> Recorded:
-    """The step of `loop.machine`: inputs reference, share, wd, wq, temperature, enable, reset."""
+    """The step of `loop.machine`: inputs reference, share, wd, wq, temperature, enable, reset. In fixed point all frequencies,
+    the output too, are counted from f0: a word of 16 bits then resolves hundredths of a Hz instead of one."""
     full = _full(loop) if BITS[precision] else None
-    xp = _recorder(loop, precision)
-    first = loop.machine.init()
-    state, spans = _loaded(xp, first, None if full is None else loop.machine.span(full))
+    xp, turned = _recorder(loop, precision), words(loop)
+    machine = loop.machine
+    if full is not None:
+        machine, turned = centred(machine, loop.f0 or 0.0), turned._replace(start=0.0)
+    first = machine.init()
+    state, spans = _loaded(xp, first, None if full is None else machine.span(full))
 
     def given(name: str, span: Span | None, missing: bool = True) -> Symbol:
         return xp.input(f"in->{name}") if isinstance(xp, Record) else xp.input(f"in->{name}", span, missing)
@@ -48,19 +53,28 @@ def record(loop: Loop, precision: Precision) -> Recorded:
     if full is not None:
         asked, W = Span(-loop.amplitude, loop.amplitude), Span(-full.response, full.response)
         volts = Span(-full.voltage, full.voltage)
-        window = Span(*(loop.limits.frequency or (0.0, 0.0)))
+        window = Span(*(f - (loop.f0 or 0.0) for f in loop.limits.frequency or (0.0, 0.0)))
     temperature = given("temperature", full and full.temperature) if measures_temperature(loop) else None
-    after, command, said = loop.machine.step(
+    after, command, said = machine.step(
         state, given("reference", asked), Vector(given("wd", W), given("wq", W)), temperature, xp,
         share=given("share", Span(0.0, 1.0), False), enable=xp.flag("in->enable"), reset=xp.flag("in->reset"),
     )  # fmt: skip
     output: dict[str, Any] = {"voltage": (None, command.voltage, volts), "frequency": (None, command.frequency, window)}
     output |= {name: (0, getattr(said, name), None) for name in ("fault", "mode")}
-    turned = words(loop).of(command.voltage, command.frequency, xp)
-    output |= {name: (base, v, Span(-1.0, 1.0)) for name, (base, v) in turned.items()}
+    made = turned.of(command.voltage, command.frequency, xp)
+    output |= {name: (base, v, Span(-1.0, 1.0)) for name, (base, v) in made.items()}
     inputs = {"reference": asked, "share": Span(0.0, 1.0), "wd": W, "wq": W}
     inputs |= {} if temperature is None else {"temperature": full and full.temperature}
     return _recorded(xp, precision, first, after, output, spans, inputs)
+
+
+def centred(control: Any, start: float) -> Any:
+    """The same with its frequencies less `start`; None stays None."""
+    if control is None:
+        return None
+    inner = {name: centred(getattr(control, name), start) for name in ("control", "tracker") if hasattr(control, name)}
+    own = {name: getattr(control, name) - start for name in ("start", "lowest", "highest") if hasattr(control, name)}
+    return control._replace(**inner, **own)
 
 
 def record_demodulator(loop: Loop, precision: Precision) -> Recorded:

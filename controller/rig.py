@@ -9,6 +9,10 @@ tracker_period_ms = 1        # the shortest time between two updates of the freq
 timer_MHz = 100              # what makes it: a timer that counts whole ticks; or dds_MHz, the clock of an accumulator of 32 bits;
                              # or frequency_step_Hz, multiples of it
 thermometer = true           # the loop is told the plate's temperature
+coldest_degC = 14            # the plate's temperatures that the promise has to hold for; unless stated the logs' reference alone
+warmest_degC = 39
+force_N = 1.5                # the hardest press, by the fit's finger_damping; or finger = 1, what it adds to the damping, in
+                             # units of the plate's own; unless stated none
 arithmetic = "q31"           # of the exported C: double, single; q31, q15: fixed point in words of 32 or 16 bits
 
 [adc]                        # of the loop's sensor; its samples are what the exported demodulator takes
@@ -122,6 +126,10 @@ class Rig(NamedTuple):
     dac: Dac | None = None
     inverter: Inverter | None = None
     arithmetic: str = "double"
+    coldest: float | None = None  # degC
+    warmest: float | None = None
+    force: float | None = None  # N
+    finger: float | None = None
 
     @classmethod
     def from_toml(cls, path: str | Path, drive_unit: str = "V") -> "Rig":
@@ -135,6 +143,7 @@ class Rig(NamedTuple):
         times = dict.fromkeys(("sample_time", "latency", "tracker_period"), "s")
         sources = dict.fromkeys(("frequency_step", "timer", "dds"), "Hz")
         units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
+        units |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1"}
         values = read.table("", document, units, {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC})
         if tables["sensor"] is not None:
             values["sensor"] = read.sensor(tables["sensor"])
@@ -243,6 +252,13 @@ class _Reader:
             self.refuse("latency", rig.latency, "zero or more")
         if rig.sensor is not None and not (rig.sensor.gain > 0 and rig.sensor.delay >= 0):
             self.refuse("sensor", tuple(rig.sensor), "a gain above zero and a delay of zero or more")
+        for name in ("force", "finger"):
+            if (getattr(rig, name) or 0.0) < 0:
+                self.refuse(name, getattr(rig, name), "zero or more")
+        if rig.force is not None and rig.finger is not None:
+            self.refuse("finger", "force as well", "one of them: each decides the other")
+        if None not in (rig.coldest, rig.warmest) and rig.coldest > rig.warmest:
+            self.refuse("warmest", rig.warmest, f"coldest, {rig.coldest:g}, or more")
         made = [name for name in ("frequency_step", "timer", "dds") if getattr(rig, name) is not None]
         if len(made) > 1:
             self.refuse(made[1], f"{made[0]} as well", "one source of the frequency")

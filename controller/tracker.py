@@ -37,6 +37,11 @@ def _due(tracker: Any, state: TrackerState, reference: Any, W: Any, braked: Any,
     return there, due, due & there & vibrates & xp.logical_not(braked), xp.where(due, 0.0, count)
 
 
+def _ratio(tracker: Any, W: Any, moves: Any, xp: Any) -> Any:
+    """Wq / Wd within +-most; without vibration no division by what may be zero."""
+    return clip(W.imag / xp.where(moves, W.real, 1.0), -tracker.most, tracker.most, xp)
+
+
 class SignTracker(NamedTuple):
     """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f holds at Wq = 0.
 
@@ -83,6 +88,10 @@ class _Estimate(NamedTuple):
     dead_band: float
     k_T: float | None
     temperature: float
+
+    @classmethod
+    def of(cls, tracker: Any) -> "_Estimate":
+        return cls(*(getattr(tracker, name) for name in cls._fields))
 
     def init(self, ratio: float | None) -> TrackerState:
         offset = 0.0 if self.source is None else self.source.first
@@ -142,17 +151,13 @@ class Tracker(NamedTuple):
         beside = 0.0 if self.source is None else 0.5 * self.source.step + self.dead_band
         return (self.max_step + self.share * beside) / self.gain
 
-    @property
-    def _estimate(self) -> _Estimate:
-        return _Estimate(self.start, self.lowest, self.highest, self.source, self.dead_band, self.k_T, self.temperature)
-
     def init(self) -> TrackerState:
         """At the start frequency; the first update comes after one full period."""
-        return self._estimate.init(None)
+        return _Estimate.of(self).init(None)
 
     def span(self, full: Full) -> TrackerState:
         """Where the numbers of the state lie."""
-        return self._estimate.span(full, self.every, None)
+        return _Estimate.of(self).span(full, self.every, None)
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -162,10 +167,10 @@ class Tracker(NamedTuple):
         A measurement that is missing (not finite) when an update is due holds the frequency for that period.
         """
         there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -self.most, self.most, xp)
+        ratio = _ratio(self, W, moves, xp)
         wanted = self.gain * ratio + self.share * (state.offset - state.estimate)
         step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
-        offset, estimate, known = self._estimate.moved(state, step, temperature, xp)
+        offset, estimate, known = _Estimate.of(self).moved(state, step, temperature, xp)
         after = TrackerState(offset, estimate, count, known)
         return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
 
@@ -198,28 +203,24 @@ class PLL(NamedTuple):
     most: float = 3.0  # Wq / Wd beyond which it counts as that
     every: float = 1.0
 
-    @property
-    def _estimate(self) -> _Estimate:
-        return _Estimate(self.start, self.lowest, self.highest, self.source, self.dead_band, self.k_T, self.temperature)
-
     def init(self) -> TrackerState:
         """At the start frequency."""
-        return self._estimate.init(0.0)
+        return _Estimate.of(self).init(0.0)
 
     def span(self, full: Full) -> TrackerState:
         """Where the numbers of the state lie."""
-        return self._estimate.span(full, self.every, Span(-self.most, self.most))
+        return _Estimate.of(self).span(full, self.every, Span(-self.most, self.most))
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
     ) -> tuple[TrackerState, Any, TrackerInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out."""
         there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -self.most, self.most, xp)
+        ratio = _ratio(self, W, moves, xp)
         ratio = xp.where(moves, ratio, state.ratio)
         left = ratio + (state.offset - state.estimate) * (1.0 / self.half_bandwidth)
         wanted = self.lead * (ratio - state.ratio) + self.gain * left
         step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
-        offset, estimate, known = self._estimate.moved(state, step, temperature, xp)
+        offset, estimate, known = _Estimate.of(self).moved(state, step, temperature, xp)
         after = TrackerState(offset, estimate, count, known, ratio)
         return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -156,6 +157,64 @@ def worded(loop, inputs, precision):
     """Inputs in words, what is not finite as the word for that."""
     twin = record(loop, precision).twin
     return {name: twin.word(name, v) if name in twin.points else v for name, v in inputs.items()}
+
+
+def beside_float64(loop, inputs, precision, full):
+    """The outputs of a step in `precision`, and in float64 of the same inputs, all as numbers; readings within +-`full`."""
+    twin = record(loop, precision).twin
+    inputs = inputs | {name: np.clip(inputs[name], -full, full) for name in ("wd", "wq")}
+    if twin is None:
+        given = {name: v.astype(np.float32) if v.dtype.kind == "f" else v for name, v in inputs.items()}
+        found = [in_arrays(loop, given, p) for p in (precision, "double")]
+        return tuple({name: out[name].astype(float) for name in out.dtype.names} for out in found)
+    words = worded(loop, inputs, precision)
+    given, out = unworded(loop, words, precision), in_twin(loop, words, precision)
+    mine = {name: out[name] if name in WHOLE else twin.number(name, out[name]) for name in out.dtype.names}
+    exact = in_arrays(loop, given, "double")
+    return mine | {"frequency": loop.f0 + mine["frequency"]}, {name: exact[name] for name in exact.dtype.names}
+
+
+def together(mine, exact):
+    """Samples until one of the thresholds (of the state machine, of a voltage that brakes, of a source's steps) lies between."""
+    same = (mine["mode"] == exact["mode"]) & ((mine["voltage"] < 0) == (exact["voltage"] < 0))
+    if "ticks" in mine:
+        same &= mine["ticks"] == exact["ticks"]
+    return np.cumprod(same, 1).astype(bool)
+
+
+class Rounding(NamedTuple):
+    """How far from float64 a loop may be after n samples: n `volts`, and `hertz` + n `drift` Hz."""
+
+    volts: float
+    hertz: float
+    drift: float
+
+
+def rounding(loop, precision, full):
+    """By what is rounded in a sample, for readings up to `full`. A PI's integral forgets nothing while it is not clipped, and a
+    clip brings two numbers no further apart: its error grows by what is rounded in a sample, and no faster. A sign that is taken
+    of a word is that of its number; a step of the other trackers is rounded like the PI's. It holds as long as they are
+    `together`, and no gate's threshold lies between."""
+    pi, tracker, twin = loop.law.amplitude, loop.law.tracker, record(loop, precision).twin
+    most = getattr(tracker, "most", 0.0)
+    gains = {"gain": getattr(tracker, "gain", 0.0), "lead": 2 * getattr(tracker, "lead", 0.0)}
+    warm = abs(getattr(tracker, "k_T", None) or 0.0)
+    if twin is None:  # ten operations on what goes up to Kp times the error; the frequency is given out in full
+        eps, largest = 2.0**-24, pi.Kp * (full + loop.amplitude) + loop.limits.voltage
+        far = loop.limits.frequency[1] - loop.limits.frequency[0]
+        update = 8 * eps * (sum(gains.values()) * most + far)
+        return Rounding(10 * eps * largest, loop.f0 * eps, update / tracker.every + 8 * eps * (warm * 60 + far) * (warm > 0))
+    top = 2.0 ** -(twin.bits - 1)
+    volt, asked = (2.0 ** -twin.states[n] for n in ("control_control_amplitude_integral", "asked"))
+    # what is asked, to a word; an error of full scale and the amplitude, its gains to half of their last place; the voltage that
+    # is wanted goes up to eight times the limit, so that its products and sums have words of eight; twice, as Ki and Kp have both
+    room = 2 * (pi.Kp * asked + 2 * (full + loop.amplitude) * pi.Kp * top + 3 * 8 * volt)
+    # an update: Wq/Wd, of which what is below a word is cut off, its gains, and a word for each of sum and product
+    moved = tracker is not None and most > 0
+    word = 2.0 ** -twin.states["control_control_tracker_offset"]
+    update = (sum(gains.values()) * top * 4 + 3 * word) * moved
+    heat = (warm * 2.0 ** -twin.points.get("temperature", 0) + 2 * word) * (warm > 0)
+    return Rounding(room, 2.0 ** -twin.points["frequency"], update / tracker.every + heat)
 
 
 def unworded(loop, inputs, precision):

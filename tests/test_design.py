@@ -20,11 +20,11 @@ T = 1e-4
 PLATE = Plant(0.02, TAU, 32300.0, -10.16)
 
 
-def posterior(seed=0, tau=0.003, logs=()):
-    """4000 draws about the paper's plate; `tau`: its relative spread."""
+def posterior(seed=0, tau=0.003, logs=(), G=0.001):
+    """4000 draws about the paper's plate; `tau`, `G`: their relative spread."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((4, 4, 1000))
-    draws = {"G": 0.02 * np.exp(0.001 * z[0]), "tau": TAU * np.exp(tau * z[1])}
+    draws = {"G": 0.02 * np.exp(G * z[0]), "tau": TAU * np.exp(tau * z[1])}
     draws |= {"f0": 32300 + 0.1 * z[2], "k_T": -10.16 + 0.05 * z[3]}
     known = {name: SimpleNamespace(value=float(v.mean()), determined=True, why=None) for name, v in draws.items()}
     fit = SimpleNamespace(parameters=known, units={"G": "um/V"}, reference_temperature=24.0, logs=logs)
@@ -181,6 +181,58 @@ def test_a_finger_needs_twice_the_voltage():
 def test_a_resonance_that_leaves_the_window_is_refused():
     with pytest.raises(ValueError, match=r"the tracker cannot follow.*32147\.6 to 32300 Hz.*window is 32200 to 32400"):
         controller.design(PLATE, warming=(0.0, 15.0), frequency_window=(32200.0, 32400.0))
+    with pytest.raises(ValueError, match="cannot follow") as error:
+        controller.design(PLATE, warming=(-20.0, 5.0), frequency_window=(32200.0, 32400.0))
+    low, high = nearest(error, "warming = (", ")")
+    assert low == pytest.approx(-100 / 10.16, rel=0.011) and high == 5.0  # a hundredth is kept clear
+    controller.design(PLATE, warming=(low, high), frequency_window=(32200.0, 32400.0))
+
+
+def nearest(error, before="", after=""):
+    """The numbers that a refusal offers."""
+    said = str(error.value).split("nearest that can be had is ")[1].removeprefix(before).removesuffix(after)
+    return [float(v) for v in said.split(",")]
+
+
+def test_a_resonance_too_far_away_to_be_tracked_is_refused():
+    """The tracker rests below a fifth of the amplitude. What 1.2 times the voltage makes so far away beats as it begins, up to
+    twice what it settles at."""
+    given = {"voltage_limit": 120.0, "amplitude": 2.0, "frequency_window": (30000.0, 34600.0)}
+    with pytest.raises(ValueError, match=r"cannot lock: the resonance lies up to 8\d\d\.?\d* Hz beside") as error:
+        controller.design(PLATE, warming=(-80.0, 80.0), **given)
+    low, high = nearest(error, "warming = (", ")")
+    assert 0.1 < 1.2 / math.hypot(1.0, 2 * math.pi * TAU * 10.16 * high) < 0.2 and low == -high
+    # three digits of it are kept
+    assert math.isfinite(controller.design(PLATE, warming=(0.99 * low, 0.99 * high), **given).promise.settling)
+
+
+def test_a_gain_too_little_known_for_the_voltage_is_refused():
+    """The mean plate needs 95 V, the weakest of the logs' plates more than the limit."""
+    unsure, given = posterior(G=0.05), {"voltage_limit": 100.0}
+    with pytest.raises(ValueError, match=r"more than 1 % of the plates.*do not come within 5 %.*limit 100 \(stated\)") as error:
+        controller.design(unsure, amplitude=1.9, **given)
+    weakest = np.quantile(unsure.draws["G"], 0.005)
+    # 0.95 of what the weakest makes at full voltage, within what 400 of its 4000 draws leave open of that quantile
+    assert nearest(error)[0] == pytest.approx(weakest * 100 / 0.95, rel=0.03)
+    unstated = controller.design(unsure, **given)
+    assert unstated.amplitude < 0.9 * controller.design(posterior(), **given).amplitude
+    assert math.isfinite(unstated.promise.settling)
+
+
+def test_the_step_response_is_a_band_about_that_of_the_closed_loop():
+    loop = controller.design(posterior(), voltage_limit=300.0, amplitude=2.0, finger=1.0, guard=False)
+    shown = loop.promise.response
+    inputs = {"drive": Profile.constant(100.0), "frequency": Profile.constant(32300.0)}
+    force = Profile.constant(0.75)  # rho = 0.5, the middle of the range
+    finger = FingerDamping(law="power", exponent=1.0)
+    trace = closed_loops(loop, [Scene(PLATE, inputs | {"force": force}, 200, 1e4, (finger,), fidelity="envelope")], 2.0)[0]
+    W = np.interp(shown.time, trace.time, trace.W)
+    assert (shown.low <= W + 1e-9).all() and (shown.high >= W - 1e-9).all()
+    np.testing.assert_allclose(shown.middle, W, rtol=0, atol=0.02)
+    assert (shown.high - shown.low).max() > 0.1 and len(shown.time) <= 50
+    note = controller.as_dict(loop)["promise"]["step_response"]
+    assert list(note) == ["time_s", "W_5", "W_50", "W_95"]
+    np.testing.assert_allclose(note["W_50"], shown.middle, rtol=1e-4)
 
 
 def test_one_wish_at_a_time():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from replay import SANITIZERS, array_of, full, in_arrays, in_c, in_twin, unworded, worded
+from replay import SANITIZERS, array_of, beside_float64, full, in_c, in_twin, rounding, together, worded
 
 import controller
 from controller import Rig
@@ -125,41 +125,28 @@ def test_c_gives_the_bits_of_its_twin(tmp_path, name, precision):
     for output in mine.dtype.names:
         np.testing.assert_array_equal(theirs[output], mine[output])
     twin = record(loop, precision).twin
-    V, f = twin.number("voltage", mine["voltage"]), twin.number("frequency", mine["frequency"])
+    V, f = twin.number("voltage", mine["voltage"]), 32300.0 + twin.number("frequency", mine["frequency"])
     assert np.abs(V).max() == 150.0 and f.min() >= 32000.0 and f.max() <= 32600.0
     assert set(np.unique(mine["mode"])) == set(range(len(MODES))) and len(np.unique(mine["fault"])) >= 3
     assert (mine["voltage"][(mine["mode"] == 0) | (mine["mode"] == 5)] == 0).all()
 
 
-@pytest.mark.parametrize(("method", "precision"), [("pi", "q31"), ("pi", "q15"), ("paper", "q15")])
-def test_it_is_near_float64(method, precision):
-    """The same words in, as numbers, to float64. A PI's integral forgets nothing while it is not clipped, and a clip brings two
-    numbers no further apart: its error grows by what is rounded in a sample, and no faster. A sign that is taken of a word is
-    that of its number; a step of the other tracker is rounded like the PI's. So the bound holds as long as no threshold (of gate,
-    guard or state machine) lies between a word and its number: looked at are sequences as long as their modes agree."""
-    loop = designed(method=method)
-    inputs = hard(80, 500)
-    inputs |= {name: np.clip(inputs[name], -FULL, FULL) for name in ("wd", "wq")}
-    words = worded(loop, inputs, precision)
-    mine = in_twin(loop, words, precision)
-    exact = in_arrays(loop, unworded(loop, words, precision), "double")
-    twin, pi = record(loop, precision).twin, loop.law.amplitude
-    agree = np.cumprod(mine["mode"] == exact["mode"], 1).astype(bool)
-    assert agree.mean() > 0.99
-    n, top = np.arange(1, 501), 2.0 ** -(twin.bits - 1)
-    volt, asked = (2.0 ** -twin.states[name] for name in ("control_control_amplitude_integral", "asked"))
-    # what is asked, to a word; an error of FULL and the amplitude, its gains to half of their last place; the voltage that is
-    # wanted goes up to eight times the limit, so that its products and sums have words of eight; twice, as Ki and Kp have both
-    room = 2 * (pi.Kp * asked + 2 * (FULL + loop.amplitude) * pi.Kp * top + 3 * 8 * volt)
-    off = np.abs(twin.number("voltage", mine["voltage"]) - exact["voltage"])
-    assert (off <= room * (n + 1))[agree].all()
-    assert off[agree].max() > 0.1 * room  # and it is no bound for another scale
-    tracker, hertz = loop.law.tracker, 2.0 ** -twin.points["frequency"]
-    away = np.abs(twin.number("frequency", mine["frequency"]) - exact["frequency"])
-    # an update: Wq/Wd, of which what is below a word is cut off, its gain, and a word for each of sum and product
-    ratio = 2.0 ** -(twin.bits - 1) * 4 if method == "pi" else 0.0
-    update = 0.0 if method == "paper" else tracker.gain * ratio + 3 * 2.0 ** -twin.states["control_control_tracker_offset"]
-    assert (away <= hertz + (n / tracker.every + 1) * update)[agree].all()
+@pytest.mark.parametrize(
+    ("name", "precision"), [("pi", "q31"), ("pi", "q15"), ("paper", "q15"), ("pll", "q15"), ("pi", "single"), ("pll", "single")]
+)
+def test_it_is_near_float64(name, precision):
+    """The same words in, as numbers, to float64, within what `rounding` derives: looked at are sequences as long as they are
+    together."""
+    loop = designed(**CASES.get(name, {}))
+    mine, exact = beside_float64(loop, hard(80, 500), precision, FULL)
+    agree = together(mine, exact)
+    assert agree.mean() > 0.95
+    room, n = rounding(loop, precision, FULL), np.arange(1, 501)
+    off, away = (np.abs(mine[field] - exact[field]) for field in ("voltage", "frequency"))
+    assert (off <= room.volts * (n + 1))[agree].all()
+    if precision != "single":
+        assert off[agree].max() > 0.1 * room.volts  # and it is no bound for another scale
+    assert (away <= room.hertz + (n + 1) * room.drift)[agree].all()
 
 
 # --- a bench --------------------------------------------------------------------------------------------------------------------
@@ -192,7 +179,8 @@ def played(loop, precision, wanted):
             given = {"reference": wanted, "share": 1.0, "wd": told.real, "wq": told.imag}
             given = {f"in->{n}": twin.word(n, v) for n, v in given.items()} | {"in->enable": True, "in->reset": False}
             state, out = twin.step(state, **given)
-            row = tuple(twin.number(n, out[n]) for n in ("voltage", "frequency", "mode", "fault"))
+            V, f, *rest = (twin.number(n, out[n]) for n in ("voltage", "frequency", "mode", "fault"))
+            row = (V, 32300.0 + f, *rest)
         pole = -1 / TAU + 2j * math.pi * (32340.0 - frequency)
         settled = -0.02 / TAU * pending / pole
         W = settled + (W - settled) * np.exp(pole * T)
@@ -209,8 +197,7 @@ def test_it_finds_starts_runs_and_a_fault_ends_it(precision):
     assert np.abs(V).max() <= 350.0 and f.min() >= 32150.0 and f.max() <= 32490.0
     assert W[:AT].max() < 1.5 * 1.1
     np.testing.assert_allclose(W[AT - 100 : AT].mean(0), 1.5, rtol=0.005)
-    # the tracker's noise, and in 16 bits a word of 1 Hz
-    np.testing.assert_allclose(f[AT - 100 : AT].mean(0), 32340.0, atol=1.0 if precision != "q15" else 2.0)
+    np.testing.assert_allclose(f[AT - 100 : AT].mean(0), 32340.0, atol=1.0)  # the tracker's noise
     for k, (name, (_, within, expected)) in enumerate(REPLAYS.items()):
         begun = int(np.argmax(mode[:, k] == RUN))
         assert 0 < begun < AT - 100 and sorted(set(mode[:begun, k])) == [1, 2, 3]  # find, soft start, lock

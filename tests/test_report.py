@@ -77,6 +77,18 @@ def test_the_screen_says_all_that_was_promised():
     assert max(map(len, screenful.splitlines())) <= screen.WIDTH
 
 
+def test_the_report_shows_what_the_plants_spread():
+    content = document(standin.posterior())
+    rows = {name: cells for name, *cells in text.promised(content["controller"])}
+    promise = content["controller"]["promise"]
+    assert rows["gain margin"] == [f"{v:.3g}" for v in (*promise["quantiles_5_50_95"]["gain_margin"], promise["gain_margin"])]
+    assert rows["settling to 5 %"][-1] == f"{1e3 * promise['settling_s']:.3g} ms"
+    page = html.render(content, standin.posterior())
+    assert "kept by 99 %" in page and 'alt="Step response of the closed loop"' in page
+    undone = {"gain_margin": None, "quantiles_5_50_95": promise["quantiles_5_50_95"] | {"gain_margin": [None] * 3}}
+    assert ["gain margin", *["none"] * 4] in text.promised({"promise": promise | undone})
+
+
 def test_fourteen_logs_fit_on_one_screen():
     logs = [standin.fitted(f"log_with_a_long_name_{i}.csv") for i in range(14)]
     assert len(shown(standin.posterior(logs)).splitlines()) <= 45
@@ -135,7 +147,7 @@ def test_hostile_names_are_text_in_the_report():
     parsed = Page(page)
     assert "script" not in parsed.tags and not [name for name, _ in parsed.attributes if name.startswith("on")]
     sources = [value for name, value in parsed.attributes if name == "src"]
-    assert len(sources) == 4 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert len(sources) == 5 and all(source.startswith("data:image/png;base64,") for source in sources)
     assert "&lt;/script&gt;" in page and "\x1b" not in page
     page.encode()
 
@@ -190,6 +202,6 @@ def test_images_travel_whole():
     posterior = standin.posterior()
     content = document(posterior)
     images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, content["parameters"])
-    images |= costs.ladder_figure(content["uncertainty"]["rungs"])
+    images |= plots.step_figure(content["controller"]) | costs.ladder_figure(content["uncertainty"]["rungs"])
     found = re.findall(r'base64,([^"]+)"', rendered(posterior))
     assert [base64.b64decode(image) for image in found] == list(images.values())

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import ADVICE, cell, clean, derived, gains, grouped, mode, number, row, seconds, taken_for
+from sysid.report.text import ADVICE, cell, clean, derived, gains, grouped, mode, number, promised, row, seconds, taken_for
 
 if TYPE_CHECKING:
     from sysid.posterior import Posterior
@@ -17,7 +17,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     import jinja2
 
     from sysid.report.costs import ladder_figure
-    from sysid.report.plots import PANELS, log_figures, posterior_figure
+    from sysid.report.plots import PANELS, log_figures, posterior_figure, step_figure
 
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
     environment = jinja2.Environment(
@@ -25,12 +25,13 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     )
     environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
     figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
-    figures |= ladder_figure(document["uncertainty"]["rungs"])
+    figures |= step_figure(document["controller"]) | ladder_figure(document["uncertainty"]["rungs"])
     return environment.get_template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),
         remedy=ADVICE.get(document["result"], ""),
         gains=gains(document["controller"]) if document["controller"] else [],
+        promised=promised(document["controller"]) if document["controller"] else [],
         notes=grouped(document["logs"]),
         added=_added(document["logs"]),
         images={title: b64encode(png).decode() for title, png in figures.items()},

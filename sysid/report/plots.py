@@ -65,6 +65,11 @@ def posterior_figure(posterior: "Posterior", parameters: Mapping[str, Mapping[st
     return _drawn([("Posterior", lambda: _corner(posterior, parameters, names), names)])
 
 
+def step_figure(controller: Mapping[str, Any] | None) -> dict[str, bytes]:
+    """PNG image of the promised step response by its title, of controller.json's content; none where there is no controller."""
+    return _drawn([("Step response of the closed loop", lambda: _step(controller), controller)])
+
+
 def _drawn(wanted: Wanted) -> dict[str, bytes]:
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks is shown as boxes
@@ -221,6 +226,22 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]],
                 _mark(axes, "y", names[i], flat[i], parameters[names[i]]["unit"], j == 0)
     high = figure.get_figheight()
     figure.subplots_adjust(1.1 / figure.get_figwidth(), 0.75 / high, 0.985, 1 - 0.08 / high, 0.1, 0.1)
+    return figure
+
+
+def _step(controller: Mapping[str, Any]) -> Figure:
+    """The median over the plants in the band from 5 to 95 % of them, and the 5 % within which it counts as settled."""
+    shown = {name: np.array(values) for name, values in controller["promise"]["step_response"].items()}
+    time, unit = _seconds(shown["time_s"])
+    wanted = controller["range"]["amplitude"]
+    figure = _figure(5.2, 2.2)
+    axes = figure.add_subplot()
+    axes.axhspan(0.95 * wanted, 1.05 * wanted, color=GREY, alpha=0.15, lw=0)
+    axes.fill_between(time, shown["W_5"], shown["W_95"], color=BLUE, alpha=0.3, lw=0)
+    axes.plot(time, shown["W_50"], color=BLUE)
+    axes.set(xlim=(0, time[-1]), ylim=(0, None), xlabel=unit)
+    axes.set_ylabel(clean(f"|W| ({controller['units']['response'] or '1'})"))
+    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97)
     return figure
 
 

@@ -139,6 +139,18 @@ def _promise(controller: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def promised(controller: Mapping[str, Any]) -> list[list[str]]:
+    """Of settling, overshoot and margins: a name, the 5, 50 and 95 % quantiles over the plants, and what 99 % of them keep."""
+    times = [("settling to 5 %", "settling_s"), ("delay margin", "delay_margin_s")]
+    plain = [("overshoot", "overshoot"), ("gain margin", "gain_margin"), ("phase margin, degrees", "phase_margin_deg")]
+    promise = controller["promise"]
+    rows = []
+    for name, key in [times[0], *plain, ("disk margin", "disk_margin"), times[1]]:
+        values = [*promise["quantiles_5_50_95"][key], promise[key]]
+        rows.append([name, *("none" if v is None else seconds(v) if key.endswith("_s") else f"{v:.3g}" for v in values)])
+    return rows
+
+
 def _prefix(value: float) -> tuple[str, float]:
     return next((p for p in PREFIXES if abs(value) * p[1] >= 1), PREFIXES[0 if value == 0 else -1])
 

@@ -1,0 +1,121 @@
+"""Faults of the sensor, and a coarse timer, on random plates:  python benchmarks/faults.py
+
+Writes faults.md beside itself.
+"""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+import controller
+from controller.guard import FAULTS
+from controller.machine import MODES, RUN
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "tests"))
+
+import replay  # noqa: E402
+
+TAU, T, AT, LAST = 5e-3 / math.log(20), 1e-4, 1000, 1000  # samples until the fault, and after it
+PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16)
+LIMIT, WINDOW = 350.0, (32100.0, 32500.0)
+METHODS = ("paper", "pi", "pll", "adaptive")
+REPLAYS = {  # the spoilt reading, of the true and the last one; ms within which the voltage has to end
+    "W = 0": (lambda told, last: 0 * told, 10),
+    "not a number": (lambda told, last: told * math.nan, 10),
+    "stuck": (lambda told, last: last, 50),
+    "q reversed": (lambda told, last: np.conj(told), 50),
+    "none": (lambda told, last: told, None),
+}
+
+
+def bench(control, f0, tau, spoil, samples, switched=True, timer=None):
+    """V, f, mode, fault, |W| (samples, n): n plates of tau and f0 (n,), asked for 1.5 um, noise of 1 %, one sample of latency."""
+    rng, count, xp = np.random.default_rng(0), len(f0), replay.array_of(np.float64)
+    state, W = replay.full(control.init(), count, float), np.zeros(count, complex)
+    voltage, frequency, last, rows = np.zeros(count), np.full(count, 32300.0), W, []
+    knobs = {"enable": np.full(count, True), "reset": np.full(count, False)} if switched else {}
+    for k in range(samples):
+        told = W + 0.015 * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
+        last = told = spoil(told, last) if k >= AT else told
+        state, command, said = control.step(state, 1.5, told, None, xp, **knobs)
+        made = frequency if timer is None else timer / np.round(timer / frequency)
+        pole = -1 / tau + 2j * math.pi * (f0 - made)
+        settled = -0.02 / TAU * voltage / pole
+        W = settled + (W - settled) * np.exp(pole * T)
+        voltage, frequency = command
+        mode = said.mode if switched else np.zeros(count)
+        rows.append((voltage, frequency, mode, said.fault if switched else mode, np.abs(W)))
+    return np.array(rows).transpose(1, 0, 2)
+
+
+def fault_rows(count: int) -> list[str]:
+    rng = np.random.default_rng(1)
+    f0, tau = 32300.0 + rng.uniform(-60, 60, count), TAU * rng.uniform(0.8, 1.2, count)
+    rows = []
+    for method in METHODS:
+        loop = controller.design(PLATE, method=method, voltage_limit=LIMIT, amplitude=1.5, frequency_window=WINDOW)
+        for name, (spoil, within) in REPLAYS.items():
+            V, f, mode, fault, _ = bench(loop.machine, f0, tau, spoil, AT + LAST)
+            running = int((mode[AT - 1] == RUN).sum())
+            driven = 1e3 * T * (V[AT:] != 0).sum(0)  # a latched fault: what was driven lies before it
+            called = ", ".join(sorted({FAULTS[int(c)] if c < len(FAULTS) else "lost" for c in fault[-1]}))
+            latched = bool((V[-1] == 0).all() and (mode[-1] == MODES.index("fault")).all()) if within else "-"
+            inside = bool(np.abs(V).max() <= LIMIT and f.min() >= WINDOW[0] and f.max() <= WINDOW[1])
+            ends = f"{np.median(driven):.1f} | {driven.max():.1f} | {(driven > within).sum()} beyond {within} ms" if within else "- | - | -"
+            rows.append(f"| {method} | {name} | {running} | {ends} | {latched} | {called} | {inside} |")
+    return rows
+
+
+def timer_rows(count: int) -> list[str]:
+    f0, rows = 32300.0 + np.linspace(-10.4, 10.4, count), []
+    for method in METHODS[1:]:
+        rig = controller.Rig(timer=1e8)
+        given = {"voltage_limit": LIMIT, "amplitude": 1.5, "frequency_window": WINDOW, "guard": False}
+        law = controller.design(PLATE, method=method, rig=rig, **given).law
+        _, f, _, _, W = bench(law, f0, np.full(count, TAU), lambda told, last: told, 11000, False, 1e8)
+        lost = 100 * (1 - W[1000:].mean(0) / 1.5)
+        changes = (np.diff(f[1000:], axis=0) != 0).sum(0)
+        rows.append(f"| {method} | {(changes == 1).sum()} | {(changes > 1).sum()} | {lost.max():.3f} | {-lost.min():.3f} | {np.abs(f[-1] - f0).max():.2f} |")
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plates", type=int, default=200)
+    given = parser.parse_args()
+    line = "\n"
+    text = f"""# Faults, and a coarse timer
+
+Made by `python benchmarks/faults.py --plates {given.plates}`. Plates of tau 20 % and f0 60 Hz about the design's, at 10 kHz with one sample of latency; 1.5 um
+asked for, noise of 1 %, voltage up to {LIMIT:g} V, frequencies {WINDOW[0]:g} to {WINDOW[1]:g} Hz.
+
+## Faults
+
+What is exported is switched on; after {1e3 * AT * T:g} ms the reading is spoilt, for another {1e3 * LAST * T:g} ms. Driven: how long the voltage is not zero from
+then on. "none": a sound sensor, as long.
+
+| method | reading | in run before it, of {given.plates} | driven (ms), median | most | plates beyond what is allowed | all latched | called | V and f within limits |
+|---|---|---|---|---|---|---|---|---|
+{line.join(fault_rows(given.plates))}
+
+## A timer of 100 MHz
+
+Its steps are 10.4 Hz; the resonance lies anywhere between two. Over one second, begun 100 ms after the start: on how many of {given.plates}
+plates the frequency changes once, and more often; the most of the mean amplitude that is lost and that is too much; the furthest that it rests beside
+the resonance. The loops hold Wd: beside the resonance |W| is larger.
+
+| method | once | more often | lost (%), most | too much (%), most | beside (Hz), most |
+|---|---|---|---|---|---|
+{line.join(timer_rows(given.plates))}
+"""
+    (HERE / "faults.md").write_text(text, encoding="utf-8")
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
