@@ -10,7 +10,8 @@ complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_
 Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
 plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has
 a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where
-that is longer; it enters as one more row and keeps columns apart that a log cannot separate. An amplitude log,
+that is longer; it enters as one more row and keeps columns apart that a log cannot separate (where a lone step cannot, the priors
+of feedthrough and lateness are narrower: `sysid/coincidence.py`). An amplitude log,
 w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
