@@ -116,6 +116,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     described, doubts = _described(best, found, FINGER[0] in free)
     if "G" in free and (hanging := identify.hangs_on_lateness(best.trials, np.sqrt(best.covariance[0, 0]), tau)):
         doubts = [*doubts, hanging]
+    if FINGER[0] in free and (carried := identify.extrapolated(best.trials)):
+        doubts = [*doubts, carried]
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]
     warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged
