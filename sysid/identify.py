@@ -326,8 +326,8 @@ def extrapolated(trials: Sequence[Trial]) -> str | None:
     if abs(nearest - 1) < NEAR_FULL:
         return None
     return (
-        f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by the"
-        f" law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
+        f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by"
+        f" the law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
     )
 
 

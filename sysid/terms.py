@@ -178,8 +178,8 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
 
 
 ANOTHER_LAW = (
-    "what the finger does grows with its force by another law than the contact area's that is fitted, so that finger_damping holds"
-    " at no force; fit logs of a single force with logs of none"
+    "what the finger does grows with its force by another law than the contact area's that is fitted, so that finger_damping"
+    " holds at no force; fit logs of a single force with logs of none"
 )
 
 
