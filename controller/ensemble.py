@@ -17,12 +17,13 @@ class Ensemble(NamedTuple):
 
     @classmethod
     def of(cls, source: Any, means: dict[str, float], finger: float, warming: tuple[float, float]) -> "Ensemble":
-        """From `source.draws` where there are any, else from the `means`. `finger`: the largest added damping in units of the
-        plate's own; `warming`: degC above the reference temperature, from and to.
+        """From `source.draws` of what has a mean, where there are any, else from the `means`. `finger`: the largest added damping
+        in units of the plate's own; `warming`: degC above the reference temperature, from and to.
 
         Finger and temperature are spread evenly over their ranges, their ends included.
         """
-        draws = {name: np.ravel(values) for name, values in getattr(source, "draws", {}).items()}
+        drawn_by = getattr(source, "draws", {})
+        draws = {name: np.ravel(values) for name, values in drawn_by.items() if name in means}  # f0 is drawn, determined or not
         draws = {name: values[np.linspace(0, len(values) - 1, COUNT).astype(int)] for name, values in draws.items()}
 
         alone = not draws and finger == 0.0 and warming[0] == warming[1]

@@ -30,8 +30,9 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--advise",
-        choices=("G", "tau", "f0", "k_T", "worst"),
-        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst) most per second",
+        choices=("G", "tau", "f0", "k_T", "worst", "margin", "settling"),
+        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst), or betters this"
+        " promise of the closed loop, most per second",
     )
     command.add_argument(
         "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"

@@ -15,6 +15,7 @@ AGREED = 1.01  # split R-hat
 BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
 FIRST, LEAST = 150, 16  # steps before the first look at the criteria, and before any other
 ROUNDS = 100
+MOST = 100  # draws for an effective one: a chain that takes more is stuck, and rounds that double would go on for hours
 
 
 class _Independence(emcee.moves.Move):
@@ -58,7 +59,7 @@ class Chain:
         False where a round would have ended after `until` (perf_counter) and was not begun.
         """
         for _ in range(rounds):
-            if self.reached(effective):
+            if self.reached(effective) or self._sampler.iteration * WALKERS > MOST * effective:
                 break
             done = self._sampler.iteration
             short = 1.05 * done * (effective / max(self.ess, 1.0) - 1.0)  # steps, at the rate seen so far

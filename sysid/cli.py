@@ -13,6 +13,7 @@ import time
 import traceback
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,7 +86,7 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     posterior, drawn = _posterior(logs, arguments, stages, budget)
     loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, arguments.advise, folder, stages, budget)
+        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig), folder, stages, budget)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
@@ -222,24 +223,23 @@ def _write(
     loop: Any,
     warnings: list[str],
     drawn: dict[str, bytes],
-    wanted: str | None,
+    wanted: tuple[str | None, Any],
     folder: Path,
     stages: "Stages",
     budget: "Budget",
 ) -> tuple[dict, str]:
-    """Write the set into `folder`; returns the content of fit.json and its text."""
+    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, and the rig."""
     import controller
     from sysid import outputs
     from sysid.bench import nuisances
     from sysid.bill import bill
     from sysid.comparison import compare
-    from sysid.planning import advise
     from sysid.report import html
 
     with stages("compare", "comparing descriptions"):
         compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
         added = nuisances(posterior.fit)
-        advice = None if wanted is None else advise(posterior.fit, wanted)
+        advice = _advised(posterior.fit, *wanted)
     content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added, advice)
     with outputs.staging(folder) as fresh:
         budget.fresh = fresh
@@ -255,6 +255,19 @@ def _write(
         budget.keep()
         outputs.place(fresh, folder)
     return content, text
+
+
+def _advised(fit: Any, wanted: str | None, rig: Any) -> tuple | None:
+    """What to record next; None where it was not asked for."""
+    if wanted is None:
+        return None
+    import controller
+    from sysid.planning import advise
+
+    try:
+        return advise(fit, wanted, design=partial(controller.design, rig=rig))
+    except ValueError:  # no drive is recorded, or the rig cannot do it, which a warning says already
+        return ()
 
 
 def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) -> None:

@@ -37,6 +37,11 @@ def tightened(state: State, reference: tuple[float, float], free: Sequence[str])
     return tuple(found)
 
 
+def loosened(trial: Trial) -> Trial:
+    """The trial with the priors that it has beside others."""
+    return replace(trial, feedthrough_std=np.inf, late_std=np.inf)
+
+
 def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
     """Whether the error of G is that of lateness: without it, G would be known much better."""
     if "G" not in free or not any(_both(t) for t in state.trials):

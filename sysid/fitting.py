@@ -121,6 +121,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     doubts = doubts if described else [*doubts, *unseen]
     if hangs(best, reference, free):
         doubts = [*doubts, identify.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
+    if FINGER[0] in free and (carried := identify.extrapolated(best.trials)):
+        doubts = [*doubts, carried]
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]
     warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged

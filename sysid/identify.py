@@ -15,9 +15,11 @@ import numpy as np
 from sysid.condense import OFFSET_UNITS
 from sysid.experiment import LEAST_WARMING, Trial
 from sysid.guess import phase_falls
+from sysid.plant import FULL_TOUCH, force_of
 
 RELATIVE = 0.2
 WARMING = 10.0
+NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
@@ -311,6 +313,18 @@ def touched(trial: Trial) -> str | None:
     return (
         f"a force of {np.max(np.abs(trial.log.force)):.2g} N is recorded, and none without it: a finger lowers G and tau by one"
         " factor, which is not known from these logs; add a log with nothing on the plate, or leave this one out"
+    )
+
+
+def extrapolated(trials: Sequence[Trial]) -> str | None:
+    """A sentence when no log holds a force near that of which the finger's parameters are told; else None."""
+    contacts = np.concatenate([t.inputs.contact for t in trials if t.touched])
+    nearest = contacts[np.argmin(np.abs(contacts - 1))]
+    if abs(nearest - 1) < NEAR_FULL:
+        return None
+    return (
+        f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by"
+        f" the law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
     )
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sysid.comparison import Comparison
     from sysid.fitting import FittedLog
+    from sysid.foreseen import Raised
     from sysid.planning import Advice
     from sysid.posterior import Posterior
     from sysid.result import Parameter
@@ -41,7 +42,7 @@ def document(
     warnings: Sequence[str],
     compared: "Sequence[Comparison]" = (),
     added: "Sequence[Mapping[str, Parameter]]" = (),
-    advice: "Sequence[Advice] | None" = None,
+    advice: "Sequence[Advice | Raised] | None" = None,
 ) -> dict[str, Any]:
     """The content of fit.json, with what the bench `added` to each log, and `advice` where it was asked for; `files` and `cost`
     are empty until the other files are written."""
@@ -117,13 +118,18 @@ def _models(compared: "Sequence[Comparison]") -> dict[str, Any]:
     return {"verdict": verdict(compared), "compared": rows}
 
 
-def _advice(a: "Advice") -> dict[str, Any]:
+def _advice(a: "Advice | Raised") -> dict[str, Any]:
     """An experiment to record next, as numbers and as a sentence."""
+    from sysid.planning import Advice
+
     e = a.experiment
     experiment = {"kind": e.kind, "drive": e.drive, "drive_unit": e.unit, "frequency_Hz": e.frequency, "rows": e.rows}
     experiment |= {"temperature_degC": e.temperature, "record_s": e.record}
-    errors = {"parameter": a.parameter, "std_before": a.before, "std_after": a.after, "unit": a.unit}
-    return {"sentence": str(a), **errors, "seconds": a.seconds, "experiment": experiment}
+    if isinstance(a, Advice):
+        found = {"parameter": a.parameter, "std_before": a.before, "std_after": a.after, "unit": a.unit}
+    else:
+        found = {"promise": a.parameter, "before": a.before, "after": a.after, "exactly_known": a.best, "unit": a.unit}
+    return {"sentence": str(a), **found, "seconds": a.seconds, "experiment": experiment}
 
 
 def _plain(value: Any) -> Any:

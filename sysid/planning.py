@@ -1,17 +1,20 @@
-"""Which experiment next: the step or sweep that shrinks the error of one parameter most per second at the bench.
+"""Which experiment next: the step or sweep that shrinks the error of one parameter, or betters what is promised of the closed
+loop, most per second at the bench.
 
 What a log of known noise would tell is known before it is recorded: its Fisher information J^T J about theta, less what its own
 nuisances take (Atkinson, Donev & Tobias, Optimum Experimental Designs, 2007). It adds to that of the logs there are, and the
-error that is then left stands against the seconds that recording takes.
+error that is then left, or what a controller promises with it, stands against the seconds that recording takes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.coincidence import loosened
 from sysid.experiment import Trial, with_noise
 from sysid.fitting import Fit
+from sysid.foreseen import PROMISES, Design, Raised, promised
 from sysid.identify import limits, seconds
 from sysid.log import Log
 from sysid.minimise import NAMES, PLANT
@@ -25,6 +28,7 @@ FINE = 20  # rows per tau, where the logs do not say what the bench can do
 MOST = 4000  # rows of a step
 DWELL = 6.0  # tau at each point of a sweep
 WORTH = 0.95  # of its error is what an experiment must leave of it at most
+EXACT = 1e-16  # variance of what is known exactly
 REST = 0.1  # share of a step's rows before it
 
 
@@ -93,47 +97,92 @@ class Advice:
         """Whether the parameter is determined afterwards."""
         return self.after <= self.limit
 
+    @property
+    def worthwhile(self) -> bool:
+        """Whether the error shrinks by more than a little."""
+        return self.after < WORTH * self.before
+
 
 def advise(
     fit: Fit,
     parameter: str = "worst",
     *,
+    design: Design | None = None,
     drive: float | None = None,
     temperatures: Sequence[float] | None = None,
     setup: float = 10.0,
     warming: float = 600.0,
-) -> tuple[Advice, ...]:
+) -> tuple[Advice | Raised, ...]:
     """What to record next for `parameter` (worst: the one furthest from what counts as determined), the best first: of each kind
     of experiment and temperature the one that shrinks its error most per second, those that settle it before others, none that
     hardly shrinks it.
 
+    Or for what is promised of the closed loop: "margin" (its disk margin), "settling" (its settling time), as `design`, for
+    example `functools.partial(controller.design, finger=1.0)`, promises it of a posterior: the one that raises the margin, or
+    the inverse of the settling time, most per second.
+
     `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default the logs' own and
     AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at the logs' temperature. Noise is that
-    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is not known.
-    Raises ValueError for a parameter that there is not.
+    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is not known, or nothing helps.
+    Raises ValueError for a parameter that there is not, for a promise without a design, and where the design refuses a plate that
+    is known exactly.
     """
-    if parameter not in (*PLANT, "worst"):
-        raise ValueError(f"found {parameter!r}, expected one of {', '.join(PLANT)}, worst")
+    if parameter not in (*PLANT, "worst", *PROMISES):
+        raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
+    if parameter in PROMISES and design is None:
+        raise ValueError(f"{parameter!r} is promised by a design, and none is given; expected design=controller.design")
     bench = _Bench.of(fit)
     if bench is None:
         return ()
-    error = bench.errors(bench.information)
-    known = len(PLANT) if bench.warm else PLANT.index("k_T")  # without a thermometer no experiment tells k_T
-    chosen = PLANT[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
-    index = PLANT.index(chosen)
-    best: dict[tuple, Advice] = {}
+    judge = _promise(bench, parameter, design) if design is not None and parameter in PROMISES else _error(bench, parameter)
+    best: dict[tuple, Advice | Raised] = {}
     for e in bench.experiments(drive, temperatures):
-        after = float(bench.errors(bench.information + bench.told_by(e))[index])
         took = setup + e.record + (warming if bench.elsewhere(e) else 0.0)
-        found = Advice(e, chosen, float(error[index]), after, took, float(bench.limits[index]), fit.units[chosen])
-        key = (e.kind, e.temperature)
-        if found.after < WORTH * found.before:
+        before = bench.beside if e.kind == "sweep" else bench.information
+        found, key = judge(e, before + bench.told_by(e), took), (e.kind, e.temperature)
+        if found.worthwhile:
             best[key] = max(best.get(key, found), found, key=_merit)
     return tuple(sorted(best.values(), key=_merit, reverse=True))
 
 
-def _merit(advice: Advice) -> tuple[bool, float]:
+def _merit(advice: Advice | Raised) -> tuple[bool, float]:
     return advice.settles, advice.rate
+
+
+Judge = Callable[[Experiment, np.ndarray, float], Advice | Raised]  # by the information (6, 6) after it, and its seconds
+
+
+def _error(bench: "_Bench", parameter: str) -> Judge:
+    """By the error of a parameter."""
+    error = bench.errors(bench.information)
+    known = len(PLANT) if bench.warm else PLANT.index("k_T")  # without a thermometer no experiment tells k_T
+    chosen = PLANT[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
+    index, unit = PLANT.index(chosen), bench.fit.units[chosen]
+    before, limit = float(error[index]), float(bench.limits[index])
+    return lambda e, told, took: Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit)
+
+
+def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
+    """By what is promised of the closed loop."""
+
+    def of(covariance: np.ndarray) -> float:
+        try:
+            return promised(bench.fit, covariance, design, PROMISES[name])
+        except ValueError:  # too little is known for a controller
+            return PROMISES[name].without
+
+    best = promised(bench.fit, EXACT * np.eye(len(NAMES)), design, PROMISES[name])
+    before = of(bench.covariance(bench.information))
+    return lambda e, told, took: Raised(e, name, before, of(bench.covariance(told)), best, took)
+
+
+def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
+    """(6, 6) of theta, from the logs of the fit."""
+    state, found = fit.modes[0], np.zeros((len(NAMES), len(NAMES)))
+    for trial, model in zip(trials, state.models, strict=True):
+        jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
+        found += trial.efficiency * jacobian.T @ jacobian
+    return found
 
 
 @dataclass(frozen=True)
@@ -143,6 +192,7 @@ class _Bench:
     fit: Fit
     trials: tuple[Trial, ...]  # with a drive and a frequency
     information: np.ndarray  # (6, 6) of theta, from all logs
+    beside: np.ndarray  # the same beside a sweep: with wide priors of what a lone step does not tell from G
     limits: np.ndarray
     units: np.ndarray  # of the parameters per unit of theta
 
@@ -153,17 +203,20 @@ class _Bench:
         trials = tuple(t for t in state.trials if t.resonant and t.driven)
         if not trials or np.sqrt(state.covariance[1, 1]) > KNOWN:
             return None
-        views = [View(t, m, state, fit.reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
-        jacobians = [np.sqrt(v.trial.efficiency) * v.jacobian for v in views]
+        alone, beside = (_information(t, fit) for t in (state.trials, [loosened(t) for t in state.trials]))
         G, tau = (float(x) for x in np.exp(state.theta[:2]))
         known = limits(G, tau)
         units = np.array([G, tau, 1.0, 1.0, 1.0, 1.0])
-        return cls(fit, trials, sum(j.T @ j for j in jacobians), np.array([known[n] for n in NAMES]), units)
+        return cls(fit, trials, alone, beside, np.array([known[n] for n in NAMES]), units)
+
+    def covariance(self, information: np.ndarray) -> np.ndarray:
+        """(6, 6) of theta, with the little that is known of a parameter of which the logs say nothing."""
+        least = np.diag((self.units / (UNKNOWN * self.limits)) ** 2)
+        return np.linalg.inv(information + least)
 
     def errors(self, information: np.ndarray) -> np.ndarray:
-        """(6,) with the little that is known of a parameter of which the logs say nothing."""
-        least = np.diag((self.units / (UNKNOWN * self.limits)) ** 2)
-        return self.units * np.sqrt(np.diag(np.linalg.inv(information + least)))
+        """(6,) standard deviations of the parameters."""
+        return self.units * np.sqrt(np.diag(self.covariance(information)))
 
     def told_by(self, experiment: Experiment) -> np.ndarray:
         """(6, 6) information of theta that a log of it would hold."""

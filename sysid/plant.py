@@ -110,6 +110,12 @@ def contact(force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: L
     return xp.expm1(-power(force / scale)) / xp.expm1(-power(FULL_TOUCH / scale))
 
 
+def force_of(full: np.ndarray, scale: float = 0.6, exponent: float = 2 / 3) -> np.ndarray:
+    """The force (N) of a saturating `contact`."""
+    share = np.minimum(-full * np.expm1(-((FULL_TOUCH / scale) ** exponent)), 1 - 1e-12)
+    return scale * (-np.log1p(-share)) ** (1 / exponent)
+
+
 class Response(NamedTuple):
     """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a unit start."""
 

@@ -7,7 +7,9 @@ from itertools import chain
 import numpy as np
 
 from sysid.experiment import LEAST_WARMING
+from sysid.minimise import FINGER
 from sysid.perturbed import accumulated
+from sysid.plant import contact, force_of
 from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -37,7 +39,7 @@ class Term:
 
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
     """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
-    return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away), _between(views, free)))
+    return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)))
 
 
 def _of_one(i: int, view: View) -> Iterator[Term]:
@@ -161,7 +163,7 @@ def _later(i: int, view: View) -> Iterator[Term]:
             yield _term(i, "late", shape, LATE.format(log.name, share * c.tau), 1)
 
 
-def _of_all(views: list[View], away: float) -> Iterator[Term]:
+def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
     """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
     reported `away` (degC) from the logs' mean temperature."""
     resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
@@ -181,11 +183,22 @@ def _of_all(views: list[View], away: float) -> Iterator[Term]:
         cubed = {i: _driven(v, v.course.push * (v.trial.inputs.drive[v.trial.inputs.interval] / levels.max()) ** 2)
                  for i, v in enumerate(views) if v.trial.log.drive is not None}  # fmt: skip
         yield Term("drive", cubed, _out_of_proportion)
+    touched = {i: v for i, v in enumerate(views) if v.trial.touched}
+    if touched and FINGER[0] in free:
+        power = {i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np) for i, v in touched.items()}
+        grown = {i: _changed(v, power[i][v.course.hold.interval] * v.plate / v.course.tau) for i, v in touched.items()}
+        yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
             shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+ANOTHER_LAW = (
+    "what the finger does grows with its force by another law than the contact area's that is fitted, so that finger_damping"
+    " holds at no force; fit logs of a single force with logs of none"
+)
 
 
 def _out_of_proportion(value: np.ndarray, _: View) -> str:

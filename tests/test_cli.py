@@ -142,6 +142,14 @@ def test_parameters_are_those_that_the_logs_were_made_from(first):
     assert parameters["k_T"]["value"] is None and "one temperature" in parameters["k_T"]["why"]
 
 
+def test_advice_on_the_margin_names_an_experiment(tmp_path):
+    step = SYNTHETIC / "coloured_step.csv"
+    done = identify("--json", "--accuracy", "quick", "--advise", "margin", step, cwd=tmp_path)
+    best = json.loads(done.out)["advice"][0]
+    assert done.code == 0 and best["promise"] == "margin" and best["before"] < best["after"] <= best["exactly_known"]
+    assert best["sentence"].startswith(f"a {best['experiment']['kind']} ")
+
+
 def test_the_screen_shows_logs_parameters_gains_and_files(first):
     for words in (
         "sweep_24C.csv",

@@ -306,3 +306,15 @@ def test_a_slew_limit_is_kept_and_costs_time():
         trace = closed_loops(loop, [scene])[0]
         assert np.abs(np.diff(trace.V, prepend=0.0)).max() <= 20.0 + 1e-9
         assert trace.W[-1] == pytest.approx(2.0, rel=1e-6)
+
+
+def test_a_resonance_that_is_drawn_but_not_determined_is_left_out():
+    """Two values of f0 fit alike, say: the loop is at resonance, as without a frequency, and still settles."""
+    told = posterior()
+    why = SimpleNamespace(value=None, determined=False, why="two values fit alike")
+    known = told.summary() | {"f0": why, "k_T": why}
+    fit = SimpleNamespace(**vars(told.fit) | {"parameters": known})
+    drawn = controller.design(SimpleNamespace(fit=fit, summary=lambda: known, draws=told.draws))
+    without = {name: told.draws[name] for name in ("G", "tau")}
+    assert drawn.promise == controller.design(SimpleNamespace(fit=fit, summary=lambda: known, draws=without)).promise
+    assert drawn.f0 is None and drawn.promise.settling < 3e-3  # five times the 0.3 tau of the default, and a few samples

@@ -12,7 +12,7 @@ from rich.text import Text
 from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
-NO_ADVICE = "no step or sweep can be laid out: no log has a drive and a frequency, or tau is not known"
+NO_ADVICE = "no step or sweep helps, or none can be laid out: no log has a drive and a frequency, or tau is not known"
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
