@@ -9,6 +9,7 @@ Outliers: a Student-t distribution, whose degrees of freedom are chosen from a f
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, i0e, i1e
@@ -17,6 +18,13 @@ Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
 TIMES = 24  # correlation times that are tried
 TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
+
+
+class Level(NamedTuple):
+    """The noise of one channel: its standard deviation and its correlation time (0: white)."""
+
+    std: float
+    time: float
 
 
 def estimate(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None = None) -> tuple[float, float]:
