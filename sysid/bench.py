@@ -33,7 +33,7 @@ class _Shown(NamedTuple):
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
     the log states; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides) and `start` have d and q as the log
-    records them; `noise` is one channel's standard deviation."""
+    records them; `noise` is one channel's standard deviation, `noise_d` and `noise_q` are those of each where they differ."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
@@ -47,8 +47,11 @@ def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
             if shown := _shown(column.name, view.trial):
                 prior = min(column.prior * shown.factor, ANY_ANGLE if shown.name == "rotation" else np.inf)
                 found[shown.name] = _parameter(float(value) * shown.factor, float(error) * shown.factor, shown.unit, prior)
-    noise = view.trial.noise_std
-    return found | {"noise": _parameter(noise, noise * _relative_error(view.trial), view.trial.log.response_unit, np.inf)}
+    names = ("noise_d", "noise_q") if view.trial.levels else ("noise",)
+    for name, part in zip(names, view.trial.parts, strict=True):
+        dof = freedom(view.trial) / len(names)
+        found[name] = _parameter(part.noise_std, part.noise_std * _relative_error(part, dof), part.log.response_unit, np.inf)
+    return found
 
 
 def _errors(view: View, covariance: np.ndarray) -> np.ndarray:
@@ -88,7 +91,8 @@ def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter
     return Parameter(value, error, interval, unit, True)
 
 
-def _relative_error(trial: Trial) -> float:
-    """Of a noise level: that of `freedom` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
-    square = np.mean(trial.memory()[1:] ** 2) if len(trial.log) > 1 else 0.0
-    return float(np.sqrt((1 + square) / (1 - square) / (2 * freedom(trial))))
+def _relative_error(trial: Trial, dof: float) -> float:
+    """Of a noise level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
+    memory = trial.memory()
+    square = np.mean(memory[1:] ** 2) if len(memory) > 1 else 0.0
+    return float(np.sqrt((1 + square) / (1 - square) / (2 * dof)))

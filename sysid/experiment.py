@@ -9,10 +9,11 @@ import numpy as np
 from scipy.special import gammainc
 
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
-from sysid.likelihood import OWN, Experiment, Groups, Layout, times
+from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
 from sysid.noise import Level
 from sysid.plant import Hold
+from sysid.span import times
 
 NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
@@ -428,7 +429,7 @@ def freedom(trial: Trial) -> float:
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
-    """The trial with a noise level (never below what float64 resolves) and correlation time, of each channel where they differ."""
+    """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
     least = FLOOR * trial.scale
     levels = levels if all(x.std > least for x in levels) else ()
     return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)

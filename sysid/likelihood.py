@@ -30,9 +30,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from sysid.plant import Hold, Leaf, Response, respond, steady
+from sysid.span import Span, best_turn, paired, times
 
-ANGLES = 32  # at which a rotation is tried before Newton's method
-NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
 OWN = 4  # rows of an experiment, its last, for the priors of what depends on the plant
 
 
@@ -199,7 +198,7 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done."""
     if layout.apart:
         return _turned_apart(shapes, gain, x, layout)
-    span = _Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
+    span = Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
     white = _off(_whiten(shapes.forced, x), x)
     left, shape = span.off(x.response), span.off(white)
     overlap = jnp.vdot(shape, left)
@@ -220,11 +219,11 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
 
 def _turned_apart(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     """`_turned` where the noise of d and q differs: h and j h are two columns, whose coefficients are cos phi and sin phi."""
-    span = _Span(_in_parts(_own(shapes, layout), x), real=True)
+    span = Span(_in_parts(_own(shapes, layout), x), real=True)
     white = [_off(_whiten(turn * shapes.forced, x), x) for turn in (1.0, 1j)]
     left, (shape, ahead) = span.off(x.response), (span.off(v) for v in white)
-    turn = jnp.where(x.rotated > 0, _best_turn(left, shape, ahead), 1.0)
-    weights = _paired(span.weights(x.response - turn.real * white[0] - turn.imag * white[1]))
+    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead), 1.0)
+    weights = paired(span.weights(x.response - turn.real * white[0] - turn.imag * white[1]))
     nuisances = (turn, *_filled(weights, layout))
     phase = turn.real * ahead - turn.imag * shape
     share = x.rotated / jnp.maximum(jnp.sum(phase.real**2 + phase.imag**2), 1e-300)
@@ -239,27 +238,12 @@ def _turned_apart(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     return Residual(rows, driven, x.start, x.floor, late, gain, turn), nuisances, off
 
 
-def _best_turn(left: Array, shape: Array, ahead: Array) -> Array:
-    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method."""
-    p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
-    a, b, d = (jnp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
-    tried = 2 * jnp.pi * jnp.arange(ANGLES) / ANGLES
-    c, s = jnp.cos(tried), jnp.sin(tried)
-    phi = tried[jnp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)]
-    for _ in range(NEWTON):
-        c, s = jnp.cos(phi), jnp.sin(phi)
-        slope = (d - a) * c * s + b * (c**2 - s**2) + p * s - q * c
-        bend = (d - a) * (c**2 - s**2) - 4 * b * c * s + p * c + q * s
-        phi = phi - jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
-    return jax.lax.complex(jnp.cos(phi), jnp.sin(phi))
-
-
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
     own = (shapes.forced, *_own(shapes, layout))
-    span = _Span(_in_parts(own, x) if layout.apart else [_held(c, i, x) for i, c in enumerate(own)], real=layout.apart)
+    span = Span(_in_parts(own, x) if layout.apart else [_held(c, i, x) for i, c in enumerate(own)], real=layout.apart)
     weights = span.weights(x.response)
-    weights = _paired(weights) if layout.apart else weights
+    weights = paired(weights) if layout.apart else weights
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _modelled(shapes, nuisances, layout)
     found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
@@ -280,7 +264,7 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     free = [x.start_free, x.start_free, x.floor_free]
     if layout.late:
         own, values, free = [*own, (towards * shapes.rate).real], [*values, x.late], [*free, jnp.ones(())]
-    span = _Span([_held(c, i, x) for i, c in enumerate(own)])
+    span = Span([_held(c, i, x) for i, c in enumerate(own)])
     target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
     found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
     late = found[3] if layout.late else x.late
@@ -300,16 +284,6 @@ def _in_parts(columns: Sequence[Array], x: Experiment) -> list[Array]:
     return [_held(turn * c, i, x, turn) for i, c in enumerate(columns) for turn in (1.0, 1j)]
 
 
-def _paired(weights: Array) -> Array:
-    """Complex coefficients of the real ones that belong to `_in_parts`."""
-    return jax.lax.complex(weights[::2], weights[1::2])
-
-
-def times(a: Leaf, v: Leaf) -> Leaf:
-    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or jax.numpy."""
-    return a.real * v.real + 1j * (a.imag * v.imag) if jnp.iscomplexobj(a) else a * v
-
-
 def _whiten(v: Array, x: Experiment) -> Array:
     """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid); padding is zero."""
     return times(x.now, v) - times(x.before, jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]]))
@@ -320,35 +294,6 @@ def _off(v: Array, x: Experiment) -> Array:
     along = jnp.sum(times(x.basis, v), axis=1)  # a sum, not a matrix product: several times faster for a handful of columns
     made = times(x.basis, along[:, None]) if jnp.iscomplexobj(x.basis) else along[:, None] * x.basis
     return v - jnp.sum(made, axis=0)
-
-
-class _Span:
-    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns. `real`: with
-    real coefficients, of complex columns too."""
-
-    def __init__(self, columns: Sequence[Array], real: bool = False):
-        self.units: list[tuple[Array, Array]] = []
-        self.real = real
-        for i, unit in enumerate(columns):
-            made_of = jnp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
-            for other, weights in 2 * self.units:
-                along = self._along(other, unit)
-                unit, made_of = unit - along * other, made_of - along * weights
-            size = jnp.sqrt(jnp.vdot(unit, unit).real)
-            self.units.append((unit / size, made_of / size))
-
-    def off(self, v: Array) -> Array:
-        for unit, _ in self.units:
-            v = v - self._along(unit, v) * unit
-        return v
-
-    def weights(self, v: Array) -> Array:
-        """Least-squares weights of the columns in `v`."""
-        return sum((self._along(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units)))
-
-    def _along(self, unit: Array, v: Array) -> Array:
-        along = jnp.vdot(unit, v)
-        return along.real if self.real else along
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]

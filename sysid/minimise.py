@@ -1,6 +1,5 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -6,8 +6,8 @@ restricted one, in which what the fit can make of a log is integrated out (Harvi
 of its posterior under a prior flat in its logarithm.
 
 Outliers of white noise: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it
-expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: left out, they
-leave an OU process on another grid. Two channels are one noise until levels of their own are worth it.
+expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: without
+them it is an OU process on another grid. Two channels are one noise until levels of their own are worth it.
 """
 
 from collections.abc import Callable
@@ -136,7 +136,7 @@ def _likeliest(square: np.ndarray, channels: int) -> tuple[float, np.ndarray, fl
 
 
 def apart(residual: np.ndarray, weight: np.ndarray) -> float:
-    """By what the noise of q exceeds that of d, of a white complex residual (n,); 1.0 where that is not worth a number of its own.
+    """Noise of q over that of d, of a white complex residual (n,); 1.0 where that is not worth a number of its own.
 
     `weight` (n,): what `tails` gives. With outliers both levels are those of one elliptical Student-t distribution.
     """

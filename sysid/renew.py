@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from sysid.experiment import Trial, freedom, joined, with_noise
-from sysid.likelihood import times
 from sysid.noise import Level, apart, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
+from sysid.span import times
 
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 
@@ -79,11 +80,10 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
     in each round between the first and HELD."""
     trial = trial if round_ else replace(trial, kept=None, levels=(), tail=None)
-    chosen, clock, ratio = 0 < round_ < HELD, trial.clock, 1.0
+    chosen, clock = 0 < round_ < HELD, trial.clock
     plain = replace(trial, tail=None, kept=None)
     left = times(joined([p.weight for p in plain.parts]), trial.log.response - model)
-    if trial.levels:
-        ratio = trial.levels[1].std / trial.levels[0].std
+    ratio = trial.levels[1].std / trial.levels[0].std if trial.levels else 1.0
     even = _scaled(left, ratio)
 
     def shapes(rows: slice | np.ndarray = slice(None)) -> np.ndarray:
@@ -94,7 +94,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     if chosen:
         weight, efficiency = tails(independent(even, clock, time))
         kept = spikes(even, clock) if efficiency < 1 else None
-    elif time == 0 and trial.tail is not None:
+    elif trial.tail is not None:
         weight, efficiency = trial.tail, trial.efficiency
     plain = replace(plain, kept=kept)
     used, counted = plain.used, freedom(plain)
@@ -102,8 +102,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used))
     if time > 0 or kept is not None:
         weight, efficiency = np.ones(len(left)), 1.0
-    if round_ > 2:
-        time = _halfway(time, trial.noise_time)
+    time = _halfway(time, trial.noise_time) if round_ > 2 else time
     if chosen and np.iscomplexobj(left):
         ratio = apart(independent(left[used], clock[used], time), weight[used])
         if ratio != 1 and efficiency < 1:
@@ -112,11 +111,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
     levels: tuple[Level, ...] = ()
     if ratio != 1:
-        root = np.sqrt(weight[used])
-        by_part = [shapes(used) * turn for turn in (1.0, -1j)] if efficiency == 1 else [None, None]
-        levels = tuple(
-            _level(root * v, clock[used], 0.5 * counted, c) for v, c in zip((left[used].real, left[used].imag), by_part, strict=True)
-        )
+        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if efficiency < 1 else shapes(used))
         if round_ > 2 and trial.levels:
             levels = tuple(x._replace(time=_halfway(x.time, y.time)) for x, y in zip(levels, trial.levels, strict=True))
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
@@ -124,13 +119,16 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     return replace(new, tail=weight if efficiency < 1 else None)
 
 
-def _level(left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None) -> Level:
-    """The noise of one channel, of which the fit can make the real part of complex multiples of `shapes`; None: weighted rows, of
-    white noise."""
-    if shapes is None:
-        return Level(float(np.sqrt(np.sum(left**2) / counted)), 0.0)
-    made = np.concatenate([shapes.real, -shapes.imag], axis=1)
-    return Level(*estimate(left, clock, counted, lambda: made))
+def _levels(left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None) -> tuple[Level, ...]:
+    """The noise of d and of q, in which the fit can make complex multiples of `shapes`; None: weighted rows, of white noise."""
+    found = []
+    for channel, turn in ((left.real, 1.0), (left.imag, -1j)):
+        if shapes is None:
+            found.append(Level(float(np.sqrt(2 * np.sum(channel**2) / counted)), 0.0))
+        else:
+            made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
+            found.append(Level(*estimate(channel, clock, 0.5 * counted, partial(np.asarray, made))))
+    return tuple(found)
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
