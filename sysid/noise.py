@@ -156,6 +156,16 @@ def apart(residual: np.ndarray, weight: np.ndarray) -> float:
     return ratio if worth and 1 / MOST_APART < ratio < MOST_APART else 1.0
 
 
+def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
+    """`apart` of coloured noise, whose channels may differ in level and in correlation time: worth two numbers of their own."""
+    n, channels = float(len(residual)), (residual.real, residual.imag)
+    if len(residual) < 20 or not all(np.any(v) for v in channels):
+        return 1.0
+    worth = sum(log_likelihood(v, clock, n) for v in channels) - log_likelihood(residual, clock, 2 * n) > WORTH + 1
+    d, q = (_fitted(v, clock, n, None)[0] for v in channels)
+    return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
+
+
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
     """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from sysid.experiment import Trial, freedom, joined, with_noise
-from sysid.noise import Level, apart, estimate, independent, rice_spread, spikes, tails
+from sysid.noise import Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.span import times
 
@@ -104,7 +104,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         weight, efficiency = np.ones(len(left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
     if chosen and np.iscomplexobj(left):
-        ratio = apart(independent(left[used], clock[used], time), weight[used])
+        ratio = apart_in_colour(left[used], clock[used]) if time > 0 else apart(left, weight)
         if ratio != 1 and efficiency < 1:
             weight, efficiency = tails(_scaled(left, ratio))
     if efficiency < 1:
