@@ -126,9 +126,16 @@ def _levels(left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndar
         if shapes is None:
             found.append(Level(float(np.sqrt(2 * np.sum(channel**2) / counted)), 0.0))
         else:
-            made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
+            made = _orthonormal(np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1))
             found.append(Level(*estimate(channel, clock, 0.5 * counted, partial(np.asarray, made))))
     return tuple(found)
+
+
+def _orthonormal(columns: np.ndarray) -> np.ndarray:
+    """A basis of columns (n, K) of which some may be zero or alike: in one channel those that differ by their phase alone are."""
+    size = np.linalg.norm(columns, axis=0)
+    u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    return u[:, s > 1e-6 * s[0]] if len(s) else u
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
