@@ -112,20 +112,25 @@ def response(plant, inputs: Inputs, bench: Bench = Bench()) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Noise:
-    """`std` per channel; `memory`: correlation from row to row; `outliers`: share of the rows whose noise is ten times as large."""
+    """`std` per channel; `memory`: correlation from row to row; `outliers`: share of the rows whose noise is ten times as large, or
+    that of coloured noise to which ten times as much is added; `channels`: by what the noise of d and of q is larger than `std`."""
 
     std: float = 0.01
     memory: float = 0.0
     outliers: float = 0.0
+    channels: tuple[float, float] = (1.0, 1.0)
 
     def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Complex noise (n,), stationary, alike in both channels."""
-        white = self.std * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-        if self.outliers:
+        """Complex noise (n,), stationary."""
+        white = self.std * (self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n))
+        if self.outliers and not self.memory:
             return np.where(rng.random(n) < self.outliers, 10.0, 1.0) * white
         noise = white.copy()
         for k in range(1, n):
             noise[k] = self.memory * noise[k - 1] + np.sqrt(1 - self.memory**2) * white[k]
+        if self.outliers:
+            size = 10 * self.std * (rng.random(n) < self.outliers)
+            noise += size * (self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n))
         return noise
 
 
@@ -143,7 +148,7 @@ def informative(noise: Noise, size: np.ndarray, amplitude_only: bool) -> np.ndar
             density = x * np.exp(-0.5 * (x - a) ** 2) * i0e(a * x)
             found.append(np.trapezoid(density * (x * i1e(a * x) / i0e(a * x) - a) ** 2, x))
         return np.sqrt(found)
-    if not noise.outliers:
+    if not noise.outliers or noise.memory:  # no bound is known for outliers on top of coloured noise: that without them
         return np.ones_like(size)
     parts = [(1 - noise.outliers, 1.0), (noise.outliers, 10.0)]
     density = sum(share / s**2 * np.exp(-0.5 * (w / s) ** 2) for share, s in parts)
@@ -188,7 +193,7 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
         rows = derivatives(inputs, bench, nuisances)
         z = response(PLANT, inputs, bench)
         weight = informative(case.noise, np.abs(z), inputs.amplitude_only) / case.noise.std
-        parts.append({(i if name not in NAMES else -1, name): _real(v, z, weight, case.noise.memory, inputs)
+        parts.append({(i if name not in NAMES else -1, name): _real(v, z, weight, case.noise, inputs)
                       for name, v in rows.items()})  # fmt: skip
         labels += [label for label in parts[-1] if label not in labels]
     jacobian = np.concatenate([np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts])
@@ -206,13 +211,13 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
     return dict(zip(labels, std, strict=True))
 
 
-def _real(change: np.ndarray, z: np.ndarray, weight: np.ndarray, memory: float, inputs: Inputs) -> np.ndarray:
+def _real(change: np.ndarray, z: np.ndarray, weight: np.ndarray, noise: Noise, inputs: Inputs) -> np.ndarray:
     """Real rows of a change, whitened, in units of the noise."""
     if inputs.amplitude_only:
         return weight * (change * z.conj()).real / np.abs(z)
-    white = weight * (change - memory * np.append(0, change[:-1])) / np.sqrt(1 - memory**2)
+    white = weight * (change - noise.memory * np.append(0, change[:-1])) / np.sqrt(1 - noise.memory**2)
     white[0] = weight[0] * change[0]
-    return np.concatenate([white.real, white.imag])
+    return np.concatenate([white.real / noise.channels[0], white.imag / noise.channels[1]])
 
 
 # --- cases ------------------------------------------------------------------------------------------------------------
@@ -247,6 +252,13 @@ def cases() -> Iterator[Case]:
     yield Case("correlation 0.9, sweep", (sweep(),), Noise(memory=0.9))
     for name, logs in {"step": one, "sweep": (sweep(),)}.items():
         yield Case(f"5 % outliers, {name}", logs, Noise(outliers=0.05))
+    for memory in (0.5, 0.9):
+        for name, logs in {"step of 400 rows": (step(400),), "sweep": (sweep(),)}.items():
+            yield Case(f"5 % outliers on correlation {memory}, {name}", logs, Noise(memory=memory, outliers=0.05), bounded=False)
+    for channels, what in (((3.0, 1.0), "d noise 3 times q noise"), ((1.0, 3.0), "q noise 3 times d noise")):
+        for name, logs in {"step": one, "sweep": (sweep(),), "step + sweep": two}.items():
+            yield Case(f"{what}, {name}", logs, Noise(channels=channels))
+        yield Case(f"{what}, correlation 0.9, step of 400 rows", (step(400),), Noise(memory=0.9, channels=channels))
     warm = tuple(make(temperature=t) for t in (20.0, 24.0, 30.0) for make in (step, sweep))
     yield Case("joint, 3 steps + 3 sweeps at 20, 24, 30 degC", warm)
     for std in (0.01, 0.03, 0.1, 0.2):

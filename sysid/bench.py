@@ -33,7 +33,8 @@ class _Shown(NamedTuple):
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
     the log states; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides) and `start` have d and q as the log
-    records them; `noise` is one channel's standard deviation."""
+    records them; `noise` is one channel's standard deviation; where those of d and q differ it is their
+    root mean square, with `noise_d` and `noise_q` beside it."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
@@ -47,8 +48,19 @@ def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
             if shown := _shown(column.name, view.trial):
                 prior = min(column.prior * shown.factor, ANY_ANGLE if shown.name == "rotation" else np.inf)
                 found[shown.name] = _parameter(float(value) * shown.factor, float(error) * shown.factor, shown.unit, prior)
-    noise = view.trial.noise_std
-    return found | {"noise": _parameter(noise, noise * _relative_error(view.trial), view.trial.log.response_unit, np.inf)}
+    return found | _noises(view.trial)
+
+
+def _noises(trial: Trial) -> dict[str, Parameter]:
+    """The level of the noise and, where d and q have their own, of each; the former is then their root mean square."""
+    unit, parts = trial.log.response_unit, trial.parts
+    stds = np.array([p.noise_std for p in parts])
+    errors = stds * [_relative_error(p, freedom(trial) / len(parts)) for p in parts]
+    both = float(np.linalg.norm(stds * errors) / np.linalg.norm(stds) / np.sqrt(len(parts)))
+    found = {"noise": _parameter(trial.noise_std, both, unit, np.inf)}
+    for name, std, error in zip(("noise_d", "noise_q"), stds, errors, strict=False):
+        found |= {name: _parameter(float(std), float(error), unit, np.inf)} if trial.levels else {}
+    return found
 
 
 def _shown(name: str, trial: Trial) -> _Shown | None:
@@ -79,7 +91,8 @@ def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter
     return Parameter(value, error, interval, unit, True)
 
 
-def _relative_error(trial: Trial) -> float:
-    """Of a noise level: that of `freedom` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
-    square = np.mean(trial.memory()[1:] ** 2) if len(trial.log) > 1 else 0.0
-    return float(np.sqrt((1 + square) / (1 - square) / (2 * freedom(trial))))
+def _relative_error(trial: Trial, dof: float) -> float:
+    """Of a noise level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
+    memory = trial.memory()
+    square = np.mean(memory[1:] ** 2) if len(memory) > 1 else 0.0
+    return float(np.sqrt((1 + square) / (1 - square) / (2 * dof)))

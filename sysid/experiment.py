@@ -11,7 +11,9 @@ from scipy.special import gammainc
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
+from sysid.noise import Level
 from sysid.plant import Hold
+from sysid.span import times
 
 NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
@@ -31,6 +33,7 @@ class Trial:
     spacing: float = 0.0  # s, from row to row of the file
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
+    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
     start: complex = 0.0  # of an amplitude log
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
@@ -41,6 +44,7 @@ class Trial:
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
+    kept: np.ndarray | None = field(default=None, repr=False)  # rows that are no outliers of coloured noise, where it has any
     efficiency: float = 1.0  # information of a row over that of one whose noise is normal and of the same level
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
@@ -57,9 +61,10 @@ class Trial:
         if self.whole is None:
             return self
         log, inputs, count = prepare(self.whole, self.kind, len(self.whole))
-        time = self.noise_time * (1.0 if log.time is not None else len(log) / len(self.log))  # in rows where no time is recorded
-        plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=time)
-        return replace(plain, level=None, spread=None, tail=None, efficiency=1.0)
+        rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
+        levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
+        plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
+        return replace(plain, level=None, spread=None, tail=None, kept=None, efficiency=1.0)
 
     @property
     def steady(self) -> bool:
@@ -152,16 +157,43 @@ class Trial:
         level = np.abs(self.log.response) if self.level is None else self.level
         return weight * self.scale / np.maximum(level, 1e-4 * self.scale)
 
-    def memory(self) -> np.ndarray:
-        """Correlation of the noise with the row before."""
+    @property
+    def parts(self) -> tuple["Trial", ...]:
+        """The trial as each channel has it, d and q, where their noise differs; else itself."""
+        return tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=()) for x in self.levels) or (self,)
+
+    @property
+    def used(self) -> slice | np.ndarray:
+        """The rows that are not left out as outliers."""
+        return slice(None) if self.kept is None else np.flatnonzero(self.kept)
+
+    @property
+    def order(self) -> np.ndarray:
+        """The rows as an experiment has them, those that are left out last."""
+        return np.arange(len(self.log)) if self.kept is None else np.argsort(~self.kept, kind="stable")
+
+    @property
+    def left_out(self) -> int:
+        """How many rows are."""
+        return 0 if self.kept is None else int(np.sum(~self.kept))
+
+    def memory(self, keep: slice | np.ndarray | None = None) -> np.ndarray:
+        """Correlation of the noise of each used row, or of those of `keep`, with the one before."""
+        clock = self.clock[self.used if keep is None else keep]
         if self.noise_time <= 0:
-            return np.zeros(len(self.log))
-        rho = np.exp(-np.diff(self.clock) / self.noise_time)
+            return np.zeros(len(clock))
+        rho = np.exp(-np.diff(clock) / self.noise_time)
         return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
 
-    def whitening(self) -> tuple[np.ndarray, np.ndarray]:
-        """(a, b) of the whitened rows a_k v_k - b_k v_(k-1), in units of the noise (OU, any time grid)."""
-        memory, weight = self.memory(), self.weight / (self.noise_std or 0.05 * self.scale)
+    def whitening(self, keep: slice | np.ndarray | None = None, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """(a, b) of `whitened`, of the used rows or those of `keep`, in units of the noise (OU, any time grid): complex where d
+        and q have their own. `coloured`: False to leave what neighbours share."""
+        if self.levels:
+            now, before = zip(*(p.whitening(keep, coloured) for p in self.parts), strict=True)
+            return joined(now), joined(before)
+        keep = self.used if keep is None else keep
+        weight = self.weight[keep] / (self.noise_std or 0.05 * self.scale)
+        memory = self.memory(keep) if coloured else np.zeros(len(weight))
         left = np.sqrt(1 - memory**2)
         return weight / left, memory * np.roll(weight, 1) / left
 
@@ -227,26 +259,24 @@ class Trial:
         radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
         return min(radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian)), self.late_std)
 
-    def span(self, keep: slice | np.ndarray = slice(None)) -> tuple[np.ndarray, np.ndarray]:
-        """Orthonormal basis (n + K, K) of the whitened columns, each with its prior's row, and the triangle R that made it."""
-        now, before = (v[keep] for v in self.whitening())
-        columns = self.columns[:, keep]
-        white = now * columns - before * np.roll(columns, 1, axis=1)
-        return np.linalg.qr(np.concatenate([white.T, np.diag([1 / self.prior(name) for name in self.shapes])]))
-
     def prior(self, shape: str) -> float:
         """Standard deviation of the prior of a shape's coefficient, in the unit of the response."""
         return min(self.looseness, self.feedthrough_std) if shape == "feedthrough" else self.looseness
+
+    def spans(self, keep: slice | np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each part: orthonormal basis (n + K, K) of the whitened columns, with each one's prior, and the triangle R of it."""
+        columns = self.columns[:, self.used if keep is None else keep]
+        prior = np.diag([1 / self.prior(name) for name in self.shapes])
+        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening(keep)).T, prior])) for p in self.parts]
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
         """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
         if not len(self.columns):
             return driven
-        basis, triangle = self.span()
-        now, before = self.whitening()
-        left = self.log.response - driven
-        white = now * left - before * np.roll(left, 1)
-        return driven + np.linalg.solve(triangle, basis[: len(left)].T @ white) @ self.columns
+        white = whitened((self.log.response - driven)[self.used], *self.whitening())
+        channels = (white.real, white.imag) if self.levels else (white,)
+        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans(), channels, strict=True)]
+        return driven + joined(found) @ self.columns
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
@@ -254,6 +284,16 @@ class Trial:
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
         offset = np.where(known, 2 * np.pi * reference[0] - self.inputs.omega, 0.0)
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
+
+
+def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """One array of those of each part: that of q is its imaginary part."""
+    return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
+
+
+def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """now_k v_k - before_k v_(k-1) of rows (..., n)."""
+    return times(now, v) - times(before, np.roll(v, 1, axis=-1))
 
 
 def group(
@@ -264,7 +304,7 @@ def group(
     `low_q`: with the fast mode's ripple. `search`: as a search for starting values wants it, with a gain of its own for every
     log, and no more than SEARCH_ROWS of its rows.
     """
-    kept = [_thin(t) if search else np.arange(len(t.log)) for t in trials]
+    kept = [_thin(t) if search else t.order for t in trials]
     rows = _sizes([len(k) + SPARE for k in kept], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
     intervals = FEW if most <= FEW else _bucket(most, 64)
@@ -334,22 +374,22 @@ def _experiment(
     carrier = moving and trial.log.theta is not None
     late = not (search or trial.steady or carrier)
     both, order = moving and low_q and not carrier, 0 if search else trial.smoothing[1]
-    layout = Layout(amplitude, own_gain, both, carrier, late, trial.touched, order, trial.steady, rows, intervals)
     if search:
-        trial = replace(trial, noise_time=0.0)
-    now, before = (v[keep] for v in trial.whitening())
-    y = trial.log.response[keep] if amplitude else np.asarray(trial.log.response[keep], complex)
-    y = now * y - before * np.roll(y, 1)
-    used, _ = trial.span(keep)
-    basis = np.zeros((COLUMNS, rows))
-    basis[: used.shape[1], : len(used)] = used.T
-    y = _pad(y, rows)
+        trial = replace(trial, noise_time=0.0, levels=(), kept=None)
+    apart = bool(trial.levels)
+    layout = Layout(amplitude, own_gain, both, carrier, late, trial.touched, apart, order, trial.steady, rows, intervals)
+    used = keep[: len(keep) - trial.left_out]
+    now, before = trial.whitening(used)
+    y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
+    y = _pad(whitened(y, now, before), rows)
+    bases = [_pad_rows(q, rows) for q, _ in trial.spans(used)]
+    channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(
         hold=_padded_hold(hold, keep, keep if trial.steady else slice(None), rows, intervals),
-        response=y - (basis @ y) @ basis,
+        response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
         before=_pad(before, rows),
-        basis=basis,
+        basis=joined(bases),
         tightness=np.asarray(1 / trial.looseness),
         freedom=np.asarray(trial.efficiency * freedom(trial)),
         rounding=np.asarray(trial.rounding),
@@ -361,6 +401,12 @@ def _experiment(
         start_free=np.asarray(float(trial.start_free)),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
     )
+
+
+def _pad_rows(basis: np.ndarray, rows: int) -> np.ndarray:
+    padded = np.zeros((COLUMNS, rows))
+    padded[: basis.shape[1], : len(basis)] = basis.T
+    return padded
 
 
 def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
@@ -383,12 +429,13 @@ def freedom(trial: Trial) -> float:
     """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        return float(max(len(trial.log) - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
+        return float(max(len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + 2 * late
-    return float(max(2 * len(trial.log) - taken, 1))
+    return float(max(2 * (len(trial.log) - trial.left_out) - taken, 1))
 
 
-def with_noise(trial: Trial, std: float, time: float) -> Trial:
-    """The trial with a noise level (never below what float64 resolves) and correlation time."""
+def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
+    """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
     least = FLOOR * trial.scale
-    return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0)
+    levels = levels if all(x.std > least for x in levels) else ()
+    return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)

@@ -12,6 +12,7 @@ from sysid.guess import candidates
 from sysid.log import Log
 from sysid.minimise import FINGER, NAMES, PLANT, Minimiser, State
 from sysid.misfit import Found, misfits
+from sysid.noise import Level
 from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.result import Parameter, Result
@@ -32,6 +33,8 @@ class FittedLog:
     noise_std: float
     noise_time: float  # correlation time of the noise, s (rows where no time is recorded); 0: white
     description: str
+    noise: str  # what it was taken for, in words
+    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
 
 
 @dataclass(frozen=True)
@@ -237,6 +240,8 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
                 noise_std=trial.noise_std,
                 noise_time=trial.noise_time,
                 description=identify.describe(trial),
+                noise=identify.noise(trial),
+                levels=trial.levels,
             )
         )
     return tuple(fitted)

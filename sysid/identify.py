@@ -249,6 +249,29 @@ def describe(trial: Trial) -> str:
     return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
 
 
+def noise(trial: Trial) -> str:
+    """What the noise of a log was taken for, in a few words."""
+    unit, parts = trial.log.response_unit, trial.parts
+    colours = [_colour(p) for p in parts]
+    said = colours[0]
+    if len(parts) == 2:
+        apart = [f"{p.noise_std:.3g} {unit} in {channel}" for p, channel in zip(parts, "dq", strict=True)]
+        if colours[0] == colours[1]:
+            said = f"{', '.join(apart)}, {colours[0]}"
+        else:
+            said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
+    if trial.left_out:
+        return f"{said}, {trial.left_out} outliers left out"
+    return said if trial.tail is None else f"{said}, with outliers"
+
+
+def _colour(trial: Trial) -> str:
+    if trial.noise_time == 0:
+        return "white"
+    over = f"{trial.noise_time:.2g} rows" if trial.log.time is None else seconds(trial.noise_time)
+    return f"correlated over {over}"
+
+
 def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> str | None:
     """A sentence when the residual of a log holds more than noise, by an amount that could matter; else None."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))

@@ -14,6 +14,9 @@ that is longer; it enters as one more row and keeps columns apart that a log can
 of feedthrough and lateness are narrower: `sysid/coincidence.py`). An amplitude log,
 w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
 
+Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
+real ones, two for each: the same shapes, and j times them.
+
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
 log p = -sum_logs (degrees of freedom / 2) log S.
 """
@@ -28,6 +31,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from sysid.plant import Hold, Leaf, Response, respond, steady
+from sysid.span import Span, best_turn, paired, times
 
 OWN = 4  # rows of an experiment, its last, for the priors of what depends on the plant
 
@@ -41,6 +45,7 @@ class Layout(NamedTuple):
     carrier: bool  # its phase is known where the inputs change
     late: bool  # a transient, by an unknown time
     touched: bool  # a finger's force is recorded
+    apart: bool  # the noise of d and q differs
     order: int  # poles of the lock-in's filter
     steady: bool  # settled points
     rows: int
@@ -52,7 +57,8 @@ class Experiment(NamedTuple):
 
     `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`, `before` (N,) of
     the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N): orthonormal, of the whitened
-    columns that do not depend on the plant, with a row for each one's prior. `tightness`: one over the standard deviation of
+    columns that do not depend on the plant, with a row for each one's prior. Where the noise of d and q differs, these three are
+    complex: real parts act on d, imaginary ones on q. `tightness`: one over the standard deviation of
     the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
     `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
     over that of the other nuisances; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3,
@@ -191,7 +197,9 @@ def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
 
 def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done."""
-    span = _Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
+    if layout.apart:
+        return _turned_apart(shapes, gain, x, layout)
+    span = Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
     white = _off(_whiten(shapes.forced, x), x)
     left, shape = span.off(x.response), span.off(white)
     overlap = jnp.vdot(shape, left)
@@ -210,11 +218,33 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     return Residual(left - turn * shape, driven, x.start, x.floor, late, gain, turn), nuisances, off
 
 
+def _turned_apart(shapes: Response, gain: Array, x: Experiment, layout: Layout):
+    """`_turned` where the noise of d and q differs: h and j h are two columns, whose coefficients are cos phi and sin phi."""
+    span = Span(_in_parts(_own(shapes, layout), x), real=True)
+    white = [_off(_whiten(turn * shapes.forced, x), x) for turn in (1.0, 1j)]
+    left, (shape, ahead) = span.off(x.response), (span.off(v) for v in white)
+    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead), 1.0)
+    weights = paired(span.weights(x.response - turn.real * white[0] - turn.imag * white[1]))
+    nuisances = (turn, *_filled(weights, layout))
+    phase = turn.real * ahead - turn.imag * shape
+    share = x.rotated / jnp.maximum(jnp.sum(phase.real**2 + phase.imag**2), 1e-300)
+
+    def off(v: Array) -> Array:
+        v = span.off(_off(v, x))
+        return v - share * jnp.vdot(phase, v).real * phase
+
+    driven = _modelled(shapes, nuisances, layout)
+    late = (nuisances[2] * jnp.conj(turn)).real
+    rows = left - turn.real * shape - turn.imag * ahead
+    return Residual(rows, driven, x.start, x.floor, late, gain, turn), nuisances, off
+
+
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
     own = (shapes.forced, *_own(shapes, layout))
-    span = _Span([_held(c, i, x) for i, c in enumerate(own)])
+    span = Span(_in_parts(own, x) if layout.apart else [_held(c, i, x) for i, c in enumerate(own)], real=layout.apart)
     weights = span.weights(x.response)
+    weights = paired(weights) if layout.apart else weights
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _modelled(shapes, nuisances, layout)
     found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
@@ -235,51 +265,36 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     free = [x.start_free, x.start_free, x.floor_free]
     if layout.late:
         own, values, free = [*own, (towards * shapes.rate).real], [*values, x.late], [*free, jnp.ones(())]
-    span = _Span([_held(c, i, x) for i, c in enumerate(own)])
+    span = Span([_held(c, i, x) for i, c in enumerate(own)])
     target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
     found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
     late = found[3] if layout.late else x.late
     return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, late, gain, now[0]), now, span.off
 
 
-def _held(column: Array, i: int, x: Experiment) -> Array:
-    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on the plant."""
+def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
+    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on the plant. `turn`: by
+    what the column is turned, and its prior with it."""
     prior = (jnp.arange(len(column)) == len(column) - 1 - i).astype(column.dtype)
+    prior = prior if turn == 1.0 else turn * prior
     return _off(_off(_whiten(column, x) + x.tightness * prior, x), x)  # twice is enough
+
+
+def _in_parts(columns: Sequence[Array], x: Experiment) -> list[Array]:
+    """`_held` of columns with real coefficients: of each, and of j times it."""
+    return [_held(turn * c, i, x, turn) for i, c in enumerate(columns) for turn in (1.0, 1j)]
 
 
 def _whiten(v: Array, x: Experiment) -> Array:
     """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid); padding is zero."""
-    return x.now * v - x.before * jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]])
+    return times(x.now, v) - times(x.before, jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]]))
 
 
 def _off(v: Array, x: Experiment) -> Array:
     """`v` less its part in the span of the columns that do not depend on the plant."""
-    along = jnp.sum(x.basis * v, axis=1)  # a sum, not a matrix product: several times faster for a handful of columns
-    return v - jnp.sum(along[:, None] * x.basis, axis=0)
-
-
-class _Span:
-    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns."""
-
-    def __init__(self, columns: Sequence[Array]):
-        self.units: list[tuple[Array, Array]] = []
-        for i, unit in enumerate(columns):
-            made_of = jnp.eye(len(columns), dtype=unit.dtype)[i]
-            for other, weights in 2 * self.units:
-                along = jnp.vdot(other, unit)
-                unit, made_of = unit - along * other, made_of - along * weights
-            size = jnp.sqrt(jnp.vdot(unit, unit).real)
-            self.units.append((unit / size, made_of / size))
-
-    def off(self, v: Array) -> Array:
-        for unit, _ in self.units:
-            v = v - jnp.vdot(unit, v) * unit
-        return v
-
-    def weights(self, v: Array) -> Array:
-        """Least-squares weights of the columns in `v`."""
-        return sum((jnp.vdot(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units)))
+    along = jnp.sum(times(x.basis, v), axis=1)  # a sum, not a matrix product: several times faster for a handful of columns
+    made = times(x.basis, along[:, None]) if jnp.iscomplexobj(x.basis) else along[:, None] * x.basis
+    return v - jnp.sum(made, axis=0)
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]

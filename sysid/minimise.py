@@ -1,7 +1,6 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -9,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from sysid.experiment import LEAST_WARMING, Trial, freedom, group, with_noise
+from sysid.experiment import LEAST_WARMING, Trial, group, with_noise
 from sysid.likelihood import linearised, rows
-from sysid.noise import estimate, rice_spread, tails
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
+from sysid.renew import update
 from sysid.start import Search, joint, local
 
 PLANT = ("G", "tau", "f0", "k_T")
@@ -28,7 +27,6 @@ STILL = 1e-3  # relative move of the noise, above which what is left before and 
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
-HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
 
 
@@ -174,7 +172,7 @@ class Minimiser:
                 theta, trials = before
                 continue
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
-            trials, models, cost, moved = _update(trials, members, found, courses, round_=k)
+            trials, models, cost, moved = update(trials, members, found, courses, round_=k)
             steps.kept(left, whole, moved)
             change, last, k = abs(last - cost), cost, k + 1
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
@@ -193,7 +191,7 @@ class Minimiser:
         directions = self._directions(theta)
         parts = jax.device_get(_linearise(theta, directions, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
-        trials, models, cost, _ = _update(trials, members, [found for *_, found in parts], courses, round_=0)
+        trials, models, cost, _ = update(trials, members, [found for *_, found in parts], courses, round_=0)
         covariance = RUNAWAY**2 * directions @ directions.T
         return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
 
@@ -299,56 +297,3 @@ def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np
     leverage = np.einsum("lpq,pq->l", grams, inverse)
     left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)
     return np.einsum("l,lpq->pq", left, grams)
-
-
-def _update(trials, members, found, courses: Sequence[Course], round_: int):
-    """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
-    relative move."""
-    updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
-    for logs, detail in zip(members, found, strict=True):
-        for k, i in enumerate(logs):
-            models[i] = trials[i].completed(detail.driven[k][: len(trials[i].log)])
-            own = complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
-            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=complex(detail.turn[k]))
-            cost += _cost(trials[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
-            change = abs(new.noise_time - trials[i].noise_time) / (new.noise_time or 1.0)
-            moved = max(moved, abs(new.noise_std / trials[i].noise_std - 1), change)
-            updated[i] = new
-    return tuple(updated), tuple(models), cost, moved
-
-
-def _cost(trial: Trial, total: float) -> float:
-    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
-    channels = 1 if trial.log.amplitude_only else 2
-    shrink = 0.5 * np.sum(np.log1p(-(trial.memory() ** 2))) - np.sum(np.log(replace(trial, tail=None).weight))
-    dof = freedom(trial)
-    return float(0.5 * dof * np.log(total / dof + trial.rounding) + dof * np.log(trial.noise_std) + channels * shrink)
-
-
-def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
-    model = model.real if trial.log.amplitude_only else model
-    if trial.steady and not trial.signed:
-        trial = replace(trial, spread=rice_spread(model / np.sqrt(floor)))
-    plain = replace(trial, tail=None)
-    left, counted = (trial.log.response - model) * plain.weight, freedom(trial)
-    std, time = estimate(left, trial.clock, counted, lambda: course.design(model) * plain.weight[:, None])
-    if round_ > 2 and time > 0 and trial.noise_time > 0:
-        time = np.sqrt(time * trial.noise_time)  # the fit follows the noise and the noise the fit: half steps do not circle
-    weight, efficiency = np.ones(len(left)), 1.0
-    if time == 0 and 0 < round_ < HELD:
-        weight, efficiency = tails(left)
-    elif time == 0 and trial.tail is not None:
-        weight, efficiency = trial.tail, trial.efficiency
-    if efficiency < 1:
-        std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
-    new = replace(with_noise(plain, std, time), late=late * trial.lateness / trial.looseness, efficiency=efficiency)
-    new = replace(new, tail=weight if efficiency < 1 else None)
-    if trial.log.relative_noise and round_ < HELD:
-        new = replace(new, level=np.abs(model))
-    if trial.signed:
-        return new
-    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
-    free = new.floor_free and not trial.steady and floor > 0
-    held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
-    return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))

@@ -5,10 +5,13 @@ takes slow noise for signal, so its residual looks whiter than the noise is: the
 restricted one, in which what the fit can make of a log is integrated out (Harville, JASA 72, 320, 1977), and the time is the mean
 of its posterior under a prior flat in its logarithm.
 
-Outliers: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it expects of it.
+Outliers of white noise: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it
+expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: without
+them it is an OU process on another grid. Two channels are one noise until levels of their own are worth it.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln, i0e, i1e
@@ -16,7 +19,18 @@ from scipy.special import gammaln, i0e, i1e
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
 TIMES = 24  # correlation times that are tried
+MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
+SHARE = 0.25  # of the rows are outliers at most
+MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
+SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
 TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
+
+
+class Level(NamedTuple):
+    """The noise of one channel: its standard deviation and its correlation time (0: white)."""
+
+    std: float
+    time: float
 
 
 def estimate(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None = None) -> tuple[float, float]:
@@ -75,6 +89,11 @@ def power_of(v: np.ndarray) -> np.ndarray:
     return np.sum(v.real**2 + v.imag**2, axis=-1)
 
 
+def independent(residual: np.ndarray, clock: np.ndarray, time: float) -> np.ndarray:
+    """The residual with what each row shares with the one before taken out."""
+    return _whitened(residual, np.diff(clock), time)[0] if time > 0 else residual
+
+
 def _whitened(values: np.ndarray, steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (..., n) less what each shares with the row before, of unit variance; and the variance (..., n - 1) left of each.
     `time` is one, or (T, 1) for as many answers."""
@@ -94,19 +113,102 @@ def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
     noise need not be of that kind: the information on a location is A^2/B with psi = w u, A = E psi' and B = E psi^2 (Huber,
     Robust Statistics, 1981).
     """
-    n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
-    square = np.abs(residual) ** 2
+    channels, square = 2 if np.iscomplexobj(residual) else 1, np.abs(residual) ** 2
+    _, weight, nu = _likeliest(square, channels)
+    if nu is None:
+        return weight, 1.0
+    u = weight * square / np.mean(weight * square) * channels  # w |u|^2
+    slope = np.mean(weight) - 2 * np.mean(weight * u) / (channels * (nu + channels))
+    return weight, float(min(slope**2 / (np.mean(weight * u) / channels * np.mean(weight)), 1.0))
+
+
+def _likeliest(square: np.ndarray, channels: int) -> tuple[float, np.ndarray, float | None]:
+    """Minus the log-likelihood of rows of given squares (n,), their weights, and the degrees of freedom; None: normal."""
+    n = len(square)
     normal = 0.5 * n * channels * (np.log(max(np.mean(square) / channels, 1e-300)) + 1)
     if n < 20 or not np.any(square):
-        return np.ones(n), 1.0
+        return normal, np.ones(n), None
     costs, weights = _student(square, TAILS[:, None], channels)
     best = int(np.argmin(costs))
     if costs[best] > normal - WORTH:
-        return np.ones(n), 1.0
-    weight = weights[best]
-    u = weight * square / np.mean(weight * square) * channels  # w |u|^2
-    slope = np.mean(weight) - 2 * np.mean(weight * u) / (channels * (TAILS[best] + channels))
-    return weight, float(min(slope**2 / (np.mean(weight * u) / channels * np.mean(weight)), 1.0))
+        return normal, np.ones(n), None
+    return costs[best], weights[best], float(TAILS[best])
+
+
+def apart(residual: np.ndarray, weight: np.ndarray) -> float:
+    """Noise of q over that of d, of a white complex residual (n,); 1.0 where that is not worth a number of its own.
+
+    `weight` (n,): what `tails` gives. With outliers both levels are those of one elliptical Student-t distribution.
+    """
+    d, q = residual.real**2, residual.imag**2
+    if len(residual) < 20 or not (np.any(d) and np.any(q)):
+        return 1.0
+    gained = len(d) * np.log((np.mean(d) + np.mean(q)) / (2 * np.sqrt(np.mean(d) * np.mean(q))))
+    if gained < WORTH and np.all(weight == 1):
+        return 1.0
+    alike, ratio = _likeliest(d + q, 2)[0], 1.0
+    for _ in range(20):
+        ratio, before = float(np.sqrt(np.sum(weight * q) / np.sum(weight * d))), ratio
+        cost, weight, _ = _likeliest(d + q / ratio**2, 2)
+        if abs(ratio / before - 1) < 1e-3:
+            break
+    worth = alike - cost - len(d) * np.log(ratio) > WORTH
+    return ratio if worth and 1 / MOST_APART < ratio < MOST_APART else 1.0
+
+
+def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
+    """`apart` of coloured noise, whose channels may differ in level and in correlation time: worth two numbers of their own."""
+    n, channels = float(len(residual)), (residual.real, residual.imag)
+    if len(residual) < 20 or not all(np.any(v) for v in channels):
+        return 1.0
+    worth = sum(log_likelihood(v, clock, n) for v in channels) - log_likelihood(residual, clock, 2 * n) > WORTH + 1
+    d, q = (_fitted(v, clock, n, None)[0] for v in channels)
+    return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
+
+
+def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
+    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
+
+    The noise is an OU process; a share of the rows holds a normal deviation of another size besides. Rows are told apart by the
+    likelier of the two, of what their neighbours leave of them, in turn with time, levels and share (classification EM; Celeux &
+    Govaert, Comput. Stat. Data Anal. 14, 315, 1992).
+    """
+    n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
+    square = np.abs(residual) ** 2
+    if n < 40 or not np.any(square):
+        return None
+    kept, gain = square < SURE * np.median(square) / MEDIAN[channels], -np.inf
+    for _ in range(20):
+        if np.mean(kept) < 1 - SHARE:
+            return None
+        std, time, gained = _fitted(residual[kept], clock[kept], channels * float(np.sum(kept)), None)
+        if time == 0:
+            return None
+        away, variance = _surprise(residual, clock, kept, time)
+        share = max(1 - float(np.mean(kept)), 1 / n)
+        spread = np.mean(away[~kept]) / channels if not np.all(kept) else 100 * std**2
+        inside = np.log1p(-share) - 0.5 * away / (std**2 * variance) - 0.5 * channels * np.log(std**2 * variance)
+        outside = np.log(share) - 0.5 * away / spread - 0.5 * channels * np.log(spread)
+        regular = float(np.sum(kept)) * (np.log1p(-share) - 0.5 * channels - channels * np.log(std)) + gained
+        gain, before, kept = regular + float(np.sum(outside[~kept])), kept, inside >= outside
+        if np.all(kept == before):
+            break
+    std, _, gained = _fitted(residual, clock, channels * n, None)
+    plain = gained - channels * n * (np.log(std) + 0.5)
+    return before if not np.all(before) and gain - plain > WORTH + 1 else None  # one more number than colour or tails
+
+
+def _surprise(residual: np.ndarray, clock: np.ndarray, kept: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Square of what the nearest rows that are kept, on both sides, leave of each row; and its variance, of a process of 1."""
+    rows, before = np.flatnonzero(kept), np.cumsum(kept) - kept
+    precision, mean = np.ones(len(residual)), np.zeros_like(residual)
+    for at in (before - 1, before + kept):
+        there = (at >= 0) & (at < len(rows))
+        row = rows[np.clip(at, 0, len(rows) - 1)]
+        rho = np.where(there, np.minimum(np.exp(-np.abs(clock - clock[row]) / time), 1 - 1e-9), 0.0)
+        precision = precision + rho**2 / (1 - rho**2)
+        mean = mean + rho / (1 - rho**2) * residual[row]
+    return np.abs(residual - mean / precision) ** 2, 1 / precision
 
 
 def _student(square: np.ndarray, nu: np.ndarray, channels: int) -> tuple[np.ndarray, np.ndarray]:

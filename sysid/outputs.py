@@ -99,6 +99,7 @@ def _log(fitted: "FittedLog", own: "Mapping[str, Parameter]") -> dict[str, Any]:
         "name": log.name,
         "description": fitted.description,
         "response_unit": log.response_unit,
+        "noise": fitted.noise,
         "noise_std": fitted.noise_std,
         # Without time the correlation is known in rows, which are no seconds.
         "noise_time_s": None if log.time is None and fitted.noise_time else fitted.noise_time,

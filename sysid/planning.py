@@ -18,6 +18,7 @@ from sysid.foreseen import PROMISES, Design, Raised, promised
 from sysid.identify import limits, seconds
 from sysid.log import Log
 from sysid.minimise import NAMES, PLANT
+from sysid.noise import Level
 from sysid.perturbed import Course
 from sysid.view import View
 
@@ -224,18 +225,21 @@ class _Bench:
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"
         silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)
-        response, (std, time) = Course(silent, silent.hold(reference), state.theta).exact, self._noise(steady)
+        response, (std, time, levels) = Course(silent, silent.hold(reference), state.theta).exact, self._noise(steady)
         if all(t.log.amplitude_only for t in self.trials):
             response = np.hypot(np.abs(response), std)  # noise lifts an amplitude
-        trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time)
+        trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time, levels)
         view = View(trial, response.astype(complex), state, reference, coloured=True)
         return view.jacobian.T @ view.jacobian
 
-    def _noise(self, steady: bool) -> tuple[float, float]:
-        """Standard deviation per channel and correlation time (s) that a row is expected to have."""
+    def _noise(self, steady: bool) -> tuple[float, float, tuple[Level, ...]]:
+        """Standard deviation per channel and correlation time (s) to be expected; and of d and q, where they differ."""
         alike = [t for t in self.trials if t.steady == steady] or self.trials
-        std = float(np.median([t.noise_std for t in alike]))
-        return std, 0.0 if steady else float(np.median([0.0 if t.steady else t.noise_time for t in alike]))
+        std, time = _usual([Level(t.noise_std, 0.0 if t.steady else t.noise_time) for t in alike], steady)
+        if not any(t.levels for t in alike):
+            return std, time, ()
+        each = [[Level(p.noise_std, 0.0 if t.steady else p.noise_time) for p in (2 * t.parts)[:2]] for t in alike]
+        return std, time, tuple(_usual(channel, steady) for channel in zip(*each, strict=True))
 
     def experiments(self, drive: float | None, temperatures: Sequence[float] | None) -> Iterator[Experiment]:
         """Steps on resonance and beside it, sweeps narrow and wide, at each temperature."""
@@ -268,3 +272,9 @@ class _Bench:
         logs = [t.log.temperature for t in self.trials if t.log.temperature is not None]
         at = experiment.temperature
         return at is not None and not any(np.min(w) - 1.0 <= at <= np.max(w) + 1.0 for w in logs)
+
+
+def _usual(levels: Sequence[Level], steady: bool) -> Level:
+    """Their medians; settled points have no time."""
+    std, time = (float(np.median(x)) for x in zip(*levels, strict=True))
+    return Level(std, 0.0 if steady else time)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.experiment import Trial, freedom
+from sysid.experiment import Trial, freedom, whitened
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
@@ -31,11 +31,10 @@ class View:
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
-        self._memory = trial.memory() if coloured else np.zeros(len(model))
+        self._whitening = trial.whitening(coloured=coloured)
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.log.response - self.model
-        self.weight = trial.weight / (trial.noise_std or trial.scale)
         self.columns = self._nuisances()
         self.priors = len(self.columns)
         self.basis = self._orthonormal()
@@ -123,8 +122,7 @@ class View:
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of a shape, and zeros where the rows of `priors` (of all columns, unless given) are."""
-        v = self.weight * shape
-        v = np.append(v[:1], (v[1:] - self._memory[1:] * v[:-1]) / np.sqrt(1 - self._memory[1:] ** 2))
+        v = whitened(shape[self.trial.used], *self._whitening)
         real = np.concatenate([v.real, v.imag]) if np.iscomplexobj(self.residual) else v.real
         return np.append(real, np.zeros(self.priors if priors is None else priors))
 
@@ -134,6 +132,8 @@ class View:
 
     def likelihood(self, rows: np.ndarray) -> float:
         """Log-likelihood of real rows as this log's noise, at its best level and correlation time."""
-        n = len(self.trial.log)
+        n, clock, dof = len(self._whitening[0]), self.trial.clock[self.trial.used], freedom(self.trial)
+        if self.trial.levels:
+            return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
         left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
-        return log_likelihood(left, self.trial.clock, freedom(self.trial))
+        return log_likelihood(left, clock, dof)

@@ -31,6 +31,8 @@ def fitted(name="step.csv", kind="transient", rows=50, amplitude_only=False, noi
         nrmse_percent=1.25,
         noise_std=0.01,
         noise_time=noise_time,
+        noise="correlated" if noise_time else "white",
+        levels=(),
         description=described,
     )
 

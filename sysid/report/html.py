@@ -42,7 +42,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
 def _added(logs: Sequence[Mapping[str, Any]]) -> list[str]:
     """Names of all that the bench added to any log; the noise and the start have no column of their own."""
     names = dict.fromkeys(name for log in logs for name in log["parameters"])
-    return [name for name in names if name != "noise" and not name.startswith("start")]
+    return [name for name in names if not name.startswith("noise") and not name.startswith("start")]
 
 
 def _finalize(value: Any) -> Any:

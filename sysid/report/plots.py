@@ -193,8 +193,9 @@ def _residuals(logs: Sequence[Numbered]) -> Figure:
     for place, (_, fitted) in enumerate(logs):
         keep = _thin(len(fitted.log))
         x = place + 0.04 + 0.92 * (np.arange(len(fitted.log)) + 0.5)[keep] / len(fitted.log)
-        for part, colour, _ in _parts(fitted):
-            axes.plot(x, part(fitted.residual)[keep] / (fitted.noise_std or 1.0), ".", color=colour, alpha=0.5, mew=0)
+        stds = [level.std for level in fitted.levels] or 2 * [fitted.noise_std or 1.0]
+        for (part, colour, _), std in zip(_parts(fitted), stds, strict=False):
+            axes.plot(x, part(fitted.residual)[keep] / std, ".", color=colour, alpha=0.5, mew=0)
     axes.set_xticks(np.arange(len(logs)) + 0.5, [str(number) for number, _ in logs])
     axes.vlines(np.arange(1, len(logs)), 0, 1, transform=axes.get_xaxis_transform(), color="#bbbbbb", lw=0.6)
     axes.set(xlim=(0, len(logs)), xlabel="log, each from its first row to its last", ylabel="residual / noise")

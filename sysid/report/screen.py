@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, seconds, spent, taken_for
+from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 NO_ADVICE = "no step or sweep helps, or none can be laid out: no log has a drive and a frequency, or tau is not known"
@@ -48,7 +48,7 @@ def _logs(logs: list[Mapping[str, Any]]) -> Table:
     table = _table("log", "kind", "rows", "taken for", "NRMSE", f"noise {unit}", right=("rows", "NRMSE"))
     table.columns[0].max_width = 30
     for log in logs:
-        noise = number(log["noise_std"]) + (f", {seconds(log['noise_time_s'])}" if log["noise_time_s"] else "")
+        noise = number(log["noise_std"]) + ("" if log["noise"] == "white" else f", {log['noise']}")
         cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), f"{number(log['nrmse_percent'], '.2f')}%", noise)
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table

@@ -1,0 +1,66 @@
+"""Least squares over a few columns, with complex coefficients or, of complex columns too, with real ones; and over an angle."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from sysid.plant import Leaf
+
+ANGLES = 32  # at which a rotation is tried before Newton's method
+NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
+
+
+def times(a: Leaf, v: Leaf) -> Leaf:
+    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or jax.numpy."""
+    return a.real * v.real + 1j * (a.imag * v.imag) if jnp.iscomplexobj(a) else a * v
+
+
+class Span:
+    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns. `real`: with
+    real coefficients, of complex columns too."""
+
+    def __init__(self, columns: Sequence[Array], real: bool = False):
+        self.units: list[tuple[Array, Array]] = []
+        self.real = real
+        for i, unit in enumerate(columns):
+            made_of = jnp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
+            for other, weights in 2 * self.units:
+                along = self._along(other, unit)
+                unit, made_of = unit - along * other, made_of - along * weights
+            size = jnp.sqrt(jnp.vdot(unit, unit).real)
+            self.units.append((unit / size, made_of / size))
+
+    def off(self, v: Array) -> Array:
+        for unit, _ in self.units:
+            v = v - self._along(unit, v) * unit
+        return v
+
+    def weights(self, v: Array) -> Array:
+        """Least-squares weights of the columns in `v`."""
+        return sum((self._along(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units)))
+
+    def _along(self, unit: Array, v: Array) -> Array:
+        along = jnp.vdot(unit, v)
+        return along.real if self.real else along
+
+
+def paired(weights: Array) -> Array:
+    """Complex coefficients of the real ones that belong to columns c and j c, in turn."""
+    return jax.lax.complex(weights[::2], weights[1::2])
+
+
+def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
+    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method."""
+    p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
+    a, b, d = (jnp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
+    tried = 2 * jnp.pi * jnp.arange(ANGLES) / ANGLES
+    c, s = jnp.cos(tried), jnp.sin(tried)
+    phi = tried[jnp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)]
+    for _ in range(NEWTON):
+        c, s = jnp.cos(phi), jnp.sin(phi)
+        slope = (d - a) * c * s + b * (c**2 - s**2) + p * s - q * c
+        bend = (d - a) * (c**2 - s**2) - 4 * b * c * s + p * c + q * s
+        phi = phi - jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
+    return jax.lax.complex(jnp.cos(phi), jnp.sin(phi))
