@@ -11,6 +11,7 @@ from sysid.noise import Level, apart, apart_in_colour, estimate, independent, ri
 from sysid.perturbed import Course
 from sysid.span import times
 
+MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 
 
@@ -103,7 +104,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     if time > 0 or kept is not None:
         weight, efficiency = np.ones(len(left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
-    if chosen and np.iscomplexobj(left):
+    if chosen and np.iscomplexobj(left) and _is_noise(trial, model):
         ratio = apart_in_colour(left[used], clock[used]) if time > 0 else apart(left, weight)
         if ratio != 1 and efficiency < 1:
             weight, efficiency = tails(_scaled(left, ratio))
@@ -117,6 +118,11 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
     new = replace(with_noise(plain, std, time, levels), efficiency=efficiency)
     return replace(new, tail=weight if efficiency < 1 else None)
+
+
+def _is_noise(trial: Trial, model: np.ndarray) -> bool:
+    """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
+    return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
 
 
 def _levels(left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None) -> tuple[Level, ...]:

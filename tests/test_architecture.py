@@ -37,6 +37,7 @@ ORDER = [
     "identify",
     "minimise",
     "view",
+    "coincidence",
     "terms",
     "misfit",
     "fitting",

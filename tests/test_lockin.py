@@ -285,7 +285,7 @@ def test_an_edge_between_samples_moves_the_gain_alone():
     G, tau, f0 = (v[0] for v in relative(sysid.fit([as_log(demodulate(*samples(PLATE, drive, 0.0165)))]), PLATE).values())
     # 0.7 us of drive, of 1669 in tau, are missed: none at a zero of the carrier, twice the mean at a peak
     assert -2 * 0.7 / 1669 < G < -1e-4
-    assert max(abs(tau), abs(f0)) < 1e-5
+    assert max(abs(tau), abs(f0)) < 0.05 * 0.7 / 1669  # a twentieth of what the gain may move
 
 
 @pytest.mark.parametrize("theta", [0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4])
@@ -356,7 +356,7 @@ def test_a_filter_that_is_asked_for_is_named_in_the_fit(save):
     assert (log.bench["lockin_tau_s"], log.bench["lockin_order"]) == (pytest.approx(1e-4), 2.0)
     fit = sysid.fit([log])
     assert fit.result is sysid.Result.misfit
-    assert fit.plant.tau > tau_of(PLATE) * 1.02
+    assert fit.plant.tau > tau_of(PLATE) + 5 * np.sqrt(fit.covariance[1, 1])
     on = log.drive > 0
     assert log.response[on][-1] == pytest.approx(steady(PLATE, 100.0, 32300.0), abs=0.03)
 
