@@ -8,10 +8,10 @@ agree: both are given normal priors of one size, s in the unit of the response, 
     s^2 = |A - B|^2/2 + variance(A - B)        of each of Wd and Wq,
 
 so that G is known about as well as A and B agree (empirical Bayes, Efron & Morris, JASA 70, 311, 1975). That is twice what an
-unbiased s^2 is, with the noise added where it would be subtracted: the size of two numbers is hardly known from one, and an s that
-is too small is worse than one that is too large. Of 60 logs each, with lateness drawn from a row and a feedthrough of its own 97 %
-of the intervals held the truth (with half of s^2: 85 %), of a bench without either all. Where other logs tell G the priors stay
-wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
+unbiased s^2 is, with the noise added where it would be subtracted: the size of two numbers is hardly known from one, and an s
+that is too small is worse than one that is too large. Of 60 logs each, with lateness drawn from a row and a feedthrough of its
+own 97 % of the intervals held the truth (with half of s^2: 85 %); of a bench without either, all. Where other logs tell G the
+priors stay wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
 """
 
 from collections.abc import Sequence
