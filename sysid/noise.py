@@ -167,7 +167,7 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
-    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
+    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them, or with tails.
 
     The noise is an OU process; a share of the rows holds a normal deviation of another size besides. Rows are told apart by the
     likelier of the two, of what their neighbours leave of them, in turn with time, levels and share (classification EM; Celeux &
@@ -194,8 +194,14 @@ def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
         if np.all(kept == before):
             break
     std, _, gained = _fitted(residual, clock, channels * n, None)
-    plain = gained - channels * n * (np.log(std) + 0.5)
-    return before if not np.all(before) and gain - plain > WORTH + 1 else None  # one more number than colour or tails
+    plain = max(gained - channels * n * (np.log(std) + 0.5), -_likeliest(square, channels)[0])  # coloured, or with tails
+    return before if gain - plain > WORTH + 1 and _lone(~before) else None  # one more number than either
+
+
+def _lone(outlier: np.ndarray) -> bool:
+    """Whether there are outliers, most with neighbours that are none: a crowd of them is what a wrong model leaves at a peak."""
+    beside = np.append(outlier[1:], False) | np.append(False, outlier[:-1])
+    return bool(np.any(outlier) and np.mean(beside[outlier]) < 0.5)
 
 
 def _surprise(residual: np.ndarray, clock: np.ndarray, kept: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
