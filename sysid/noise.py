@@ -194,14 +194,14 @@ def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
         if np.all(kept == before):
             break
     std, _, gained = _fitted(residual, clock, channels * n, None)
-    plain = max(gained - channels * n * (np.log(std) + 0.5), -_likeliest(square, channels)[0])  # coloured, or with tails
-    return before if gain - plain > WORTH + 1 and _lone(~before) else None  # one more number than either
+    plain = gained - channels * n * (np.log(std) + 0.5)
+    return before if gain - plain > WORTH + 1 and _lone(~before) else None  # one more number than colour or tails
 
 
 def _lone(outlier: np.ndarray) -> bool:
-    """Whether there are outliers, most with neighbours that are none: a crowd of them is what a wrong model leaves at a peak."""
+    """Whether there are outliers, not nearly all with others beside them: a crowd is what a wrong model leaves at a peak."""
     beside = np.append(outlier[1:], False) | np.append(False, outlier[:-1])
-    return bool(np.any(outlier) and np.mean(beside[outlier]) < 0.5)
+    return bool(np.any(outlier) and np.mean(beside[outlier]) < 0.7)
 
 
 def _surprise(residual: np.ndarray, clock: np.ndarray, kept: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
