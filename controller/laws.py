@@ -53,6 +53,7 @@ class Asked(NamedTuple):
         return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
 
     def control(self, bandwidth: float) -> DQ | Adaptive:
+        """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those of G, tau and T."""
         if self.method == "adaptive":
             return self._adaptive(bandwidth)
         plate, T = self.plate, self.T
@@ -63,6 +64,7 @@ class Asked(NamedTuple):
         return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
 
     def promise(self, control: DQ | Adaptive) -> Promise:
+        """What the controller does with each of the plants: margins, and how it settles."""
         return promise(control, self.plants, self.T, self.delay, self.amplitude, self.plate.f0)
 
     def _voltages(self) -> tuple[float, float]:

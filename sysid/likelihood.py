@@ -31,7 +31,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from sysid.plant import Hold, Leaf, Response, respond, steady
-from sysid.span import Span, best_turn, paired, times
+from sysid.span import Span, best_turn, paired, times, turn_towards
 
 OWN = 4  # rows of an experiment, its last, for the priors of what depends on the plant
 
@@ -196,37 +196,17 @@ def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
 
 
 def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
-    """A log whose gain is G, and whose phase is turned by what the demodulator may have done."""
-    if layout.apart:
-        return _turned_apart(shapes, gain, x, layout)
-    span = Span([_held(c, i, x) for i, c in enumerate(_own(shapes, layout))])
+    """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are two columns, whose
+    coefficients are cos phi and sin phi."""
+    span = _span(_own(shapes, layout), x, layout)
     white = _off(_whiten(shapes.forced, x), x)
+    white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.apart else 1j * white
     left, shape = span.off(x.response), span.off(white)
-    overlap = jnp.vdot(shape, left)
-    safe = jnp.where(overlap == 0, 1.0, overlap)
-    turn = jnp.where((x.rotated > 0) & (overlap != 0), safe / jnp.hypot(safe.real, safe.imag), 1.0)
-    nuisances = (turn, *_filled(span.weights(x.response - turn * white), layout))
-    phase = 1j * turn * shape  # what a little more rotation adds
-    share = x.rotated / jnp.maximum(jnp.sum(shape.real**2 + shape.imag**2), 1e-300)
-
-    def off(v: Array) -> Array:
-        v = span.off(_off(v, x))
-        return v - share * jnp.vdot(phase, v).real * phase
-
-    driven = _modelled(shapes, nuisances, layout)
-    late = (nuisances[2] * jnp.conj(turn)).real
-    return Residual(left - turn * shape, driven, x.start, x.floor, late, gain, turn), nuisances, off
-
-
-def _turned_apart(shapes: Response, gain: Array, x: Experiment, layout: Layout):
-    """`_turned` where the noise of d and q differs: h and j h are two columns, whose coefficients are cos phi and sin phi."""
-    span = Span(_in_parts(_own(shapes, layout), x), real=True)
-    white = [_off(_whiten(turn * shapes.forced, x), x) for turn in (1.0, 1j)]
-    left, (shape, ahead) = span.off(x.response), (span.off(v) for v in white)
-    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead), 1.0)
-    weights = paired(span.weights(x.response - turn.real * white[0] - turn.imag * white[1]))
+    ahead = span.off(white_ahead) if layout.apart else 1j * shape
+    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead) if layout.apart else turn_towards(left, shape), 1.0)
+    weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, layout)
     nuisances = (turn, *_filled(weights, layout))
-    phase = turn.real * ahead - turn.imag * shape
+    phase = turn.real * ahead - turn.imag * shape  # what a little more rotation adds
     share = x.rotated / jnp.maximum(jnp.sum(phase.real**2 + phase.imag**2), 1e-300)
 
     def off(v: Array) -> Array:
@@ -241,10 +221,8 @@ def _turned_apart(shapes: Response, gain: Array, x: Experiment, layout: Layout):
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    own = (shapes.forced, *_own(shapes, layout))
-    span = Span(_in_parts(own, x) if layout.apart else [_held(c, i, x) for i, c in enumerate(own)], real=layout.apart)
-    weights = span.weights(x.response)
-    weights = paired(weights) if layout.apart else weights
+    span = _span((shapes.forced, *_own(shapes, layout)), x, layout)
+    weights = _weights(span, x.response, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _modelled(shapes, nuisances, layout)
     found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
@@ -280,9 +258,16 @@ def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
     return _off(_off(_whiten(column, x) + x.tightness * prior, x), x)  # twice is enough
 
 
-def _in_parts(columns: Sequence[Array], x: Experiment) -> list[Array]:
-    """`_held` of columns with real coefficients: of each, and of j times it."""
-    return [_held(turn * c, i, x, turn) for i, c in enumerate(columns) for turn in (1.0, 1j)]
+def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
+    """What columns can make, with complex coefficients; where d and q are apart, with real ones of each and of j times it."""
+    if layout.apart:
+        return Span([_held(turn * c, i, x, turn) for i, c in enumerate(columns) for turn in (1.0, 1j)], real=True)
+    return Span([_held(c, i, x) for i, c in enumerate(columns)])
+
+
+def _weights(span: Span, v: Array, layout: Layout) -> Array:
+    """Complex coefficients of the columns of `_span` in `v`."""
+    return paired(span.weights(v)) if layout.apart else span.weights(v)
 
 
 def _whiten(v: Array, x: Experiment) -> Array:

@@ -167,7 +167,7 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
-    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them, or with tails.
+    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
 
     The noise is an OU process; a share of the rows holds a normal deviation of another size besides. Rows are told apart by the
     likelier of the two, of what their neighbours leave of them, in turn with time, levels and share (classification EM; Celeux &

@@ -51,6 +51,13 @@ def paired(weights: Array) -> Array:
     return jax.lax.complex(weights[::2], weights[1::2])
 
 
+def turn_towards(left: Array, shape: Array) -> Array:
+    """e^{j phi} that makes |left - e^{j phi} shape|^2 smallest; 1 where they have nothing in common."""
+    overlap = jnp.vdot(shape, left)
+    safe = jnp.where(overlap == 0, 1.0, overlap)
+    return safe / jnp.hypot(safe.real, safe.imag)
+
+
 def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
     """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method."""
     p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
