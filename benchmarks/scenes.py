@@ -71,7 +71,8 @@ def effects_table(repeats: int) -> str:
     least, most = equations(bare), equations(whole)
     for name in track(every, "effects"):
         below = NEEDS.get(name, ())
-        beside = tuple(n for n in every if n not in (name, *ONE_BY_ONE) and name not in NEEDS.get(n, ()))  # what needs it goes too
+        # What needs an effect goes with it.
+        beside = tuple(n for n in every if n not in (name, *ONE_BY_ONE) and name not in NEEDS.get(n, ()))
         scenes = {"below": scene_with(below), "alone": scene_with((*below, name))}
         scenes |= {"without": scene_with(beside), "whole": scene_with((*beside, name))}
         took = seconds({key: scene.simulate for key, scene in scenes.items()}, repeats)

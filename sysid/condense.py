@@ -26,7 +26,7 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
             return log, hold, np.ones(n)
         order = np.argsort(log.frequency, kind="stable")
-        log = _taken(replace(log, time=None, kind="steady"), order)
+        log = taken(replace(log, time=None, kind="steady"), order)
         edges = np.linspace(0, n, MOST + 1).astype(int)[:-1]
         short = _means(log, edges)
         return short, _inputs(short, kind), np.diff(np.append(edges, n)).astype(float)
@@ -104,7 +104,8 @@ def _means(log: Log, edges: np.ndarray) -> Log:
     return replace(log, **arrays)
 
 
-def _taken(log: Log, rows: np.ndarray) -> Log:
+def taken(log: Log, rows: np.ndarray) -> Log:
+    """These rows of the log."""
     names = ("response", "time", "drive", "frequency", "theta", "temperature", "force")
     taken: dict[str, Any] = {k: None if getattr(log, k) is None else getattr(log, k)[rows] for k in names}
     return replace(log, **taken)

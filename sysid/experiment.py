@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import gammainc
 
-from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
+from sysid.lost import filled, lost
 from sysid.noise import Level
 from sysid.plant import Hold
 from sysid.span import times
@@ -44,27 +45,29 @@ class Trial:
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
-    kept: np.ndarray | None = field(default=None, repr=False)  # rows that are no outliers of coloured noise, where it has any
+    there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
+    kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
     efficiency: float = 1.0  # information of a row over that of one whose noise is normal and of the same level
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
         """A log as it is read at first: nothing known of its noise."""
-        short, inputs, count = prepare(log, kind)
+        short, inputs, count, there = _read(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        return cls(short, kind, inputs, count, nuisances, spacing, whole=log if len(short) < len(log) else None)
+        whole = log if len(short) < len(log) else None
+        return cls(short, kind, inputs, count, nuisances, spacing, there=there, kept=there, whole=whole)
 
     def uncondensed(self) -> "Trial":
         """The trial over every row of the file, with what is known of its noise but the weights of single rows."""
         if self.whole is None:
             return self
-        log, inputs, count = prepare(self.whole, self.kind, len(self.whole))
+        log, inputs, count, there = _read(self.whole, self.kind, len(self.whole))
         rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
         levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
         plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
-        return replace(plain, level=None, spread=None, tail=None, kept=None, efficiency=1.0)
+        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=1.0)
 
     @property
     def steady(self) -> bool:
@@ -164,7 +167,7 @@ class Trial:
 
     @property
     def used(self) -> slice | np.ndarray:
-        """The rows that are not left out as outliers."""
+        """The rows that are not left out."""
         return slice(None) if self.kept is None else np.flatnonzero(self.kept)
 
     @property
@@ -176,6 +179,16 @@ class Trial:
     def left_out(self) -> int:
         """How many rows are."""
         return 0 if self.kept is None else int(np.sum(~self.kept))
+
+    @property
+    def lost(self) -> int:
+        """How many of them hold no signal; the others are outliers."""
+        return 0 if self.there is None else int(np.sum(~self.there))
+
+    def residual(self, model: np.ndarray) -> np.ndarray:
+        """(n,) recorded - modelled; zero where there is no signal."""
+        left = self.log.response - (model.real if self.log.amplitude_only else model)
+        return left if self.there is None else np.where(self.there, left, 0.0)
 
     def memory(self, keep: slice | np.ndarray | None = None) -> np.ndarray:
         """Correlation of the noise of each used row, or of those of `keep`, with the one before."""
@@ -286,6 +299,18 @@ class Trial:
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
 
 
+def _read(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:
+    """`prepare` of a log, and which of its rows hold a signal (None: all do)."""
+    gone = lost(log)
+    short, inputs, count = prepare(filled(log, gone), kind, longest)
+    if not np.any(gone):
+        return short, inputs, count, None
+    if kind == "steady" and len(short) < len(log):
+        gone = gone[np.argsort(log.frequency, kind="stable")]
+    begins = np.append(0, np.cumsum(count)[:-1]).astype(int)
+    return short, inputs, count, np.add.reduceat(gone.astype(int), begins) == 0
+
+
 def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
     """One array of those of each part: that of q is its imaginary part."""
     return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
@@ -330,6 +355,11 @@ SEARCH_ROWS = 160
 
 def _thin(trial: Trial) -> np.ndarray:
     """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
+    rows = _evenly(trial)
+    return rows if trial.there is None else rows[trial.there[rows]]
+
+
+def _evenly(trial: Trial) -> np.ndarray:
     n, hold = len(trial.log), trial.inputs
     edges = np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
     if n <= SEARCH_ROWS:

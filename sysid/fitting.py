@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid import identify
 from sysid.coincidence import hangs, tightened
+from sysid.condense import taken
 from sysid.experiment import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 from sysid.guess import candidates
 from sysid.log import Log
@@ -206,7 +207,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         model = model.real if trial.log.amplitude_only else model
         what = (None if fingered else identify.touched(trial)) or identify.clipped(trial)
         if not what and not named & {i, None}:
-            what = identify.misfit(trial, model, trial.log.response - model, float(np.exp(state.theta[1])))
+            what = identify.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
         likely = {f.name: f.sentence for f in reversed(best)}
@@ -226,12 +227,13 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
     """Each log beside its model."""
     fitted = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        model = model.real if trial.log.amplitude_only else model
-        left = trial.log.response - model
-        centred = trial.log.response - np.mean(trial.log.response)
+        rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+        log = taken(trial.log, rows) if trial.lost else trial.log
+        model = (model.real if log.amplitude_only else model)[rows]
+        left, centred = log.response - model, log.response - np.mean(log.response)
         fitted.append(
             FittedLog(
-                log=trial.log,
+                log=log,
                 kind=trial.kind,
                 rows=int(trial.count.sum()),
                 response=model,

@@ -208,8 +208,10 @@ def seconds(t: float) -> str:
 
 
 def assumptions(trial: Trial) -> list[str]:
-    """What had to be taken for granted to read a log at all."""
+    """What had to be taken for granted to read a log at all, and what of it could not be read."""
     log, found = trial.log, []
+    if trial.lost:
+        found.append(f"{trial.lost} of {len(log)} rows read exactly zero amid a response: the signal was lost; they are left out")
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:
@@ -260,8 +262,8 @@ def noise(trial: Trial) -> str:
             said = f"{', '.join(apart)}, {colours[0]}"
         else:
             said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
-    if trial.left_out:
-        return f"{said}, {trial.left_out} outliers left out"
+    if outliers := trial.left_out - trial.lost:
+        return f"{said}, {outliers} outliers left out"
     return said if trial.tail is None else f"{said}, with outliers"
 
 

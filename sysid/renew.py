@@ -53,11 +53,13 @@ def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
 
 def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
     """Of the rows that are left out, whose noise is normal with a level of its own."""
-    if not trial.left_out:
+    outliers = trial.left_out - trial.lost
+    if not outliers:
         return 0.0
-    left = np.abs((trial.log.response - model) * trial.weight)[~trial.kept]
+    there = True if trial.there is None else trial.there
+    left = np.abs((trial.log.response - model) * trial.weight)[~trial.kept & there]
     channels = 1 if trial.log.amplitude_only else 2
-    return 0.5 * trial.left_out * channels * float(np.log(np.mean(left**2) / channels))
+    return 0.5 * outliers * channels * float(np.log(np.mean(left**2) / channels))
 
 
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
@@ -80,28 +82,32 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
     """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
     in each round between the first and HELD."""
-    trial = trial if round_ else replace(trial, kept=None, levels=(), tail=None)
-    chosen, clock = 0 < round_ < HELD, trial.clock
-    plain = replace(trial, tail=None, kept=None)
-    left = times(joined([p.weight for p in plain.parts]), trial.log.response - model)
+    trial = trial if round_ else replace(trial, kept=trial.there, levels=(), tail=None)
+    chosen, plain = 0 < round_ < HELD, replace(trial, tail=None, kept=trial.there)
+    rows = np.arange(len(trial.log))[plain.used]  # those that hold a signal; arrays below are of them
+    clock, left = trial.clock[rows], times(joined([p.weight for p in plain.parts]), trial.log.response - model)[rows]
     ratio = trial.levels[1].std / trial.levels[0].std if trial.levels else 1.0
     even = _scaled(left, ratio)
 
-    def shapes(rows: slice | np.ndarray = slice(None)) -> np.ndarray:
-        return (design() * plain.weight[:, None])[rows]
+    def shapes(used: slice | np.ndarray = slice(None)) -> np.ndarray:
+        return (design() * plain.weight[:, None])[rows][used]
 
     std, time = estimate(even, clock, freedom(plain), None if trial.levels else shapes)
-    weight, efficiency, kept = np.ones(len(left)), 1.0, trial.kept
+    weight, efficiency = np.ones(len(left)), 1.0
+    regular = None if trial.kept is None else trial.kept[rows]
     if chosen:
         weight, efficiency = tails(independent(even, clock, time))
-        kept = spikes(even, clock) if efficiency < 1 else None
+        regular = spikes(even, clock) if efficiency < 1 else None
     elif trial.tail is not None:
-        weight, efficiency = trial.tail, trial.efficiency
-    plain = replace(plain, kept=kept)
-    used, counted = plain.used, freedom(plain)
-    if kept is not None:
+        weight, efficiency = trial.tail[rows], trial.efficiency
+    used: slice | np.ndarray = slice(None)
+    counted = freedom(plain)
+    if regular is not None and not np.all(regular):
+        used = np.flatnonzero(regular)
+        plain = replace(plain, kept=np.isin(np.arange(len(trial.log)), rows[used]))
+        counted = freedom(plain)
         std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used))
-    if time > 0 or kept is not None:
+    if time > 0 or plain.left_out > plain.lost:
         weight, efficiency = np.ones(len(left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
     if chosen and np.iscomplexobj(left) and _is_noise(trial, model):
@@ -117,7 +123,11 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
             levels = tuple(x._replace(time=_halfway(x.time, y.time)) for x, y in zip(levels, trial.levels, strict=True))
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
     new = replace(with_noise(plain, std, time, levels), efficiency=efficiency)
-    return replace(new, tail=weight if efficiency < 1 else None)
+    if efficiency == 1:
+        return new
+    tail = np.ones(len(trial.log))
+    tail[rows] = weight
+    return replace(new, tail=tail)
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

@@ -34,7 +34,7 @@ class View:
         self._whitening = trial.whitening(coloured=coloured)
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
-        self.residual = trial.log.response - self.model
+        self.residual = trial.residual(self.model)
         self.columns = self._nuisances()
         self.priors = len(self.columns)
         self.basis = self._orthonormal()

@@ -1,0 +1,77 @@
+"""Rows in which the signal was lost read exactly zero: they are left out, and nothing else is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+from scipy import stats
+
+import sysid
+from sysid.lost import lost
+
+PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
+RATE, ROWS, STD = 2e4, 600, 0.02
+
+
+def recorded(seed, drive=100.0, std=STD, early=100):
+    """A step after rest, d/q rows with white noise."""
+    time, held = np.arange(ROWS) / RATE, np.where(np.arange(ROWS) < early, 0.0, drive)
+    frequency = np.full(ROWS, PLANT.f0)
+    clean = reference.ringing(PLANT, time, held, frequency, np.full(ROWS, reference.REFERENCE_TEMPERATURE))
+    rng = np.random.default_rng(seed)
+    noise = std * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
+    return sysid.Log("step", clean + noise, time=time, drive=held, frequency=frequency, kind="transient", sampling="instant"), rng
+
+
+def dark(log, rng, rows=12, times=5):
+    """The log with as many stretches of zeros, one of which always hides some of the rise; and where they are."""
+    begins = np.append(rng.integers(5, len(log) - rows, times - 1), rng.integers(95, 120))
+    gone = np.isin(np.arange(len(log)), (begins[:, None] + np.arange(rows)).ravel())
+    return replace(log, response=np.where(gone, 0.0, log.response)), gone
+
+
+def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left():
+    scores = []
+    for seed in range(24):
+        log, gone = dark(*recorded(seed))
+        found = sysid.fit([log])
+        assert found.result is sysid.Result.successful, found.warnings
+        assert found.warnings[0] == (
+            f"step: {gone.sum()} of {ROWS} rows read exactly zero amid a response: the signal was lost; they are left out"
+        )
+        assert len(found.logs[0].residual) == ROWS - gone.sum() and found.logs[0].rows == ROWS
+        assert np.std(found.logs[0].residual) < 2 * STD
+        scores.append(
+            [(p.value - t) / p.std for p, t in zip(found.parameters.values(), (PLANT.G, PLANT.tau, PLANT.f0), strict=False)]
+        )
+    for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):  # G's interval is wider by what could be late
+        assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
+
+
+def test_zeros_that_a_sound_log_holds_are_kept():
+    exact, _ = recorded(0, std=0.0)  # rest reads exactly zero
+    time = np.arange(400) * 1e-3
+    decays = sysid.Log("decay", np.round(np.exp(-time / 0.02) * np.cos(40 * time), 3) + 0j, time=time, kind="transient")
+    coarse = replace(exact, response=0.05 * np.round(exact.response / 0.05))
+    noisy, _ = recorded(1)
+    rough = replace(noisy, response=0.05 * (np.round(noisy.response.real / 0.05) + 1j * np.round(noisy.response.imag / 0.05)))
+    for log in (exact, coarse, noisy, rough, decays):
+        assert not np.any(lost(log)), log.name
+    assert np.any(rough.response == 0) and np.any(decays.response == 0)
+
+
+@pytest.mark.parametrize("kind", ["complex", "amplitude"])
+def test_a_settled_sweep_loses_points(kind):
+    f = PLANT.f0 + np.linspace(-500, 500, 101)
+    rng = np.random.default_rng(3)
+    y = reference.steady(PLANT, np.full(101, 100.0), f, reference.REFERENCE_TEMPERATURE)
+    y = y + 0.01 * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+    y = np.abs(y) if kind == "amplitude" else y
+    y[[20, 48, 49, 70]] = 0
+    log = sysid.Log("sweep", y, drive=np.full(101, 100.0), frequency=f, kind="steady")
+    found = sysid.fit([log])
+    assert found.result is sysid.Result.successful and len(found.logs[0].residual) == 97
+    for name in ("G", "tau", "f0"):
+        p = found.parameters[name]
+        assert abs(p.value - getattr(PLANT, name)) < 4 * p.std, name
