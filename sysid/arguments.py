@@ -25,8 +25,8 @@ def parser() -> argparse.ArgumentParser:
         "--effects",
         type=_effects,
         metavar="LIST",
-        help="what the bench may have added to the logs, all unless stated: rotation,background,offset,start,late; or none;"
-        " --effects=-late leaves one out",
+        help="what the bench may have added to the logs, rotation,background,offset,start,late unless stated; or none;"
+        " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor) and gain",
     )
     command.add_argument(
         "--advise",
@@ -67,16 +67,18 @@ def _seed(text: str) -> int:
 
 
 def _effects(text: str) -> tuple[str, ...]:
-    """`rotation,late`: those alone; `-late,-offset`: all but those; `none`."""
+    """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
     from sysid.experiment import NUISANCES
+    from sysid.extra import EXTRA
 
+    known = (*NUISANCES, *EXTRA)
     names = [] if text == "none" else [name.strip() for name in text.split(",")]
-    if unknown := {name.removeprefix("-") for name in names} - set(NUISANCES):
-        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(NUISANCES)}, or none")
-    out = {name[1:] for name in names if name.startswith("-")}
-    if out and len(out) < len(names):
-        raise argparse.ArgumentTypeError(f"found {text}, expected either those that are in or, with a minus, those that are out")
-    return tuple(name for name in NUISANCES if (name not in out if out else name in names))
+    if unknown := {name.lstrip("+-") for name in names} - set(known):
+        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(known)}, or none")
+    changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
+    if changed and len(changed) < len(names):
+        raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
+    return tuple(name for name in known if (changed.get(name, name in NUISANCES) if changed else name in names))
 
 
 def _seconds(text: str) -> float:

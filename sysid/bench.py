@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.experiment import Trial, freedom
+from sysid.extra import UNITS
 from sysid.fitting import Fit
 from sysid.result import Parameter
 from sysid.view import View
@@ -32,9 +33,9 @@ class _Shown(NamedTuple):
 
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
-    the log states; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides) and `start` have d and q as the log
-    records them; `noise` is one channel's standard deviation; where those of d and q differ it is their
-    root mean square, with `noise_d` and `noise_q` beside it."""
+    the log states; `drift`, `lag` and `gain` those of `sysid.extra`; `offset`, `feedthrough` (per unit of the drive), `slope`
+    (per Hz besides) and `start` have d and q as the log records them; `noise` is one channel's standard deviation; where those
+    of d and q differ it is their root mean square, with `noise_d` and `noise_q` beside it."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
@@ -68,6 +69,8 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     unit, drive = trial.log.response_unit, trial.log.drive_unit if trial.log.drive is not None else None
     kind, _, channel = name.partition("_")
     real = not np.iscomplexobj(trial.log.response)
+    if kind in trial.extra and channel:
+        return None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
     if kind in ("gain", "floor") or (real and channel == "q"):
         return None
     shown = kind if real else name

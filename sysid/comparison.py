@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 
 from sysid.experiment import NUISANCES, Trial
+from sysid.extra import EXTRA
 from sysid.fitting import Fit
 from sysid.minimise import NAMES
 from sysid.view import View
@@ -43,12 +44,13 @@ class Comparison:
 def compare(fit: Fit) -> tuple[Comparison, ...]:
     """Every description that leaves something out of the fit's, the worst first."""
     logs = _Logs(fit)
-    full = logs.described(NUISANCES)
-    others = {f"without {n}": logs.described(tuple(m for m in NUISANCES if m != n)) for n in NUISANCES if logs.hold(n)}
+    every = (*NUISANCES, *EXTRA)
+    full = logs.described(every)
+    others = {f"without {n}": logs.described(tuple(m for m in every if m != n)) for n in every if logs.hold(n)}
     if logs.first_order:
-        others["first order, without detuning"] = logs.described(NUISANCES, "first order")
+        others["first order, without detuning"] = logs.described(every, "first order")
     if "f0" in fit.names:
-        others["slowly varying envelope"] = logs.described(NUISANCES, "envelope")
+        others["slowly varying envelope"] = logs.described(every, "envelope")
     found = []
     for name, (elpd, estimate) in others.items():
         by_row = elpd - full[0]
@@ -117,6 +119,8 @@ def _can_hold(trial: Trial, nuisance: str) -> bool:
         return trial.start_free
     if nuisance == "late":
         return trial.lateness > 0
+    if nuisance in EXTRA:
+        return nuisance in trial.extra
     return len(replace(trial, nuisances=(nuisance,)).columns) > 0
 
 

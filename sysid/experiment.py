@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import gammainc
 
 from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.extra import Extra
 from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
 from sysid.lost import filled, lost
@@ -41,6 +42,7 @@ class Trial:
     late: float = 0.0  # s, by which the response is late
     late_std: float = np.inf  # s; of its prior, where that is narrower than a row
     feedthrough_std: float = np.inf  # of its prior, in the unit of the response, where that is narrower than `looseness`
+    extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
@@ -67,7 +69,7 @@ class Trial:
         rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
         levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
         plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
-        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=1.0)
+        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=1.0, extra={})
 
     @property
     def steady(self) -> bool:
@@ -253,6 +255,11 @@ class Trial:
         return found
 
     @property
+    def extra_columns(self) -> dict[str, np.ndarray]:
+        """Shapes (n,) of what else may have been done to the log, each of a number whose prior is as wide as `looseness`."""
+        return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
+
+    @property
     def looseness(self) -> float:
         """Standard deviation of the prior of what the bench adds: ten times the response."""
         return 10.0 * self.scale
@@ -407,7 +414,9 @@ def _experiment(
     if search:
         trial = replace(trial, noise_time=0.0, levels=(), kept=None)
     apart = bool(trial.levels)
-    layout = Layout(amplitude, own_gain, both, carrier, late, trial.touched, apart, order, trial.steady, rows, intervals)
+    extra = [] if search else [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
+    flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, order, len(extra), trial.steady)
+    layout = Layout(*flags, rows, intervals)
     used = keep[: len(keep) - trial.left_out]
     now, before = trial.whitening(used)
     y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
@@ -430,6 +439,7 @@ def _experiment(
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
         start_free=np.asarray(float(trial.start_free)),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
+        extra=np.array(extra, complex).reshape(len(extra), rows),
     )
 
 
@@ -460,6 +470,7 @@ def freedom(trial: Trial) -> float:
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
         return float(max(len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
+    columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + 2 * late
     return float(max(2 * (len(trial.log) - trial.left_out) - taken, 1))
 

@@ -9,6 +9,7 @@ from sysid import identify
 from sysid.coincidence import hangs, tightened
 from sysid.condense import taken
 from sysid.experiment import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
+from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
 from sysid.minimise import FINGER, NAMES, PLANT, Minimiser, State
@@ -71,13 +72,14 @@ def fit(
     """Fit one plant to all `logs`, from no start values.
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
-    (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row).
+    (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
+    "late" (a trigger, a demodulator); and, on request, "drift", "lag" and "gain" (see `sysid.extra`).
     `start`: a plant to begin from instead of the data. Raises ValueError without logs, or for an unknown nuisance.
     """
     if not logs:
         raise ValueError("no logs to fit")
-    if unknown := set(nuisances) - set(NUISANCES):
-        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(NUISANCES)}")
+    if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
+        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join((*NUISANCES, *EXTRA))}")
     _check_units(logs)
     trials, warnings = _trials(logs, tuple(nuisances))
     reference = _reference(trials)

@@ -33,7 +33,7 @@ from jax import Array
 from sysid.plant import Hold, Leaf, Response, respond, steady
 from sysid.span import Span, best_turn, paired, times, turn_towards
 
-OWN = 4  # rows of an experiment, its last, for the priors of what depends on the plant
+OWN = 5  # rows of an experiment, its last, for the priors of what depends on the plant
 
 
 class Layout(NamedTuple):
@@ -47,6 +47,7 @@ class Layout(NamedTuple):
     touched: bool  # a finger's force is recorded
     apart: bool  # the noise of d and q differs
     order: int  # poles of the lock-in's filter
+    extra: int  # shapes of the log's own
     steady: bool  # settled points
     rows: int
     intervals: int
@@ -62,7 +63,7 @@ class Experiment(NamedTuple):
     the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
     `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
     over that of the other nuisances; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3,
-    `start_free` and `floor_free` 1 when they are to be found.
+    `start_free` and `floor_free` 1 when they are to be found. `extra` (E, N): shapes of the log's own, held at a plate.
     """
 
     hold: Hold
@@ -80,6 +81,7 @@ class Experiment(NamedTuple):
     late: Leaf
     start_free: Leaf
     floor_free: Leaf
+    extra: Leaf
 
 
 class Residual(NamedTuple):
@@ -183,10 +185,19 @@ def _eliminated(theta: Array, x: Experiment, layout: Layout):
 
 
 def _own(shapes: Response, layout: Layout) -> tuple[Array, ...]:
-    """The columns of a d/q log that depend on the plant."""
+    """The columns of a d/q log that depend on the plant as it is."""
     if layout.steady:
         return ()
     return (shapes.free, shapes.rate) if layout.late else (shapes.free,)
+
+
+def _extra(x: Experiment, layout: Layout) -> tuple[Array, ...]:
+    return tuple(x.extra[k] for k in range(layout.extra))
+
+
+def _with_extra(driven: Array, weights: Array, x: Experiment, layout: Layout) -> Array:
+    """With what the last of the weights make of the log's own shapes."""
+    return driven + weights[len(weights) - layout.extra :] @ x.extra if layout.extra else driven
 
 
 def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
@@ -198,7 +209,7 @@ def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
 def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are two columns, whose
     coefficients are cos phi and sin phi."""
-    span = _span(_own(shapes, layout), x, layout)
+    span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
     white = _off(_whiten(shapes.forced, x), x)
     white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.apart else 1j * white
     left, shape = span.off(x.response), span.off(white)
@@ -213,7 +224,7 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
         v = span.off(_off(v, x))
         return v - share * jnp.vdot(phase, v).real * phase
 
-    driven = _modelled(shapes, nuisances, layout)
+    driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     late = (nuisances[2] * jnp.conj(turn)).real
     rows = left - turn.real * shape - turn.imag * ahead
     return Residual(rows, driven, x.start, x.floor, late, gain, turn), nuisances, off
@@ -221,10 +232,10 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    span = _span((shapes.forced, *_own(shapes, layout)), x, layout)
+    span = _span((shapes.forced, *_own(shapes, layout), *_extra(x, layout)), x, layout)
     weights = _weights(span, x.response, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
-    driven = _modelled(shapes, nuisances, layout)
+    driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
     return found, nuisances, lambda v: span.off(_off(v, x))
 

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from sysid.experiment import Trial, freedom, joined, with_noise
+from sysid.extra import asked
 from sysid.noise import Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.span import times
@@ -68,7 +69,7 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     if trial.steady and not trial.signed:
         trial = replace(trial, spread=rice_spread(model / np.sqrt(floor)))
     new = _with_noise_of(trial, model, lambda: course.design(model), round_)
-    new = replace(new, late=late * trial.lateness / trial.looseness)
+    new = replace(new, late=late * trial.lateness / trial.looseness, extra=asked(new, course))
     if trial.log.relative_noise and round_ < HELD:
         new = replace(new, level=np.abs(model))
     if trial.signed:

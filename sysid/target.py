@@ -1,15 +1,18 @@
 """The posterior density of a fit, in coordinates that make it nearly standard normal; counted and timed as it is evaluated."""
 
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 from scipy.special import ndtri
 
-from sysid.experiment import group
+from sysid.experiment import Trial, group
+from sysid.extra import asked
 from sysid.fitting import Fit
 from sysid.identify import limits
 from sysid.minimise import NAMES
 from sysid.mixture import Mixture
+from sysid.perturbed import Course
 from sysid.surrogate import Density
 
 QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
@@ -34,11 +37,16 @@ class Target:
         carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
         self._carried = carry[self.index]
         self._along = self._carried[:, self.index] @ self.triangle
-        trials = tuple(t.uncondensed() for t in best.trials) if every_row else best.trials
+        trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
         smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
         self.density, self.rows = Density(self.theta, groups, smooth), sum(len(t.log) for t in trials)
         self.evaluations, self._warm, self._seconds = 0, 0, 0.0
+
+    def _whole(self, trial: Trial) -> Trial:
+        """The trial over every row of the file."""
+        whole = trial.uncondensed()
+        return replace(whole, extra=asked(whole, Course(whole, whole.hold(self.fit.reference), self.fit.modes[0].theta)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """(n, 6) parameters of the fit at z (n, p)."""

@@ -7,6 +7,7 @@ from itertools import chain
 import numpy as np
 
 from sysid.experiment import LEAST_WARMING
+from sysid.extra import possible
 from sysid.minimise import FINGER
 from sysid.perturbed import accumulated
 from sysid.plant import contact, force_of
@@ -56,7 +57,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
             yield _term(i, "saturation", each, said.format("a channel"), -1)
     if trial.resonant:
         yield from _second_resonance(i, view)
-        yield from _drift(i, view)
+        yield from chain(_drift(i, view), _lag(i, view))
     yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else _later(i, view)
 
 
@@ -96,11 +97,27 @@ def _drift(i: int, view: View) -> Iterator[Term]:
         def say(value: np.ndarray, _: View, why: str = why) -> str:
             return (
                 f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"
-                " every row, or wait until it is constant"
+                " every row, wait until it is constant, or fit a drift (effect drift)"
             )
 
         unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
         yield Term("drift", {i: shape[:, None]}, say, i, unseen=unseen)
+
+
+def _lag(i: int, view: View) -> Iterator[Term]:
+    """A temperature that its sensor tells late."""
+    lag = possible(view.trial, view.course).get("lag")
+    if lag is None or "lag" in view.trial.extra or np.ptp(view.trial.log.temperature) < LEAST_WARMING:
+        return
+    name = view.trial.log.name
+
+    def say(value: np.ndarray, _: View) -> str | None:
+        return (
+            f"{name}: the temperature that is recorded lags the plate's by about {value[0]:.2g} s; warm it more slowly, wait"
+            " until it is constant, or fit the lag (effect lag)"
+        )
+
+    yield Term("lag", {i: view.observed(lag.shape[None]).T}, say, i)
 
 
 def _slow_one_way(view: View) -> bool:
@@ -263,7 +280,7 @@ def own(name: str, what: str, about: str) -> str:
     """Of a log that contradicts the others in `what`, by `about` so much."""
     return (
         f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor and its temperature, or"
-        " leave it out"
+        f" leave it out{' (or fit a gain of each log, effect gain)' if what == 'G' else ''}"
     )
 
 

@@ -67,6 +67,7 @@ class View:
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
         shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
+        shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
         parts = (("d", 1.0), ("q", 1j))
         columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
         found = self._fitted(columns, trial.log.response - forced)

@@ -1,0 +1,58 @@
+"""What else the bench may have done to a d/q log, fitted on request: one number nu each, times a shape that depends on the plate.
+
+    drift   Hz   the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
+    lag     s    the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
+    gain    1    the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
+
+The first two add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `sysid/perturbed.py`: to first order, so
+that a drift should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round of the
+fit. They are not in every fit: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from sysid.experiment import Trial
+    from sysid.perturbed import Course
+
+EXTRA = ("drift", "lag", "gain")
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1"}
+SHARE = 0.1  # of the log's duration, and of the gain
+
+
+class Extra(NamedTuple):
+    """What one unit adds to the response, (n,), not turned by the demodulator; and the standard deviation of the number."""
+
+    shape: np.ndarray
+    prior: float
+
+
+def asked(trial: "Trial", course: "Course") -> dict[str, Extra]:
+    """Those that are asked for, of those that the log can hold, by name."""
+    if set(EXTRA).isdisjoint(trial.nuisances):
+        return {}
+    return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
+
+
+def possible(trial: "Trial", course: "Course") -> dict[str, Extra]:
+    """Those that the log can hold, by name."""
+    if not (trial.signed and trial.driven):
+        return {}
+    found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course)}
+    return {name: extra for name, extra in found.items() if np.any(extra.shape)}
+
+
+def _shapes(trial: "Trial", course: "Course") -> Iterator[tuple[str, np.ndarray, float]]:
+    log, tau = trial.log, course.tau
+    turning = 2j * np.pi * course.exact
+    if trial.resonant and not (trial.steady and trial.whole):  # the means of a long sweep are in the order of its frequency
+        along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
+        yield "drift", course.response_to((2 * along / along[-1] - 1) * turning), 1 / (2 * np.pi * tau)
+    if trial.resonant and log.temperature is not None and log.time is not None and log.time[-1] > log.time[0]:
+        stamps, first = np.unique(log.time, return_index=True)
+        rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
+        yield "lag", course.response_to(course.theta[3] * rate * turning), SHARE * float(np.ptp(log.time))
+    yield "gain", course.exact, SHARE
