@@ -28,10 +28,8 @@ MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when no
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
 
-def tightened(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[Trial, ...] | None:
-    """The trials with priors of the size that they show, where the error of G is that of lateness; else None."""
-    if not hangs(state, reference, free):
-        return None
+def tightened(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
+    """The trials with priors of the size that they show; for a state in which the error of G is that of lateness."""
     found = []
     for trial, model in zip(state.trials, state.models, strict=True):
         view = View(trial, model, state, reference, coloured=True)

@@ -75,7 +75,7 @@ class Trial:
     def steady(self) -> bool:
         return self.kind == "steady"
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Largest magnitude of the response."""
         return float(np.max(np.abs(self.log.response))) or 1.0
@@ -85,7 +85,7 @@ class Trial:
         """Square of the noise that float64 makes over the log's."""
         return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
 
-    @property
+    @cached_property
     def driven(self) -> bool:
         """A drive is recorded and not zero throughout."""
         return self.log.drive is not None and bool(np.any(self.log.drive != 0))
@@ -95,22 +95,22 @@ class Trial:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
 
-    @property
+    @cached_property
     def touched(self) -> bool:
         """A finger's force is recorded."""
         return bool(np.any(self.inputs.contact))
 
-    @property
+    @cached_property
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise)
 
-    @property
+    @cached_property
     def one_level(self) -> bool:
         """A transient whose inputs never change."""
         return not self.steady and one_level(self.log)
 
-    @property
+    @cached_property
     def from_rest(self) -> bool:
         """A transient of one level that is read as a step at the first row."""
         return not self.steady and from_rest(self.log)
@@ -126,14 +126,14 @@ class Trial:
         """How often the inputs of a transient change."""
         return len(self.inputs.drive) - 1
 
-    @property
+    @cached_property
     def start_free(self) -> bool:
         """The state at the first row is to be found."""
         if self.steady or self.from_rest or "start" not in self.nuisances:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
 
-    @property
+    @cached_property
     def clock(self) -> np.ndarray:
         """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
         if self.log.time is None:
@@ -147,7 +147,7 @@ class Trial:
         within = np.arange(len(self.log)) - np.repeat(first, count)
         return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
 
-    @property
+    @cached_property
     def weight(self) -> np.ndarray:
         """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise is a fraction."""
         weight = np.sqrt(self.count)
@@ -264,13 +264,13 @@ class Trial:
         """Standard deviation of the prior of what the bench adds: ten times the response."""
         return 10.0 * self.scale
 
-    @property
+    @cached_property
     def smoothing(self) -> tuple[float, int]:
         """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated and matters."""
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
         return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 
-    @property
+    @cached_property
     def lateness(self) -> float:
         """Standard deviation (s) of how late the response may be: a row, or a radian of the carrier where that is longer.
         0 where it is known or nothing depends on it."""
@@ -324,8 +324,10 @@ def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """now_k v_k - before_k v_(k-1) of rows (..., n)."""
-    return times(now, v) - times(before, np.roll(v, 1, axis=-1))
+    """now_k v_k - before_k v_(k-1) of rows (..., n); the first has none before it."""
+    found = times(now, v)
+    found[..., 1:] -= times(before[1:], v[..., :-1])
+    return found
 
 
 def group(

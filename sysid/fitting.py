@@ -89,10 +89,11 @@ def fit(
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         states = minimiser.minima(flipped, start)
-    found = _conclude(states, reference, free, warnings, reference_temperature)
-    if len(states) > 1 or found.result is Result.misfit or not (tight := tightened(states[0], reference, free)):
+    known = reference, free, warnings, reference_temperature
+    found, best = _conclude(states, *known), states[0]
+    if len(states) > 1 or found.result is Result.misfit or not hangs(best, reference, free):
         return found
-    return _conclude([minimiser.refine(tight, states[0].theta)], reference, free, warnings, reference_temperature)
+    return _conclude([minimiser.refine(tightened(best, reference), best.theta)], *known)
 
 
 def _check_units(logs: Sequence[Log]) -> None:

@@ -147,7 +147,7 @@ class _Linear:
     def _added(self, term: Term) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray, np.ndarray] | None:
         """Rows of the term's shapes, of unit size, by log; that size; their products with the Jacobian; and with themselves, less
         what the parameters can make of them."""
-        rows = {i: np.stack([self.views[i].off(s) for s in shapes.T], axis=1) for i, shapes in term.shapes.items()}
+        rows = {i: self.views[i].off(shapes.T).T for i, shapes in term.shapes.items()}
         scale = np.sqrt(sum(np.sum(a**2, axis=0) for a in rows.values()))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
             return None
@@ -165,7 +165,7 @@ class _Linear:
         score = sum(a.T @ self.views[i].r for i, a in rows.items()) - cross.T @ self.inverse @ self.slope
         if np.any(np.diag(own) < 1e-6):  # the plant and the nuisances can do the same
             return None
-        value = np.linalg.lstsq(own, score, rcond=1e-10)[0]
+        value = score / own[0] if len(own) == 1 else np.linalg.lstsq(own, score, rcond=1e-10)[0]
         if 0.5 * score @ value < threshold:
             return None
         shift = self.inverse @ (self.slope - cross @ value)

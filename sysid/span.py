@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from sysid.plant import Leaf
@@ -14,7 +15,7 @@ NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
 
 def times(a: Leaf, v: Leaf) -> Leaf:
     """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or jax.numpy."""
-    return a.real * v.real + 1j * (a.imag * v.imag) if jnp.iscomplexobj(a) else a * v
+    return a.real * v.real + 1j * (a.imag * v.imag) if np.iscomplexobj(a) else a * v
 
 
 class Span:

@@ -41,7 +41,7 @@ class View:
         self.recorded = self.rows(self.residual)
         self.r = self.off(self.residual)
         self.derivatives = self.own * self.observed(self.course.derivatives(self.plate / self.own).T).T
-        self.jacobian = np.stack([self.off(c) for c in self.derivatives.T], axis=1)
+        self.jacobian = self.off(self.derivatives.T).T
 
     def _nuisances(self) -> list[Column]:
         """What the bench may add, linear about the fit."""
@@ -90,7 +90,7 @@ class View:
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
         """Columns as real, weighted rows, with a row for each one's prior."""
-        rows = np.stack([self.rows(c.shape, len(columns)) for c in columns], axis=1)
+        rows = self.rows(np.stack([c.shape for c in columns]), len(columns)).T
         rows[len(rows) - len(columns) :] = np.diag([1 / c.prior for c in columns])
         return rows
 
@@ -108,7 +108,7 @@ class View:
         size = np.linalg.norm(a, axis=0)
         found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
         if plant is not None:
-            by_theta = found @ (a / size).T @ np.stack([self.rows(d) for d in self.derivatives.T], axis=1)
+            by_theta = found @ (a / size).T @ self.rows(self.derivatives.T).T
             found = found + by_theta @ plant @ by_theta.T
         return found / np.outer(size, size)
 
@@ -122,14 +122,15 @@ class View:
         return u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
-        """Real, weighted rows of a shape, and zeros where the rows of `priors` (of all columns, unless given) are."""
-        v = whitened(shape[self.trial.used], *self._whitening)
-        real = np.concatenate([v.real, v.imag]) if np.iscomplexobj(self.residual) else v.real
-        return np.append(real, np.zeros(self.priors if priors is None else priors))
+        """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
+        v = whitened(shape[..., self.trial.used], *self._whitening)
+        channels = [v.real, v.imag] if np.iscomplexobj(self.residual) else [v.real]
+        return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
 
     def off(self, shape: np.ndarray) -> np.ndarray:
+        """Rows of shapes (..., n), less what the bench's columns can make of them."""
         rows = self.rows(shape)
-        return rows - self.basis @ (self.basis.T @ rows)
+        return rows - (rows @ self.basis) @ self.basis.T
 
     def likelihood(self, rows: np.ndarray) -> float:
         """Log-likelihood of real rows as this log's noise, at its best level and correlation time."""
