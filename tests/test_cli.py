@@ -74,7 +74,7 @@ def refused(bench, second):
         "strange": ("strange.csv",),
         "absent": ("absent.csv",),
         "pattern": ("absent*.csv",),
-        "option": ("--effects", "drift", *LOGS),
+        "option": ("--effects", "drifts", *LOGS),
         "no logs": (),
         "seed": ("--seed", "-1", *LOGS),
         "budget": ("--budget=-1", *LOGS),
@@ -271,13 +271,16 @@ def test_names_cannot_steer_the_terminal(tmp_path):
         ("late,rotation", ("rotation", "late")),
         ("-late", ("rotation", "background", "offset", "start")),
         ("-start, -offset", ("rotation", "background", "late")),
+        ("+drift", ("rotation", "background", "offset", "start", "late", "drift")),
+        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "lag", "gain")),
+        ("rotation,drift", ("rotation", "drift")),
     ],
 )
 def test_effects_are_forced_in_or_out(text, kept):
     assert parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
 
 
-@pytest.mark.parametrize("text", ["lateness", "-rotation,late", "", "none,late"])
+@pytest.mark.parametrize("text", ["lateness", "-rotation,late", "+drift,late", "", "none,late"])
 def test_effects_that_are_not_understood_are_refused(text, capsys):
     with pytest.raises(SystemExit) as refused:
         parser().parse_args([f"--effects={text}", "log.csv"])
