@@ -8,9 +8,11 @@ with the package; the noise, and the Cramer-Rao bounds, are made here. Writes co
     --seeds N      of each case (default 2000)      --posterior N  of these also sampled (default 200)
     --case NAME    those whose name holds NAME; printed, not written
     --seed S       the first one (default 0)        --jobs N       processes (default 1)
+    --keep FOLDER  what is done already, by the same code, is read from there, and what is done now is kept there
 """
 
 import argparse
+import json
 import os
 import re
 import runpy
@@ -461,6 +463,11 @@ def work(chunk: tuple[str, int, int, int]) -> list[Outcome]:
     return [outcome(case, seed, seed - first < sampled) for seed in range(first, last)]
 
 
+def kept(folder: Path, chunk: tuple[str, int, int, int]) -> Path:
+    name, *rest = chunk
+    return folder / f"{re.sub(r'[^a-z0-9.]+', '_', name.lower())}-{'-'.join(map(str, rest))}.json"
+
+
 def _begin(folder: str) -> None:
     keep_programs(Path(folder))
 
@@ -472,18 +479,26 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--case", default="")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     chosen = [case for case in every_case() if given.case in case.name]
     todo, outcomes = chunks(chosen, given), []
+    if given.keep:
+        given.keep.mkdir(parents=True, exist_ok=True)
+        done = [path for chunk in todo if (path := kept(given.keep, chunk)).exists()]
+        outcomes = [Outcome(**o) for path in done for o in json.loads(path.read_text(encoding="utf-8"))]
+        todo = [chunk for chunk in todo if not kept(given.keep, chunk).exists()]
     command = f"python benchmarks/coverage.py --seeds {given.seeds} --posterior {given.posterior} --seed {given.seed}"
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
     # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
     pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 10}
     with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
-        for found in track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)):
+        for chunk, found in zip(todo, track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)), strict=True):
             outcomes += found
-            if not given.case and sum(o.case == found[0].case for o in outcomes[-given.seeds :]) == given.seeds:
-                (HERE / "coverage.md").write_text(table(outcomes, chosen, command), encoding="utf-8")
+            if given.keep:
+                kept(given.keep, chunk).write_text(json.dumps([vars(o) for o in found]), encoding="utf-8")
+    if not given.case:
+        (HERE / "coverage.md").write_text(table(outcomes, chosen, command), encoding="utf-8")
     print(table(outcomes, chosen, command))
 
 

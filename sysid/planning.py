@@ -24,6 +24,7 @@ from sysid.view import View
 
 UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
 KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
+ROUGH = 0.1  # of the same: beyond, what an experiment brings is a guess, as it goes with a power of tau
 AWAY = 10.0  # degC, to another temperature
 FINE = 20  # rows per tau, where the logs do not say what the bench can do
 MOST = 4000  # rows of a step
@@ -74,7 +75,7 @@ class Experiment:
 @dataclass(frozen=True)
 class Advice:
     """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
-    the largest standard deviation that counts as determined."""
+    the largest standard deviation that counts as determined. `rough`: tau is hardly known, and so is what is left after it."""
 
     experiment: Experiment
     parameter: str
@@ -83,10 +84,12 @@ class Advice:
     seconds: float
     limit: float
     unit: str
+    rough: bool = False
 
     def __str__(self) -> str:
         before = "what the logs do not tell" if self.before > 0.9 * UNKNOWN * self.limit else f"± {self.before:.2g}"
-        return f"{self.experiment}: {self.parameter} from {before} to ± {self.after:.2g} {self.unit}, in {self.seconds:.3g} s"
+        after = f"{'about ' if self.rough else ''}± {self.after:.2g} {self.unit}"
+        return f"{self.experiment}: {self.parameter} from {before} to {after}, in {self.seconds:.3g} s"
 
     @property
     def rate(self) -> float:
@@ -160,7 +163,8 @@ def _error(bench: "_Bench", parameter: str) -> Judge:
     chosen = PLANT[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
     index, unit = PLANT.index(chosen), bench.fit.units[chosen]
     before, limit = float(error[index]), float(bench.limits[index])
-    return lambda e, told, took: Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit)
+    rough = bool(bench.fit.modes[0].covariance[1, 1] > ROUGH**2)
+    return lambda e, told, took: Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit, rough)
 
 
 def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
