@@ -1,4 +1,4 @@
-"""Feedthrough and lateness of a step, where nothing else in the logs tells them from the gain.
+"""What the bench adds to a step, where nothing else in the logs tells it from the gain: two things that would have to cancel.
 
 A step shows what it settles at, A = G + nu, and how it begins, B = G (1 + t/tau): a feedthrough nu, a response that is late by
 t and the gain are three numbers for two. With a lateness of up to a row G would be known to a row's share of tau, though A = B
@@ -12,9 +12,12 @@ unbiased s^2 is, with the noise added where it would be subtracted: the size of 
 that is too small is worse than one that is too large. Of 60 logs each, with lateness drawn from a row and a feedthrough of its
 own 97 % of the intervals held the truth (with half of s^2: 85 %); of a bench without either, all. Where other logs tell G the
 priors stay wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
+
+In the same way a rest before the step that is short beside tau shows the sum of an offset and of a plate that still rings, and
+neither alone: both get priors of the size of that sum.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,28 +31,37 @@ MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when no
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
 
-def tightened(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
-    """The trials with priors of the size that they show; for a state in which the error of G is that of lateness."""
+def tightened(state: State, reference: tuple[float, float], names: Sequence[str]) -> tuple[Trial, ...]:
+    """The trials with priors of the size that they show, for a state in which the error of G is that of `names`."""
     found = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        view = View(trial, model, state, reference, coloured=True)
-        found.append(_tight(view, _Both.of(view, state.covariance)) if _both(trial) else trial)
+        view, narrow = View(trial, model, state, reference, coloured=True), dict(trial.narrow)
+        for name in names:
+            narrow |= PAIRS[name].size(view, state.covariance) if PAIRS[name].held(trial, view.course.tau) else {}
+        found.append(replace(trial, narrow=narrow))
     return tuple(found)
 
 
 def loosened(trial: Trial) -> Trial:
     """The trial with the priors that it has beside others."""
-    return replace(trial, feedthrough_std=np.inf, late_std=np.inf)
+    return replace(trial, narrow={})
 
 
-def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
-    """Whether the error of G is that of lateness: without it, G would be known much better."""
-    if "G" not in free or not any(_both(t) for t in state.trials):
-        return False
+def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
+    """Whether the error of G is that of not knowing how "late" the response is, or the "start": without it, G would be known
+    much better."""
+    if "G" not in free:
+        return ()
+    tau = float(np.exp(state.theta[1]))
+    held = [name for name, pair in PAIRS.items() if any(pair.held(t, tau) for t in state.trials)]
+    return tuple(name for name in held if _hangs_on(name, state, reference, free))
+
+
+def _hangs_on(name: str, state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        punctual = replace(trial, nuisances=tuple(n for n in trial.nuisances if n != "late"))
-        views.append(View(punctual, model, state, reference, coloured=True))
+        without = replace(trial, nuisances=tuple(n for n in trial.nuisances if n != name))
+        views.append(View(without, model, state, reference, coloured=True))
     variance = _variance(views, [NAMES.index(n) for n in free])
     return variance is not None and variance < MOSTLY**2 * state.covariance[0, 0]
 
@@ -57,38 +69,59 @@ def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> 
 def cancelling(view: View) -> tuple[float, float] | None:
     """The gain of a log over that of the others when its feedthrough and its lateness cancel: with what that is worth in
     log-likelihood, against a feedthrough of any phase and of the size that is seen."""
-    if not (view.trial.signed and _both(view.trial)):
+    if not (view.trial.signed and _step(view.trial, view.course.tau)):
         return None
-    both = _Both.of(view)
-    worth = 2 * np.log(abs(both.feedthrough) / both.error) - 0.5 * abs(both.left / both.error) ** 2
-    gain = 1 + both.feedthrough.real / float(np.max(np.abs(view.course.forced)))
+    both = _Both.of_step(view)
+    worth = 2 * np.log(abs(both.first) / both.error) - 0.5 * abs(both.left / both.error) ** 2
+    gain = 1 + both.first.real / float(np.max(np.abs(view.course.forced)))
     return gain, float(worth + 0.5 * (view.late / view.trial.lateness) ** 2)
 
 
-def _both(trial: Trial) -> bool:
+def _step(trial: Trial, tau: float) -> bool:
     return trial.lateness > 0 and "feedthrough" in trial.shapes
 
 
-class _Both(NamedTuple):
-    """A log's feedthrough in the plate's frame and unit; what is `left` of it when what its lateness adds is taken off, A - B;
-    the error of that per channel. The gain has no part in it."""
+def _rest(trial: Trial, tau: float) -> bool:
+    """A rest that is short beside tau, before a step."""
+    shared = trial.signed and trial.start_free and "offset" in trial.shapes
+    return shared and trial.changes > 0 and bool(trial.inputs.duration[0] < tau)
 
-    feedthrough: complex
+
+class _Both(NamedTuple):
+    """Two things that may cancel: the first of them, in the unit of the response; what is `left` of their sum, in which the gain
+    has no part; the error of that per channel. With the plant's parameters of the covariance `plant` of theta, or held."""
+
+    first: complex
     left: complex
     error: float
 
     @classmethod
-    def of(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
-        """With the plant's parameters of the covariance `plant` of theta, or held."""
-        names, values = [c.name for c in view.columns], np.array([c.value for c in view.columns])
+    def of_step(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
+        """A feedthrough in the plate's frame, and less what the lateness adds: A - B."""
+        through = _complex_of(view, "feedthrough", np.conj(view.turn))
+        late = _complex_of(view, "late", _rise(view) * view.trial.lateness / view.trial.looseness)
+        return cls._of(view, plant, through, through - late)
 
-        def complex_of(name: str, factor: complex) -> np.ndarray:
-            return np.array([factor * (n == f"{name}_d") + 1j * factor * (n == f"{name}_q") for n in names])
+    @classmethod
+    def of_rest(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
+        """An offset, and with what the plate still rings by."""
+        offset = _complex_of(view, "offset", 1.0)
+        return cls._of(view, plant, offset, offset + _complex_of(view, "start", 1.0))
 
-        through = complex_of("feedthrough", np.conj(view.turn))
-        left = through - complex_of("late", _rise(view) * view.trial.lateness / view.trial.looseness)
-        error = np.sqrt((left @ view.covariance(plant) @ left.conj()).real / 2)
-        return cls(complex(through @ values), complex(left @ values), float(error))
+    @classmethod
+    def _of(cls, view: View, plant: np.ndarray | None, first: np.ndarray, both: np.ndarray) -> "_Both":
+        values = np.array([c.value for c in view.columns])
+        error = np.sqrt((both @ view.covariance(plant) @ both.conj()).real / 2)
+        return cls(complex(first @ values), complex(both @ values), float(error))
+
+    @property
+    def size(self) -> float:
+        return float(np.sqrt(0.5 * abs(self.left) ** 2 + self.error**2))
+
+
+def _complex_of(view: View, name: str, factor: complex) -> np.ndarray:
+    """What makes a complex coefficient of the columns of d and q, as a linear form."""
+    return np.array([factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns])
 
 
 def _rise(view: View) -> float:
@@ -106,6 +139,20 @@ def _variance(views: Sequence[View], index: Sequence[int]) -> float | None:
     return float(np.linalg.inv(scaled)[0, 0] / size[0] ** 2)
 
 
-def _tight(view: View, both: _Both) -> Trial:
-    size = float(np.sqrt(0.5 * abs(both.left) ** 2 + both.error**2))
-    return replace(view.trial, feedthrough_std=size, late_std=size / _rise(view))
+def _narrow_step(view: View, plant: np.ndarray) -> dict[str, float]:
+    size = _Both.of_step(view, plant).size
+    return {"feedthrough": size, "late": size / _rise(view)}
+
+
+def _narrow_rest(view: View, plant: np.ndarray) -> dict[str, float]:
+    return dict.fromkeys(("offset", "start"), _Both.of_rest(view, plant).size)
+
+
+class _Pair(NamedTuple):
+    """Two nuisances that may cancel: whether a log may hold both, and the standard deviations that it shows them to have."""
+
+    held: Callable[[Trial, float], bool]  # by tau
+    size: Callable[[View, np.ndarray], dict[str, float]]
+
+
+PAIRS = {"late": _Pair(_step, _narrow_step), "start": _Pair(_rest, _narrow_rest)}

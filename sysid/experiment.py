@@ -40,8 +40,7 @@ class Trial:
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
-    late_std: float = np.inf  # s; of its prior, where that is narrower than a row
-    feedthrough_std: float = np.inf  # of its prior, in the unit of the response, where that is narrower than `looseness`
+    narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
@@ -277,11 +276,12 @@ class Trial:
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
         radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
-        return min(radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian)), self.late_std)
+        usual = radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian))
+        return min(usual, self.narrow.get("late", np.inf))
 
     def prior(self, shape: str) -> float:
-        """Standard deviation of the prior of a shape's coefficient, in the unit of the response."""
-        return min(self.looseness, self.feedthrough_std) if shape == "feedthrough" else self.looseness
+        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
+        return min(self.looseness, self.narrow.get(shape, np.inf))
 
     def spans(self, keep: slice | np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each part: orthonormal basis (n + K, K) of the whitened columns, with each one's prior, and the triangle R of it."""
@@ -439,7 +439,7 @@ def _experiment(
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
-        start_free=np.asarray(float(trial.start_free)),
+        start_free=np.asarray(trial.start_free * trial.prior("start") / trial.looseness),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
         extra=np.array(extra, complex).reshape(len(extra), rows),
     )

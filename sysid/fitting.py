@@ -91,9 +91,9 @@ def fit(
         states = minimiser.minima(flipped, start)
     known = reference, free, warnings, reference_temperature
     found, best = _conclude(states, *known), states[0]
-    if len(states) > 1 or found.result is Result.misfit or not hangs(best, reference, free):
+    if len(states) > 1 or found.result is Result.misfit or not (names := hangs(best, reference, free)):
         return found
-    return _conclude([minimiser.refine(tightened(best, reference), best.theta)], *known)
+    return _conclude([minimiser.refine(tightened(best, reference, names), best.theta)], *known)
 
 
 def _check_units(logs: Sequence[Log]) -> None:
@@ -126,7 +126,7 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     found, unseen = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
     doubts = doubts if described else [*doubts, *unseen]
-    if hangs(best, reference, free):
+    if "late" in hangs(best, reference, free):
         doubts = [*doubts, identify.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
     if FINGER[0] in free and (carried := identify.extrapolated(best.trials)):
         doubts = [*doubts, carried]

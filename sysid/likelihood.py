@@ -63,7 +63,8 @@ class Experiment(NamedTuple):
     the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
     `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
     over that of the other nuisances; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3,
-    `start_free` and `floor_free` 1 when they are to be found. `extra` (E, N): shapes of the log's own, held at a plate.
+    `start_free` the prior of the start over that of the other nuisances, `floor_free` 1, when they are to be found. `extra`
+    (E, N): shapes of the log's own, held at a plate.
     """
 
     hold: Hold
