@@ -72,16 +72,27 @@ def misfits(
 
 
 def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
-    """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay."""
+    """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay. Where
+    the logs say that neither is there, it is not late, and noise or another parameter looks so to first order."""
     lateness, c = view.trial.lateness, view.course
-    if not lateness:
+    if not lateness or 0.5 * (view.late / _error_of_lateness(view, fit)) ** 2 < ENOUGH:
         return None
-    moves = fit.moved(i, view.late**2 * view.observed((c.pole * c.rate)[None])[0])
+    second = view.late**2 * view.observed((c.pole * c.rate)[None])[0]
+    if max(fit.gained(i, share * second) for share in (0.5, 1.0)) < -ENOUGH:
+        return None
+    moves = fit.moved(i, second)
     column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
     if abs(view.late) >= TENSE * lateness and np.sum(column**2) * view.late**2 >= 2 * ENOUGH:
         moves = {"tau": np.inf}
     found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
+
+
+def _error_of_lateness(view: View, fit: "_Linear") -> float:
+    """Standard deviation (s) of how late the response is."""
+    k = next(k for k, c in enumerate(view.columns) if c.name in ("late", "late_d"))
+    share = view.trial.lateness / view.columns[k].prior
+    return share * float(np.sqrt(view.covariance(fit.covariance)[k, k]))
 
 
 def _cancelling(i: int, view: View, threshold: float) -> Found | None:
@@ -118,6 +129,7 @@ class _Linear:
         reported = np.eye(len(NAMES))
         reported[2, 3] = away
         self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
+        self.covariance = covariance
         self.std = np.sqrt(np.diag(self.reported @ covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         gram = sum(j.T @ j for j in self.jacobians)
@@ -130,6 +142,14 @@ class _Linear:
         """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
         shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
         return dict(zip(self.names, -shift, strict=True))
+
+    def gained(self, i: int, shape: np.ndarray) -> float:
+        """What it is worth, in log-likelihood, when the i-th log holds `shape`, with no unknown, and the parameters follow."""
+        rows, found = self.views[i].off(shape), 0.0
+        shift = self.inverse @ (self.slope - self.jacobians[i].T @ rows)
+        for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
+            found += view.likelihood(view.r - jacobian @ shift - (rows if j == i else 0.0)) - self.before[j]
+        return found
 
     def doubt(self, term: Term) -> str | None:
         """What the term would do at a size of two of its standard deviations, at which it is not seen; None if that is little."""
