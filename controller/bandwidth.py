@@ -30,11 +30,13 @@ Bound = Literal["stated", "plant", "delay", "posterior", "settling"]
 
 
 class Bandwidth(NamedTuple):
-    """The closed loop's, 1 / (2 pi tau_cl), in Hz; the `limit` that the delay sets; and which `bound` decided."""
+    """The closed loop's, 1 / (2 pi tau_cl), in Hz; the `limit` that the delay sets; which `bound` decided; and whether the
+    reference is fed forward."""
 
     hz: float
     limit: float
     bound: Bound
+    lead: bool = False
 
 
 def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> Bandwidth:
@@ -47,10 +49,10 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
     plant = 1 / (2 * math.pi * share * plate.tau)
     safe = min(limit, -math.log1p(math.expm1(-2 * math.pi * limit * T) / plate.spread) / (2 * math.pi * T))
     if settled is not None:
-        return Bandwidth(_settled(asked, settled, safe), limit, "settling")
+        return _settled(asked, settled, safe, limit)
     if wanted is None:
         bound: Bound = "plant" if plant <= safe else "delay" if safe > 0.98 * limit else "posterior"
-        return Bandwidth(min(plant, safe), limit, bound)
+        return Bandwidth(min(plant, safe), limit, bound, asked.leads)
     if not wanted > 0:
         raise ValueError(
             f"bandwidth_hz = {wanted:g} cannot be had: any above 0 and up to {safe:.6g} Hz can; "
@@ -77,12 +79,17 @@ def _limit(asked: Asked) -> float:
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
 
-def _settled(asked: Asked, wanted: float, fastest: float) -> float:
-    """The lowest bandwidth whose promise settles within `wanted` s. Raises ValueError with the limit that stands in the way."""
+def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandwidth:
+    """The lowest bandwidth whose promise settles within `wanted` s; where none does, the highest with feed-forward. Raises
+    ValueError with the limit that stands in the way."""
     positive("settling_time", wanted)
     tried = np.geomspace(fastest / 8, fastest, 10)
     times = [_taken(asked, b) for b in tried[::-1]]  # from the fastest: overshoot may make it settle later than a slower one
     best = min(times)
+    if best > wanted * (1 + 1e-9) and asked.leads:
+        best = min(best, led := _taken(asked, fastest, True))
+        if led <= wanted * (1 + 1e-9):
+            return Bandwidth(fastest, limit, "settling", True)
     if not math.isfinite(best):
         raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {unkept(asked, fastest)}")
     if best > wanted * (1 + 1e-9):
@@ -97,11 +104,12 @@ def _settled(asked: Asked, wanted: float, fastest: float) -> float:
         raise ValueError(
             f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is {1e3 * best:.4g} ms"
         )
-    return float(next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9)))
+    slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9))
+    return Bandwidth(float(slowest), limit, "settling")
 
 
-def _taken(asked: Asked, bandwidth: float) -> float:
-    return settling(asked.control(bandwidth), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
+def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
+    return settling(asked.control(bandwidth, lead), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
 
 
 def _voltage_bound(asked: Asked) -> float:

@@ -118,7 +118,7 @@ def _latency(T: float, given: float | None, method: Method) -> float:
 
 def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
     """Raises ValueError where the promise cannot be kept."""
-    plate, law = asked.plate, asked.control(bandwidth.hz)
+    plate, law = asked.plate, asked.control(bandwidth.hz, bandwidth.lead)
     promise = asked.promise(law)
     if not math.isfinite(promise.settling) and samples(law, asked.plants, asked.T) <= LONGEST:
         raise ValueError(unkept(asked, bandwidth.hz))

@@ -10,7 +10,7 @@ from controller.ensemble import Ensemble
 from controller.guard import Guard
 from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
-from controller.pi import PI
+from controller.pi import PI, Model
 from controller.plate import Plate
 from controller.promise import Promise, promise
 from controller.rig import Calibrated, Rig
@@ -52,14 +52,21 @@ class Asked(NamedTuple):
         plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
         return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
 
-    def control(self, bandwidth: float) -> DQ | Adaptive:
+    @property
+    def leads(self) -> bool:
+        """Whether a voltage can be fed forward: its limit is known, and it may change at once."""
+        return self.method in ("pi", "pll") and self.limits.voltage is not None and self.rig.voltage_slew is None
+
+    def control(self, bandwidth: float, lead: bool = False) -> DQ | Adaptive:
+        """`lead`: a PI with feed-forward."""
         if self.method == "adaptive":
             return self._adaptive(bandwidth)
         plate, T = self.plate, self.T
         lowest, highest = self._voltages()
         K = -math.expm1(-2 * math.pi * bandwidth * T)
         Kp = K / (plate.G * -math.expm1(-T / plate.tau))
-        pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T))
+        model = Model.of(plate.G, plate.tau, T, self.delay, (lowest, highest)) if lead else None
+        pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T), model)
         return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
 
     def promise(self, control: DQ | Adaptive) -> Promise:
