@@ -19,6 +19,9 @@ from controller.tracker import PLL, SignTracker, Tracker
 BETA = 0.3  # share of the detuning that one tracker update removes
 PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
 FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
+# Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it must be wrong. A
+# resonance that jumps is chased within half of the latter (benchmarks/faults.md).
+MEMORY, DOUBTS = 3.0, 5.0
 BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
 # back is twice as far.
@@ -51,6 +54,15 @@ class Asked(NamedTuple):
         """The same over other temperatures."""
         plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
         return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
+
+    @property
+    def period(self) -> float:
+        """Seconds between two updates of the proportional tracker.
+
+        With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)). 1 ms gives
+        the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
+        """
+        return max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
 
     @property
     def leads(self) -> bool:
@@ -88,10 +100,7 @@ class Asked(NamedTuple):
             kp *= 1.0 if self.rig.source(f0) is None else 0.1
             lead = kp / (2 * math.pi)
             return PLL(lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency())
-        # With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)).
-        # 1 ms gives the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
-        period = max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
-        every = float(max(1, round(period / self.T)))
+        every = float(max(1, round(self.period / self.T)))
         return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
     def _frequency(self, dead: float = QUIET) -> dict[str, Any]:
@@ -139,11 +148,13 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     ceiling = limit if limits.voltage is None else 1.2 * gain * limit
     window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
     patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
+    period = asked.period
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     return Guard(
         control, limit, ceiling, gain / (1.0 + asked.ranged.finger), -math.expm1(-T / plate.tau), *window,
         float(patience), float(repeats),
         edge=0.0 if source is None else 1.1 * source.step,
+        turn=2 * math.pi * T, memory=-math.expm1(-T / (MEMORY * period)), doubts=float(math.ceil(DOUBTS * period / T)),
     )  # fmt: skip
 
 

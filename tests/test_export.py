@@ -189,7 +189,7 @@ REPLAYS = {
     "dead": (lambda told, last: 0j, 10e-3, {"dead"}),
     "missing": (lambda told, last: complex(math.nan, 0.0), 10e-3, {"missing"}),
     "stuck": (lambda told, last: last, 50e-3, {"stuck", "edge"}),
-    "wrong sign of q": (lambda told, last: told.conjugate(), 50e-3, {"edge"}),
+    "wrong sign of q": (lambda told, last: told.conjugate(), 50e-3, {"reversed"}),
 }
 
 
