@@ -22,8 +22,8 @@ from controller.promise import LONGEST, samples, settling
 
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
-# The largest K there: disk margin 0.8.
-PREDICTED_SHARE, PREDICTED_K = 0.07, 0.5
+# The largest K there: with the observer's time constants of `laws`, a disk margin of 0.75 on the paper's plate.
+PREDICTED_SHARE, PREDICTED_K = 0.07, 0.52
 OFFERED = 0.002  # to which, relatively, a refusal finds the nearest that can be had
 
 Bound = Literal["stated", "plant", "delay", "posterior", "settling"]

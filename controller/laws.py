@@ -27,7 +27,7 @@ BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time 
 # back is twice as far.
 QUIET, LOUD = 0.1, 0.15
 SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
-OBSERVER = 5e-4, 2.5e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 Method = Literal["pi", "paper", "pll", "adaptive"]
 
