@@ -10,9 +10,10 @@ A fault makes the voltage zero and is latched: only `init` arms the controller a
     5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere
     6 reversed   Wq answers the frequency with the wrong sign for `doubts` samples: the tracker is running away
 
-The last is seen long before the edge. Whatever the voltage and the finger, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so that moves of f
-about its own mean, m, move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. Where Wq, less its own mean, goes the other way, by a
-third to three times as much, and A is above a tenth of what the drive makes of the plate, the sign of Wq is wrong.
+The last is seen before the edge, however far that is. Whatever the voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so that moves of
+f about its own mean, m, move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. Where Wq, less its own mean, goes the other way, by a
+third to three times as much (a finger shortens tau), and A is above a tenth of what the drive makes of the plate, the sign of Wq
+is wrong.
 """
 
 from typing import Any, NamedTuple
