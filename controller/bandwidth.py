@@ -100,7 +100,8 @@ def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandw
                 f" slowest of the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
             )
         else:
-            why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way: a faster loop oscillates"
+            why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
+            why += "" if asked.leads else ": a faster loop oscillates"
         raise ValueError(
             f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is {1e3 * best:.4g} ms"
         )
