@@ -22,19 +22,21 @@ from controller.promise import LONGEST, samples, settling
 
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
-# The largest K there: disk margin 0.8.
-PREDICTED_SHARE, PREDICTED_K = 0.07, 0.5
+# The largest K there: with the observer's time constants of `laws`, a disk margin of 0.75 on the paper's plate.
+PREDICTED_SHARE, PREDICTED_K = 0.07, 0.52
 OFFERED = 0.002  # to which, relatively, a refusal finds the nearest that can be had
 
 Bound = Literal["stated", "plant", "delay", "posterior", "settling"]
 
 
 class Bandwidth(NamedTuple):
-    """The closed loop's, 1 / (2 pi tau_cl), in Hz; the `limit` that the delay sets; and which `bound` decided."""
+    """The closed loop's, 1 / (2 pi tau_cl), in Hz; the `limit` that the delay sets; which `bound` decided; and whether the
+    reference is fed forward."""
 
     hz: float
     limit: float
     bound: Bound
+    lead: bool = False
 
 
 def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> Bandwidth:
@@ -47,10 +49,10 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
     plant = 1 / (2 * math.pi * share * plate.tau)
     safe = min(limit, -math.log1p(math.expm1(-2 * math.pi * limit * T) / plate.spread) / (2 * math.pi * T))
     if settled is not None:
-        return Bandwidth(_settled(asked, settled, safe), limit, "settling")
+        return _settled(asked, settled, safe, limit)
     if wanted is None:
         bound: Bound = "plant" if plant <= safe else "delay" if safe > 0.98 * limit else "posterior"
-        return Bandwidth(min(plant, safe), limit, bound)
+        return Bandwidth(min(plant, safe), limit, bound, asked.leads)
     if not wanted > 0:
         raise ValueError(
             f"bandwidth_hz = {wanted:g} cannot be had: any above 0 and up to {safe:.6g} Hz can; "
@@ -77,12 +79,17 @@ def _limit(asked: Asked) -> float:
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
 
-def _settled(asked: Asked, wanted: float, fastest: float) -> float:
-    """The lowest bandwidth whose promise settles within `wanted` s. Raises ValueError with the limit that stands in the way."""
+def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandwidth:
+    """The lowest bandwidth whose promise settles within `wanted` s; where none does, the highest with feed-forward. Raises
+    ValueError with the limit that stands in the way."""
     positive("settling_time", wanted)
     tried = np.geomspace(fastest / 8, fastest, 10)
     times = [_taken(asked, b) for b in tried[::-1]]  # from the fastest: overshoot may make it settle later than a slower one
     best = min(times)
+    if best > wanted * (1 + 1e-9) and asked.leads:
+        best = min(best, led := _taken(asked, fastest, True))
+        if led <= wanted * (1 + 1e-9):
+            return Bandwidth(fastest, limit, "settling", True)
     if not math.isfinite(best):
         raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {unkept(asked, fastest)}")
     if best > wanted * (1 + 1e-9):
@@ -93,15 +100,17 @@ def _settled(asked: Asked, wanted: float, fastest: float) -> float:
                 f" slowest of the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
             )
         else:
-            why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way: a faster loop oscillates"
+            why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
+            why += "" if asked.leads else ": a faster loop oscillates"
         raise ValueError(
             f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is {1e3 * best:.4g} ms"
         )
-    return float(next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9)))
+    slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9))
+    return Bandwidth(float(slowest), limit, "settling")
 
 
-def _taken(asked: Asked, bandwidth: float) -> float:
-    return settling(asked.control(bandwidth), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
+def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
+    return settling(asked.control(bandwidth, lead), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
 
 
 def _voltage_bound(asked: Asked) -> float:

@@ -89,8 +89,9 @@ def design(
     are no logs, to none. `finger`: the damping that a finger adds at most, in units of the plate's own (1: it halves the
     amplitude); `warming`: degC above the reference temperature, from and to; both default to the rig's, else to none.
     `method`: "pi", PI and proportional tracker; "paper", the rules of the paper; "pll", PI and phase-locked loop; "adaptive",
-    an observer of the pole. `guard`: faults end the drive (see `controller.guard`); only with it there is a `machine`, and an
-    export.
+    an observer of the pole. The PI of "pi" and "pll" feeds the reference forward where the voltage has a limit and no slew limit,
+    unless a bandwidth is stated, or a settling time that the loop alone keeps. `guard`: faults end the drive (see
+    `controller.guard`); only with it there is a `machine`, and an export.
 
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
@@ -118,7 +119,7 @@ def _latency(T: float, given: float | None, method: Method) -> float:
 
 def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
     """Raises ValueError where the promise cannot be kept."""
-    plate, law = asked.plate, asked.control(bandwidth.hz)
+    plate, law = asked.plate, asked.control(bandwidth.hz, bandwidth.lead)
     promise = asked.promise(law)
     if not math.isfinite(promise.settling) and samples(law, asked.plants, asked.T) <= LONGEST:
         raise ValueError(unkept(asked, bandwidth.hz))

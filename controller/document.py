@@ -27,6 +27,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "bandwidth_limit_Hz": loop.bandwidth_limit_hz,
         "bandwidth_bound": loop.bandwidth_bound,
         **_law(loop),
+        "feed_forward": _feed_forward(loop),
         "continuous": {"Kp": loop.Kp_continuous, "Ti_s": loop.Ti},
         "voltage_limit": loop.limits.voltage,
         "frequency_window_Hz": None if loop.limits.frequency is None else list(loop.limits.frequency),
@@ -52,6 +53,13 @@ def _law(loop: Loop) -> dict[str, Any]:
         return {"method": loop.method, "gains": {"d": gains, "q": dict(gains)}, "anti_windup": law.amplitude.anti_windup}
     observer = {"K": law.K, "keep_d": law.keep[0], "keep_q": law.keep[1], "push": law.push, "damping": law.damping}
     return {"method": loop.method, "gains": observer, "anti_windup": None}
+
+
+def _feed_forward(loop: Loop) -> dict[str, Any] | None:
+    """The model that the PI follows; None where nothing is fed forward."""
+    if not isinstance(loop.law, DQ) or (model := loop.law.amplitude.model) is None:
+        return None
+    return {"keep": model.keep, "push": model.push, "latest": model.latest, "remembered": len(model.line)}
 
 
 def _tracker(loop: Loop) -> dict[str, float] | None:

@@ -7,8 +7,13 @@ A fault makes the voltage zero and is latched: only `init` arms the controller a
     3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit, or the
                  frequency by 0.2 % of its window
     4 above      |W| above `ceiling` for `patience` samples
-    5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere, or
-                 the sign of Wq is wrong and the tracker ran away
+    5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere
+    6 reversed   Wq answers the frequency with the wrong sign for `doubts` samples: the tracker is running away
+
+The last is seen before the edge, however far that is. Whatever the voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so that moves of
+f about its own mean, m, move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. Where Wq, less its own mean, goes the other way, by a
+third to three times as much (a finger shortens tau), and A is above a tenth of what the drive makes of the plate, the sign of Wq
+is wrong.
 """
 
 from typing import Any, NamedTuple
@@ -17,13 +22,23 @@ from controller import scalar
 from controller.dq import Command
 from controller.scalar import NO_LIMIT, Full, Span, clip, seen
 
-FAULTS = ("none", "missing", "dead", "stuck", "above", "edge")
+FAULTS = ("none", "missing", "dead", "stuck", "above", "edge", "reversed")
+ALIKE = 1 / 3, 3.0  # of its answer to the frequency, between which Wq counts as that, turned round
+ANSWER = 0.1  # of what the drive makes of the plate, above which an answer stands out from the noise
+
+
+class Answer(NamedTuple):
+    """The mean frequency `f` and the mean `q` = Wq of late; by how much the frequency `moves` Wq of a sound plate."""
+
+    f: Any
+    q: Any
+    moves: Any
 
 
 class GuardState(NamedTuple):
     """The controller's own state; the latched `fault`, a number of FAULTS; how many samples each has been suspected for; the
     amplitude `expected` of the drive; the last reading, and the voltage and the frequency at which it was first seen; the last
-    voltage. `heard` is None where there is no tracker."""
+    voltage. `heard` and `answer` are None where there is no tracker."""
 
     control: Any
     fault: Any
@@ -32,12 +47,14 @@ class GuardState(NamedTuple):
     stuck: Any
     above: Any
     edge: Any
+    turned: Any
     expected: Any
     d: Any
     q: Any
     since: Any
     heard: Any
     voltage: Any
+    answer: Answer | None
 
 
 class GuardInfo(NamedTuple):
@@ -51,7 +68,7 @@ class Guard(NamedTuple):
     """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and that faults stop.
 
     The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under the heaviest
-    finger.
+    finger. `turn` = 2 pi T (rad per Hz); `memory`: share of the latest in a mean.
     """
 
     control: Any
@@ -65,10 +82,15 @@ class Guard(NamedTuple):
     repeats: float = 200.0
     floor: float = 0.05
     edge: float = 0.0
+    turn: float = 0.0
+    memory: float = 0.0
+    doubts: float = 50.0
 
     def init(self) -> GuardState:
         """Armed, at rest."""
-        return GuardState(self.control.init(), *(0.0,) * 10, self.rest().frequency, 0.0)
+        frequency = self.rest().frequency
+        answer = None if frequency is None else Answer(frequency, 0.0, 0.0)
+        return GuardState(self.control.init(), *(0.0,) * 11, frequency, 0.0, answer)
 
     def rest(self) -> Command:
         """As the controller's own."""
@@ -77,10 +99,11 @@ class Guard(NamedTuple):
     def span(self, full: Full) -> GuardState:
         """Where the numbers of the state lie."""
         patient, volts, W = Span(0.0, 2 * self.patience), Span(-self.limit, self.limit), Span(-full.response, full.response)
-        counts = (patient, patient, Span(0.0, 2 * self.repeats), patient, patient)
+        counts = (patient, patient, Span(0.0, 2 * self.repeats), patient, patient, Span(0.0, 2 * self.doubts))
         expected = Span(0.0, self.gain * self.limit)
         window = None if self.rest().frequency is None else Span(self.lowest, self.highest)
-        return GuardState(self.control.span(full), Span(0.0, len(FAULTS)), *counts, expected, W, W, volts, window, volts)
+        answer = None if window is None else Answer(window, W, W)
+        return GuardState(self.control.span(full), Span(0.0, len(FAULTS)), *counts, expected, W, W, volts, window, volts, answer)
 
     def step(
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
@@ -91,19 +114,21 @@ class Guard(NamedTuple):
         counts, since, heard = self._suspicions(state, W, frequency, xp)
         edge = xp.where(at_edge, state.edge + 1.0, 0.0)
         missing, dead, stuck, above = counts
-        fault = state.fault
-        for code, suspected in enumerate(
-            (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, state, since, heard, frequency),
-             above >= self.patience, edge >= self.patience), 1,
-        ):  # fmt: skip
-            fault = xp.where((fault == 0.0) & suspected, 1.0 * code, fault)
+        there = seen(0.0, W, xp)
+        d, q = xp.where(there, W.real, state.d), xp.where(there, W.imag, state.q)
+        answer, turned = self._answered(state, d, q, frequency, xp)
+        suspected = (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, state, since, heard, frequency),
+                     above >= self.patience, edge >= self.patience, turned >= self.doubts)  # fmt: skip
+        found = 0.0
+        for code, fails in reversed(list(enumerate(suspected, 1))):  # the first in the list is called
+            found = xp.where(fails, 1.0 * code, found)
+        fault = xp.where(state.fault == 0.0, found, state.fault)
         voltage = clip(command.voltage, -self.limit, self.limit, xp)
         voltage = xp.where((fault == 0.0) & xp.isfinite(voltage), voltage, 0.0)
         size = xp.where(voltage < 0.0, -voltage, voltage)
         expected = state.expected + self.decay * (self.gain * size - state.expected)
-        there = seen(0.0, W, xp)
-        d, q = xp.where(there, W.real, state.d), xp.where(there, W.imag, state.q)
-        after = GuardState(control, fault, missing, dead, stuck, above, edge, expected, d, q, since, heard, voltage)
+        suspicions = (missing, dead, stuck, above, edge, turned)
+        after = GuardState(control, fault, *suspicions, expected, d, q, since, heard, voltage, answer)
         return after, Command(voltage, frequency), GuardInfo(fault, said)
 
     def _suspicions(self, state: GuardState, W: Any, frequency: Any, xp: Any) -> tuple[tuple[Any, Any, Any, Any], Any, Any]:
@@ -113,9 +138,9 @@ class Guard(NamedTuple):
         low, high = self.floor * state.expected, self.ceiling
         same = there & (W.real == state.d) & (W.imag == state.q)
         missing = xp.where(there, 0.0, state.missing + 1.0)
-        dead = xp.where(there & (size < low * low), state.dead + 1.0, xp.where(there, 0.0, state.dead))
+        dead = xp.where(there, xp.where(size < low * low, state.dead + 1.0, 0.0), state.dead)
         stuck = xp.where(same, state.stuck + 1.0, 0.0)
-        above = xp.where(there & (size > high * high), state.above + 1.0, xp.where(there, 0.0, state.above))
+        above = xp.where(there, xp.where(size > high * high, state.above + 1.0, 0.0), state.above)
         heard = None if frequency is None else xp.where(same, state.heard, frequency)
         return (missing, dead, stuck, above), xp.where(same, state.since, state.voltage), heard
 
@@ -126,6 +151,21 @@ class Guard(NamedTuple):
             turned, far = frequency - heard, 2e-3 * (self.highest - self.lowest)
             moves = moves | (turned > far) | (turned < -far)
         return (stuck >= self.repeats) & moves
+
+    def _answered(self, state: GuardState, d: Any, q: Any, frequency: Any, xp: Any) -> tuple[Answer | None, Any]:
+        """How Wq answers the frequency, and for how many samples it has done so the wrong way round."""
+        was = state.answer
+        if frequency is None:
+            return None, state.turned
+        off, beside = frequency - was.f, q - was.q
+        # Both as if the frequency had moved Wq upwards.
+        down = was.moves < 0.0
+        answer, against = xp.where(down, -was.moves, was.moves), xp.where(down, beside, -beside)
+        low, high = ALIKE
+        wrong = (answer > ANSWER * state.expected) & (against > low * answer) & (against < high * answer)
+        moves = (1.0 - self.decay) * was.moves - self.turn * (off * d)
+        after = Answer(was.f + self.memory * off, was.q + self.memory * beside, moves)
+        return after, xp.where(wrong, state.turned + 1.0, 0.0)
 
     def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
         if frequency is None:

@@ -35,7 +35,7 @@ def plant_system(plant: Any, frequency: float | None = None, temperature: float 
 
 
 def loop_systems(loop: Loop) -> Systems:
-    """The amplitude loop of a design about its settled state, without limits."""
+    """The amplitude loop of a design about its settled state, without limits, and without what it feeds forward."""
     import control
 
     T = loop.sample_time

@@ -10,7 +10,7 @@ from controller.ensemble import Ensemble
 from controller.guard import Guard
 from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
-from controller.pi import PI
+from controller.pi import PI, Model
 from controller.plate import Plate
 from controller.promise import Promise, promise
 from controller.rig import Calibrated, Rig
@@ -19,12 +19,15 @@ from controller.tracker import PLL, SignTracker, Tracker
 BETA = 0.3  # share of the detuning that one tracker update removes
 PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
 FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
+# Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it must be wrong. A
+# resonance that jumps is chased within half of the latter (benchmarks/faults.md).
+MEMORY, DOUBTS = 3.0, 5.0
 BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
 # back is twice as far.
 QUIET, LOUD = 0.1, 0.15
 SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
-OBSERVER = 5e-4, 2.5e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 Method = Literal["pi", "paper", "pll", "adaptive"]
 
@@ -52,15 +55,31 @@ class Asked(NamedTuple):
         plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
         return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
 
-    def control(self, bandwidth: float) -> DQ | Adaptive:
-        """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those of G, tau and T."""
+    @property
+    def period(self) -> float:
+        """Seconds between two updates of the proportional tracker.
+
+        With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)). 1 ms gives
+        the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
+        """
+        return max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
+
+    @property
+    def leads(self) -> bool:
+        """Whether a voltage can be fed forward: its limit is known, and it may change at once."""
+        return self.method in ("pi", "pll") and self.limits.voltage is not None and self.rig.voltage_slew is None
+
+    def control(self, bandwidth: float, lead: bool = False) -> DQ | Adaptive:
+        """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those of G, tau and T;
+        `lead`: with feed-forward."""
         if self.method == "adaptive":
             return self._adaptive(bandwidth)
         plate, T = self.plate, self.T
         lowest, highest = self._voltages()
         K = -math.expm1(-2 * math.pi * bandwidth * T)
         Kp = K / (plate.G * -math.expm1(-T / plate.tau))
-        pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T))
+        model = Model.of(plate.G, plate.tau, T, self.delay, (lowest, highest)) if lead else None
+        pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T), model)
         return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
 
     def promise(self, control: DQ | Adaptive) -> Promise:
@@ -83,10 +102,7 @@ class Asked(NamedTuple):
             kp *= 1.0 if self.rig.source(f0) is None else 0.1
             lead = kp / (2 * math.pi)
             return PLL(lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency())
-        # With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)).
-        # 1 ms gives the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
-        period = max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
-        every = float(max(1, round(period / self.T)))
+        every = float(max(1, round(self.period / self.T)))
         return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
     def _frequency(self, dead: float = QUIET) -> dict[str, Any]:
@@ -134,11 +150,13 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     ceiling = limit if limits.voltage is None else 1.2 * gain * limit
     window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
     patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
+    period = asked.period
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     return Guard(
         control, limit, ceiling, gain / (1.0 + asked.ranged.finger), -math.expm1(-T / plate.tau), *window,
         float(patience), float(repeats),
         edge=0.0 if source is None else 1.1 * source.step,
+        turn=2 * math.pi * T, memory=-math.expm1(-T / (MEMORY * period)), doubts=float(math.ceil(DOUBTS * period / T)),
     )  # fmt: skip
 
 

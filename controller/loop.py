@@ -62,12 +62,15 @@ def closed_loops(
 ) -> list[Trace]:
     """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
     lengths may differ. `loop` may be one, or one for each scene, of one kind."""
-    scenes = [_playable(scene) for scene in scenes]
+    playable = {id(scene): _playable(scene) for scene in scenes}
+    scenes = [playable[id(scene)] for scene in scenes]
     if len(found := {scene.fidelity for scene in scenes}) > 1:
         raise SceneError(f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all")
     loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
-    runs = [_Run.of(one, scene, reference, seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
+    cut = {(id(one), id(scene)): (one, scene) for one, scene in zip(loops, scenes, strict=True)}  # one scene may have many seeds
+    first = {key: _Run.of(*pair, reference) for key, pair in cut.items()}
+    runs = [replace(first[id(one), id(scene)], seed=seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
     count = _rounded(max(len(r.knots) for r in runs))
     readings, commands, samples = (max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True))
     shape = _Shape(readings, commands, _rounded(samples), scenes[0].fidelity)
@@ -85,7 +88,9 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
         if len({jax.tree.structure(g) for g in given}) > 1:
             raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
         numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
-        schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(r.schedule(count) for r in filled))
+        once = {id(r.knots): r for r in filled}
+        pieces = {key: r.schedule(count) for key, r in once.items()}
+        schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(pieces[id(r.knots)] for r in filled))
         rows = jax.tree.map(np.asarray, _play(numbers, schedule, np.array([r.seed for r in filled]), shape))
     return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
 
@@ -124,16 +129,16 @@ class _Run:
     loop: Any
     scene: Scene
     reference: Any
-    seed: int
     time: np.ndarray
     knots: np.ndarray
     sample: np.ndarray  # index of the knot of each sample
     marks: tuple[np.ndarray, np.ndarray, np.ndarray]  # samples run, readings taken, commands in force, counted up to each knot
     early: int  # readings from before the scene began
     depths: tuple[int, int]  # readings and commands that are on their way at most
+    seed: int = 0
 
     @classmethod
-    def of(cls, loop: Any, scene: Scene, reference: Any, seed: int) -> "_Run":
+    def of(cls, loop: Any, scene: Scene, reference: Any) -> "_Run":
         Ts = loop.sample_time
         late = delay.time if (delay := scene.find(Delay)) else 0.0
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
@@ -154,7 +159,7 @@ class _Run:
         depths = int(np.max(read - ran)) + 1, int(np.max(ran - acted)) + 1
         sample = np.searchsorted(knots, instants[0])
         early = int(np.searchsorted(instants[1], 0.0))
-        return cls(loop, scene, reference, seed, time, knots * Ts, sample, (ran, read, acted), early, depths)
+        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths)
 
     def schedule(self, count: int) -> Schedule:
         """The pieces, filled up to `count` with some in which nothing happens."""

@@ -71,7 +71,7 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
     One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,), which it has learnt.
     """
     if isinstance(control, DQ):
-        pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT)
+        pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT, model=None)
 
         def step(state: tuple, W: Any) -> tuple[tuple, Any]:
             after, voltage, _ = pi.step(PIState(state[0], 0.0), 1.0, W, np)

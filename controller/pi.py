@@ -1,5 +1,6 @@
-"""The amplitude loop, a PI on Wd with voltage clip and back-calculation: the paper's, and what a DSP runs."""
+"""The amplitude loop, a PI on Wd with voltage clip, back-calculation and feed-forward: what a DSP runs."""
 
+import math
 from typing import Any, NamedTuple
 
 from controller import scalar
@@ -7,10 +8,11 @@ from controller.scalar import NO_LIMIT, Full, Span, clip, seen
 
 
 class PIState(NamedTuple):
-    """`integral` and the last `output`, both in the drive unit."""
+    """`integral` and the last `output`, both in the drive unit; the `model`'s amplitude, the latest first (response unit)."""
 
     integral: Any
     output: Any
+    model: tuple = ()
 
 
 class PIInfo(NamedTuple):
@@ -20,12 +22,50 @@ class PIInfo(NamedTuple):
     saturated: Any
 
 
-class PI(NamedTuple):
-    """V = clip(Kp e + I),  I <- I + Ki_Ts e + (V - Kp e - I) Ki_Ts / Kp,  with e = reference - Wd.
+class Model(NamedTuple):
+    """The plate as it was identified, brought to the reference in the time that the voltage allows:
 
-    `Kp` and `Ki_Ts` are in drive unit per response unit. The output stays within `lowest` to `highest` and changes by `slew` at
-    most from one sample to the next, all in the drive unit. A negative V is the voltage vector turned by half a carrier period,
-    which brakes; an amplifier that cannot has `lowest` = 0. This step closes d only, the tracker brings Wq to zero.
+        U = clip(reference - keep M, least, most) / push,   M <- keep M + push U,   keep = e^{-T/tau},  push = G (1 - keep),
+
+    `least` and `most` being push times the voltage's limits. U at its limit until it is there is the time-optimal course of a
+    first-order plant. `latest`: share of the younger of the last two amplitudes in `line` (zeros, as many as are remembered)
+    that together are the amplitude a delay ago; None: the last alone.
+    Source: two degrees of freedom, Astrom and Hagglund, Advanced PID Control, 2006, section 5.3.
+    """
+
+    keep: float
+    push: float
+    least: float
+    most: float
+    latest: float | None
+    line: tuple[float, ...]
+
+    @classmethod
+    def of(cls, G: float, tau: float, T: float, delay: float, voltages: tuple[float, float]) -> "Model":
+        """Of a plate sampled every T s, driven between two voltages, whose answer is seen `delay` s after a command."""
+        keep, late = math.exp(-T / tau), math.floor(delay / T + 1e-9)
+        push, rest = G * (1.0 - keep), max(delay / T - late, 0.0)
+        least, most = sorted(push * v for v in voltages)
+        if rest < 1e-9:
+            return cls(keep, push, least, most, None, (0.0,) * (late + 1))
+        latest = math.expm1((rest - 1.0) * T / tau) / math.expm1(-T / tau)
+        return cls(keep, push, least, most, latest, (0.0,) * (late + 2))
+
+    def expected(self, line: tuple) -> Any:
+        """What the sensor shows of it now."""
+        if self.latest is None:
+            return line[-1]
+        return self.latest * line[-2] + (1.0 - self.latest) * line[-1]
+
+
+class PI(NamedTuple):
+    """V = clip(U + Kp e + I),  I <- I + Ki_Ts e + (V - U - Kp e - I) Ki_Ts / Kp,  with e = M - Wd.
+
+    U and M are the voltage and the amplitude, a delay ago, of the `model`; without one U = 0 and M = reference. The loop, and so
+    its margins, are the same with and without. `Kp` and `Ki_Ts` are in drive unit per response unit. The output stays within
+    `lowest` to `highest` and changes by `slew` at most from one sample to the next, all in the drive unit. A negative V is the
+    voltage vector turned by half a carrier period, which brakes; an amplifier that cannot has `lowest` = 0. This step closes d
+    only, the tracker brings Wq to zero.
     """
 
     Kp: float
@@ -33,6 +73,7 @@ class PI(NamedTuple):
     lowest: float = -NO_LIMIT
     highest: float = NO_LIMIT
     slew: float = NO_LIMIT
+    model: Model | None = None
 
     @property
     def anti_windup(self) -> float:
@@ -41,23 +82,38 @@ class PI(NamedTuple):
 
     def init(self) -> PIState:
         """At rest: no voltage."""
-        return PIState(0.0, 0.0)
+        return PIState(0.0, 0.0, () if self.model is None else self.model.line)
 
     def span(self, full: Full) -> PIState:
-        """The integral is a mean of outputs: I <- (1 - anti_windup) I + anti_windup V."""
+        """The integral is a mean of outputs, less those of the model: I <- (1 - anti_windup) I + anti_windup (V - U)."""
         volts = Span(max(self.lowest, -full.voltage), min(self.highest, full.voltage))
-        return PIState(volts, volts)
+        if self.model is None:
+            return PIState(volts, volts)
+        most, width = abs(self.model.push) / (1.0 - self.model.keep) * full.voltage, volts.high - volts.low
+        return PIState(Span(-width, width), volts, tuple(Span(-most, most) for _ in self.model.line))
 
     def step(self, state: PIState, reference: Any, W: Any, xp: Any = scalar, share: Any = 1.0) -> tuple[PIState, Any, PIInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive unit) out.
 
-        `share` multiplies both gains: the closed loop is slower by as much. A missing measurement (not finite) is not zero:
-        output and integral are held, and `info.missing` says so.
+        `share` multiplies both gains: the closed loop is slower by as much, and so is the model, by the loop's own K.
+        A missing measurement (not finite) is not zero: output, integral and model are held, and `info.missing` says so.
         """
         there = seen(reference, W, xp)
-        error = share * (reference - W.real)
-        wanted = self.Kp * error + state.integral
+        aim, held, model = self._aimed(state, reference, share, xp)
+        error = share * (aim - W.real)
+        wanted = self.Kp * error + held
         output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), self.lowest, self.highest, xp)
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup
-        after = PIState(xp.where(there, integral, state.integral), xp.where(there, output, state.output))
+        model = tuple(xp.where(there, new, old) for new, old in zip(model, state.model, strict=True))
+        after = PIState(xp.where(there, integral, state.integral), xp.where(there, output, state.output), model)
         return after, after.output, PIInfo(xp.logical_not(there), there & (output != wanted))
+
+    def _aimed(self, state: PIState, reference: Any, share: Any, xp: Any) -> tuple[Any, Any, tuple]:
+        """The amplitude that Wd should have now, the voltage without an error of it, U + I, and the model a sample later."""
+        if self.model is None:
+            return reference, state.integral, ()
+        keep, push, now = self.model.keep, self.model.push, state.model[0]
+        part = xp.where(share < 1.0, share * (self.Kp * push), 1.0)
+        driven = clip(part * (reference - now) + (1.0 - keep) * now, self.model.least, self.model.most, xp)
+        held = state.integral + driven * (1.0 / push)
+        return self.model.expected(state.model), held, (keep * now + driven, *state.model[:-1])

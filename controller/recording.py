@@ -136,7 +136,11 @@ def _recorder(loop: Loop, precision: Precision) -> Any:
     if (bits := BITS[precision]) is None:
         return Record(_number if precision == "double" else _single)
     if not isinstance(loop.law, DQ):
-        raise ValueError(f"found {precision} for the method {loop.method!r}, expected 'double' or 'single': it divides by |W|^2")
+        # Its gate goes with the reference, so that 1 / |W|^2 has no bound that a scale could be taken from.
+        raise ValueError(
+            f"found {precision} for the method {loop.method!r}, expected 'double' or 'single': it divides by |W|^2, which has no"
+            " least value that a word could be scaled by"
+        )
     return FixedRecord(bits, getattr(loop.law.tracker, "most", None))
 
 

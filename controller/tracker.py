@@ -37,11 +37,6 @@ def _due(tracker: Any, state: TrackerState, reference: Any, W: Any, braked: Any,
     return there, due, due & there & vibrates & xp.logical_not(braked), xp.where(due, 0.0, count)
 
 
-def _ratio(tracker: Any, W: Any, moves: Any, xp: Any) -> Any:
-    """Wq / Wd within +-most; without vibration no division by what may be zero."""
-    return clip(W.imag / xp.where(moves, W.real, 1.0), -tracker.most, tracker.most, xp)
-
-
 class SignTracker(NamedTuple):
     """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f holds at Wq = 0.
 
@@ -78,42 +73,45 @@ class SignTracker(NamedTuple):
         return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
 
 
-class _Estimate(NamedTuple):
-    """What `Tracker` and `PLL` have in common: what becomes of a step of the estimate."""
+def _begun(tracker: Any, ratio: float | None) -> TrackerState:
+    """At the start frequency, or what the source makes of it."""
+    offset = 0.0 if tracker.source is None else tracker.source.first
+    return TrackerState(offset, 0.0, 0.0, None if tracker.k_T is None else tracker.temperature, ratio)
 
-    start: float
-    lowest: float
-    highest: float
-    source: Source | None
-    dead_band: float
-    k_T: float | None
-    temperature: float
 
-    @classmethod
-    def of(cls, tracker: Any) -> "_Estimate":
-        return cls(*(getattr(tracker, name) for name in cls._fields))
+def _span(tracker: Any, full: Full, ratio: Span | None) -> TrackerState:
+    """Where the numbers of the state lie."""
+    window = Span(tracker.lowest - tracker.start, tracker.highest - tracker.start)
+    return TrackerState(window, window, Span(0.0, tracker.every), None if tracker.k_T is None else full.temperature, ratio)
 
-    def init(self, ratio: float | None) -> TrackerState:
-        offset = 0.0 if self.source is None else self.source.first
-        return TrackerState(offset, 0.0, 0.0, None if self.k_T is None else self.temperature, ratio)
 
-    def span(self, full: Full, every: float, ratio: Span | None) -> TrackerState:
-        window = Span(self.lowest - self.start, self.highest - self.start)
-        return TrackerState(window, window, Span(0.0, every), None if self.k_T is None else full.temperature, ratio)
+def _moved(tracker: Any, state: TrackerState, step: Any, temperature: Any, xp: Any) -> tuple[Any, Any, Any]:
+    """Offset, estimate and temperature: the estimate moves by `step` and with the temperature, within the window; the offset is
+    what the source makes of it, left only where that is further off than half a step and the dead band."""
+    estimate, known = state.estimate, state.temperature
+    if tracker.k_T is not None and temperature is not None:
+        known = xp.where(xp.isfinite(temperature), temperature, known)
+        estimate = estimate + tracker.k_T * (known - state.temperature)
+    estimate = clip(estimate + step, tracker.lowest - tracker.start, tracker.highest - tracker.start, xp)
+    if tracker.source is None:
+        return estimate, estimate, known
+    off, enough = estimate - state.offset, 0.5 * tracker.source.step + tracker.dead_band
+    far = (off > enough) | (off < -enough)
+    return xp.where(far, tracker.source.made(estimate, xp), state.offset), estimate, known
 
-    def moved(self, state: TrackerState, step: Any, temperature: Any, xp: Any) -> tuple[Any, Any, Any]:
-        """Offset, estimate and temperature: the estimate moves by `step` and with the temperature, within the window; the offset
-        is what the source makes of it, left only where that is further off than half a step and the dead band."""
-        estimate, known = state.estimate, state.temperature
-        if self.k_T is not None and temperature is not None:
-            known = xp.where(xp.isfinite(temperature), temperature, known)
-            estimate = estimate + self.k_T * (known - state.temperature)
-        estimate = clip(estimate + step, self.lowest - self.start, self.highest - self.start, xp)
-        if self.source is None:
-            return estimate, estimate, known
-        off, enough = estimate - state.offset, 0.5 * self.source.step + self.dead_band
-        far = (off > enough) | (off < -enough)
-        return xp.where(far, self.source.made(estimate, xp), state.offset), estimate, known
+
+def _followed(
+    tracker: Any, state: TrackerState, reference: Any, W: Any, temperature: Any, braked: Any, xp: Any
+) -> tuple[TrackerState, Any, TrackerInfo]:
+    """One sample of a tracker that says what is `wanted` of the ratio Wq / Wd; without vibration that is nothing."""
+    there, due, moves, count = _due(tracker, state, reference, W, braked, xp)
+    # Without vibration no division by what may be zero.
+    ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -tracker.most, tracker.most, xp)
+    wanted, ratio = tracker.wanted(state, ratio, moves, xp)
+    step = xp.where(moves, clip(wanted, -tracker.max_step, tracker.max_step, xp), 0.0)
+    offset, estimate, known = _moved(tracker, state, step, temperature, xp)
+    after = TrackerState(offset, estimate, count, known, ratio)
+    return after, tracker.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
 
 
 class Tracker(NamedTuple):
@@ -153,11 +151,11 @@ class Tracker(NamedTuple):
 
     def init(self) -> TrackerState:
         """At the start frequency; the first update comes after one full period."""
-        return _Estimate.of(self).init(None)
+        return _begun(self, None)
 
     def span(self, full: Full) -> TrackerState:
         """Where the numbers of the state lie."""
-        return _Estimate.of(self).span(full, self.every, None)
+        return _span(self, full, None)
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -166,13 +164,11 @@ class Tracker(NamedTuple):
 
         A measurement that is missing (not finite) when an update is due holds the frequency for that period.
         """
-        there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        ratio = _ratio(self, W, moves, xp)
-        wanted = self.gain * ratio + self.share * (state.offset - state.estimate)
-        step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
-        offset, estimate, known = _Estimate.of(self).moved(state, step, temperature, xp)
-        after = TrackerState(offset, estimate, count, known)
-        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+        return _followed(self, state, reference, W, temperature, braked, xp)
+
+    def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, None]:
+        """The step in Hz that `ratio` = Wq / Wd asks for, and nothing to remember."""
+        return self.gain * ratio + self.share * (state.offset - state.estimate), None
 
 
 class PLL(NamedTuple):
@@ -205,22 +201,20 @@ class PLL(NamedTuple):
 
     def init(self) -> TrackerState:
         """At the start frequency."""
-        return _Estimate.of(self).init(0.0)
+        return _begun(self, 0.0)
 
     def span(self, full: Full) -> TrackerState:
         """Where the numbers of the state lie."""
-        return _Estimate.of(self).span(full, self.every, Span(-self.most, self.most))
+        return _span(self, full, Span(-self.most, self.most))
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
     ) -> tuple[TrackerState, Any, TrackerInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out."""
-        there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        ratio = _ratio(self, W, moves, xp)
+        return _followed(self, state, reference, W, temperature, braked, xp)
+
+    def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, Any]:
+        """The step in Hz that `ratio` = Wq / Wd asks for, and the ratio that is remembered."""
         ratio = xp.where(moves, ratio, state.ratio)
         left = ratio + (state.offset - state.estimate) * (1.0 / self.half_bandwidth)
-        wanted = self.lead * (ratio - state.ratio) + self.gain * left
-        step = xp.where(moves, clip(wanted, -self.max_step, self.max_step, xp), 0.0)
-        offset, estimate, known = _Estimate.of(self).moved(state, step, temperature, xp)
-        after = TrackerState(offset, estimate, count, known, ratio)
-        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+        return self.lead * (ratio - state.ratio) + self.gain * left, ratio

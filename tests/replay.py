@@ -209,6 +209,10 @@ def rounding(loop, precision, full):
     # what is asked, to a word; an error of full scale and the amplitude, its gains to half of their last place; the voltage that
     # is wanted goes up to eight times the limit, so that its products and sums have words of eight; twice, as Ki and Kp have both
     room = 2 * (pi.Kp * asked + 2 * (full + loop.amplitude) * pi.Kp * top + 3 * 8 * volt)
+    # the amplitude of the model, which forgets its error in a sample or two: what is asked and four words of its own, by the gain
+    # of the PI and as the voltage that leads there
+    if pi.model is not None:
+        room += (asked + 4 * 2.0 ** -twin.states["control_control_amplitude_model_0"]) * (pi.Kp + 1 / pi.model.push)
     # an update: Wq/Wd, of which what is below a word is cut off, its gains, and a word for each of sum and product
     moved = tracker is not None and most > 0
     word = 2.0 ** -twin.states["control_control_tracker_offset"]

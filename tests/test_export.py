@@ -168,7 +168,7 @@ def test_what_drives_a_bench_has_its_guard(tmp_path):
 T = 1e-4
 
 
-def faulty(loop, spoilt, samples=1500, at=500):
+def faulty(loop, spoilt, samples=1500, at=500, resonance=lambda k: 32300.0):
     """V, f, fault (samples,): the plate with noise of 1 %, whose reading is spoilt from sample `at` on."""
     rng = np.random.default_rng(0)
     state, W, pending, frequency, rows, last = loop.control.init(), 0j, 0.0, 32300.0, [], 0j
@@ -177,7 +177,7 @@ def faulty(loop, spoilt, samples=1500, at=500):
         told = spoilt(told, last) if k >= at else told
         last = told
         state, command, info = loop.control.step(state, 2.0, told)
-        pole = -1 / TAU + 2j * math.pi * (32300.0 - frequency)
+        pole = -1 / TAU + 2j * math.pi * (resonance(k) - frequency)
         settled = -0.02 / TAU * pending / pole
         W = settled + (W - settled) * np.exp(pole * T)
         pending, frequency = command
@@ -189,7 +189,7 @@ REPLAYS = {
     "dead": (lambda told, last: 0j, 10e-3, {"dead"}),
     "missing": (lambda told, last: complex(math.nan, 0.0), 10e-3, {"missing"}),
     "stuck": (lambda told, last: last, 50e-3, {"stuck", "edge"}),
-    "wrong sign of q": (lambda told, last: told.conjugate(), 50e-3, {"edge"}),
+    "wrong sign of q": (lambda told, last: told.conjugate(), 50e-3, {"reversed"}),
 }
 
 
@@ -211,6 +211,17 @@ def test_a_sound_bench_is_no_fault():
         loop = controller.design(PLATE, method=method, voltage_limit=350.0, frequency_window=(32100.0, 32500.0))
         _, _, fault = faulty(loop, lambda told, last: told, samples=5000)
         assert (fault == 0).all()
+
+
+@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+def test_a_reversed_q_is_called_by_its_answer_and_a_chase_is_not(method):
+    """In a window of 3 kHz, whose edge is far, though an observer may be there sooner than its answer is sure; a resonance that
+    jumps by 80 Hz, and back, is what looks most like it."""
+    loop = controller.design(PLATE, method=method, voltage_limit=350.0, frequency_window=(31000.0, 34000.0))
+    V, _, fault = faulty(loop, REPLAYS["wrong sign of q"][0])
+    assert FAULTS[int(fault[-1])] in ({"reversed", "edge"} if method == "adaptive" else {"reversed"}) and (V[1000:] == 0.0).all()
+    _, f, fault = faulty(loop, lambda told, last: told, 5000, resonance=lambda k: 32260.0 + 80.0 * (k // 300 % 2))
+    assert (fault == 0).all() and np.ptp(f[200:]) > 60.0
 
 
 def test_too_large_an_amplitude_is_a_fault():

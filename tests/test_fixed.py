@@ -155,7 +155,7 @@ REPLAYS = {  # the spoilt reading, of the true and the last one; ms within which
     "dead": (lambda told, last: 0j, 10, {"dead"}),
     "missing": (lambda told, last: complex(math.nan, 0.0), 10, {"missing"}),
     "stuck": (lambda told, last: last, 50, {"stuck", "edge"}),
-    "wrong sign of q": (lambda told, last: told.conjugate(), 50, {"edge"}),
+    "wrong sign of q": (lambda told, last: told.conjugate(), 50, {"reversed"}),
 }
 AT, SAMPLES = 550, 1080
 
