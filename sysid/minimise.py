@@ -1,15 +1,15 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
+from jax import Array
 
 from sysid.experiment import LEAST_WARMING, Trial, group, with_noise
-from sysid.likelihood import linearised, rows
+from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
@@ -21,6 +21,10 @@ FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of
 NAMES = (*PLANT, *FINGER)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+MOST = 128  # steps of a search
+ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
+POOR, GOOD = 0.01, 0.99  # of the promised fall: less is taken back, from more on the radius grows
+NARROW, WIDEN = 0.25, 3.5  # by what the radius is multiplied
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
 STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
@@ -43,30 +47,66 @@ class State:
     low_q: bool  # with the ripple of the fast mode
 
 
-@seldom
-def _search(theta, directions, layouts, groups):
-    """theta + directions @ x that makes the residual rows smallest, by Levenberg-Marquardt."""
+class _Look(NamedTuple):
+    """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
+    the directions, the gradient, and the residual."""
 
-    def residual(x, _):
-        parts = [part.ravel() for part in rows(theta + directions @ x, layouts, groups)]
-        return jnp.concatenate([v for p in parts for v in ((p.real, p.imag) if jnp.iscomplexobj(p) else (p,))])
-
-    solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
-    x0 = jnp.zeros(directions.shape[1])
-    x = optx.least_squares(residual, solver, x0, max_steps=128, throw=False).value
-    return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
+    cost: Array
+    grams: tuple[Array, ...]
+    gradients: tuple[Array, ...]
+    found: tuple[Residual, ...]
 
 
-@seldom
-def _linearise(theta, directions, layouts, groups):
-    """Of each log, group by group: the Gram matrix of the Jacobian along `directions`, the gradient, and the residual."""
+class _Search(NamedTuple):
+    """A search under way: the best point so far and what was seen there, the point to look at next, the step to it."""
 
+    theta: Array
+    look: _Look
+    next: Array
+    step: Array
+    radius: Array  # one over the damping
+    looks: Array
+    done: Array
+
+
+def _looked(theta, directions, layouts, groups) -> _Look:
     def one(x, layout):
         found, change = linearised(theta, x, layout)
         jacobian = jax.vmap(change, in_axes=1)(directions)
         return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
-    return tuple(jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True))
+    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
+    grams, gradients, found = zip(*parts, strict=True)
+    return _Look(0.5 * sum(jnp.sum(jnp.abs(f.rows) ** 2) for f in found), grams, gradients, found)
+
+
+@seldom
+def _search(theta, directions, most, layouts, groups):
+    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what is
+    seen there. (J^T J + I/radius) step = -J^T r; the radius follows from how much of the fall that the linear model promises comes
+    about (Conn, Gould & Toint, Trust-Region Methods, 2000, 6.1). The plant stands in the program once, in the loop's body: a
+    program takes as long to compile and to load as it has equations."""
+
+    def body(s: _Search) -> _Search:
+        new = _looked(s.next, directions, layouts, groups)
+        gram, gradient = (sum(jnp.sum(x, axis=0) for x in of) for of in (s.look.grams, s.look.gradients))
+        promised = -(gradient @ s.step + 0.5 * s.step @ gram @ s.step)
+        fall, first = s.look.cost - new.cost, s.looks == 0
+        taken = first | (fall >= POOR * promised)
+        grown = jnp.where(fall >= GOOD * promised, WIDEN, jnp.where(taken, 1.0, NARROW))
+        radius = jnp.where(first, s.radius, s.radius * grown)
+        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
+        gram, gradient = (sum(jnp.sum(x, axis=0) for x in of) for of in (look.grams, look.gradients))
+        step = -jnp.linalg.solve(gram + jnp.eye(len(gram)) / radius, gradient)
+        still = (jnp.max(jnp.abs(s.step)) < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
+        done = (taken & ~first & still) | ~jnp.all(jnp.isfinite(step))
+        return _Search(theta, look, theta + directions @ step, step, radius, s.looks + 1, done)
+
+    shapes = jax.eval_shape(lambda: _looked(theta, directions, layouts, groups))
+    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    begin = _Search(theta, blank, theta, jnp.zeros(directions.shape[1]), jnp.ones(()), jnp.zeros((), int), jnp.zeros((), bool))
+    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
+    return end.theta, end.look.grams, end.look.gradients, end.look.found
 
 
 @dataclass
@@ -161,10 +201,10 @@ class Minimiser:
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
             before = theta, trials
-            theta = np.asarray(_search(theta, directions, layouts, arrays) if steps.next is None else theta + steps.next)
+            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
+            theta, grams, gradients, found = jax.device_get(_search(first, directions, np.asarray(most), layouts, arrays))
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
-            grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
@@ -189,9 +229,10 @@ class Minimiser:
         """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
-        parts = jax.device_get(_linearise(theta, directions, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        *_, found = jax.device_get(_search(theta, directions, np.asarray(0), layouts, arrays))
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
-        trials, models, cost, _ = update(trials, members, [found for *_, found in parts], courses, round_=0)
+        trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         covariance = RUNAWAY**2 * directions @ directions.T
         return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
 
