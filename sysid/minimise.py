@@ -82,10 +82,13 @@ def _looked(theta, directions, layouts, groups) -> _Look:
 
 @seldom
 def _search(theta, directions, most, layouts, groups):
-    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what is
-    seen there. (J^T J + I/radius) step = -J^T r; the radius follows from how much of the fall that the linear model promises comes
-    about (Conn, Gould & Toint, Trust-Region Methods, 2000, 6.1). The plant stands in the program once, in the loop's body: a
-    program takes as long to compile and to load as it has equations."""
+    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
+    is seen there.
+
+    (J^T J + I/radius) step = -J^T r; the radius follows from how much of the fall that the linear model promises comes about (Conn,
+    Gould & Toint, Trust-Region Methods, 2000, 6.1). The plant stands in the program once, in the loop's body: a program takes as
+    long to compile and to load as it has equations.
+    """
 
     def body(s: _Search) -> _Search:
         new = _looked(s.next, directions, layouts, groups)
@@ -152,6 +155,7 @@ class Minimiser:
 
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
+        self._prepare(trials)
         search = Search(trials, (self._frequency, self.reference[1]))
         points, score, cost = self._starts(search, start)
         level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
@@ -175,6 +179,13 @@ class Minimiser:
         found.sort(key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+
+    def _prepare(self, trials: tuple[Trial, ...]) -> None:
+        """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
+        groups, _ = group(trials, self.reference)
+        theta = np.zeros(len(NAMES))
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        _search.prepare(theta, self._directions(theta), np.asarray(0), layouts, arrays)
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
