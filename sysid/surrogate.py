@@ -13,7 +13,9 @@ from math import comb
 import jax
 import numpy as np
 
+from sysid.experiment import group
 from sysid.likelihood import Groups, density, residual_rows
+from sysid.minimise import NAMES, State
 from sysid.precision import compiled
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
@@ -34,6 +36,17 @@ def _rows(thetas, layouts, groups):
     return jax.vmap(one)(thetas)
 
 
+def prepare(state: State, reference: tuple[float, float]) -> None:
+    """Let the program of the density about a minimum be made, beside what goes on here."""
+    groups, _ = group(state.trials, reference, low_q=state.low_q)
+    _rows.prepare(np.zeros((_batch(groups), len(NAMES))), tuple(g[0] for g in groups), tuple(g[1] for g in groups))
+
+
+def _batch(groups: Groups) -> int:
+    """Points that are evaluated together."""
+    return int(np.clip(LARGEST // max(layout.rows for layout, _ in groups), 1, BATCH))
+
+
 class Density:
     """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 6) of them.
 
@@ -42,8 +55,7 @@ class Density:
 
     def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool):
         self.theta, self.smooth, self.error = theta, smooth, 0.0
-        self.groups = groups
-        self.batch = int(np.clip(LARGEST // max(layout.rows for layout, _ in groups), 1, BATCH))
+        self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
