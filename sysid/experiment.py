@@ -70,7 +70,7 @@ class Trial:
     def steady(self) -> bool:
         return self.kind == "steady"
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Largest magnitude of the response."""
         return float(np.max(np.abs(self.log.response))) or 1.0
@@ -80,7 +80,7 @@ class Trial:
         """Square of the noise that float64 makes over the log's."""
         return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
 
-    @property
+    @cached_property
     def driven(self) -> bool:
         """A drive is recorded and not zero throughout."""
         return self.log.drive is not None and bool(np.any(self.log.drive != 0))
@@ -90,7 +90,7 @@ class Trial:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
 
-    @property
+    @cached_property
     def touched(self) -> bool:
         """A finger's force is recorded."""
         return bool(np.any(self.inputs.contact))
@@ -105,7 +105,7 @@ class Trial:
         """A transient whose inputs never change."""
         return not self.steady and one_level(self.log)
 
-    @property
+    @cached_property
     def from_rest(self) -> bool:
         """A transient of one level that is read as a step at the first row."""
         return not self.steady and from_rest(self.log)
@@ -128,7 +128,7 @@ class Trial:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
 
-    @property
+    @cached_property
     def clock(self) -> np.ndarray:
         """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
         if self.log.time is None:
@@ -250,7 +250,7 @@ class Trial:
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
         return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 
-    @property
+    @cached_property
     def lateness(self) -> float:
         """Standard deviation (s) of how late the response may be: a row, or a radian of the carrier where that is longer.
         0 where it is known or nothing depends on it."""
