@@ -109,8 +109,8 @@ class Budget:
     def load_chains(self) -> None:
         """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter idle."""
         begun = time.perf_counter()
-        # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it does without where there
-        # is none. Only a process of one's own may be told so.
+        # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it does without where
+        # there is none. Only a process of one's own may be told so.
         loaded = "scipy.stats" in sys.modules
         sys.modules.setdefault("scipy.stats", None)  # type: ignore[arg-type]
         import_module("sysid.chain")

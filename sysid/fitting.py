@@ -72,8 +72,8 @@ def fit(
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row).
-    `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its
-    offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, or for an unknown nuisance.
+    `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
+    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, or for an unknown nuisance.
     """
     if not logs:
         raise ValueError("no logs to fit")

@@ -77,7 +77,13 @@ def _looked(theta, directions, layouts, groups) -> _Look:
 
     parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
     grams, gradients, found = zip(*parts, strict=True)
-    return _Look(0.5 * sum(jnp.sum(jnp.abs(f.rows) ** 2) for f in found), grams, gradients, found)
+    cost = 0.5 * jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum()
+    return _Look(cost, grams, gradients, found)
+
+
+def _summed(look: _Look) -> tuple[Array, Array]:
+    """Gram matrix and gradient of all logs."""
+    return jnp.concatenate(look.grams).sum(axis=0), jnp.concatenate(look.gradients).sum(axis=0)
 
 
 @seldom
@@ -85,21 +91,21 @@ def _search(theta, directions, most, layouts, groups):
     """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
     is seen there.
 
-    (J^T J + I/radius) step = -J^T r; the radius follows from how much of the fall that the linear model promises comes about (Conn,
-    Gould & Toint, Trust-Region Methods, 2000, 6.1). The plant stands in the program once, in the loop's body: a program takes as
-    long to compile and to load as it has equations.
+    (J^T J + I/radius) step = -J^T r; the radius follows from how much of the fall that the linear model promises comes about
+    (Conn, Gould & Toint, Trust-Region Methods, 2000, 6.1). The plant stands in the program once, in the loop's body: a program
+    takes as long to compile and to load as it has equations.
     """
 
     def body(s: _Search) -> _Search:
         new = _looked(s.next, directions, layouts, groups)
-        gram, gradient = (sum(jnp.sum(x, axis=0) for x in of) for of in (s.look.grams, s.look.gradients))
+        gram, gradient = _summed(s.look)
         promised = -(gradient @ s.step + 0.5 * s.step @ gram @ s.step)
         fall, first = s.look.cost - new.cost, s.looks == 0
         taken = first | (fall >= POOR * promised)
         grown = jnp.where(fall >= GOOD * promised, WIDEN, jnp.where(taken, 1.0, NARROW))
         radius = jnp.where(first, s.radius, s.radius * grown)
         theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
-        gram, gradient = (sum(jnp.sum(x, axis=0) for x in of) for of in (look.grams, look.gradients))
+        gram, gradient = _summed(look)
         step = -jnp.linalg.solve(gram + jnp.eye(len(gram)) / radius, gradient)
         still = (jnp.max(jnp.abs(s.step)) < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
         done = (taken & ~first & still) | ~jnp.all(jnp.isfinite(step))

@@ -31,10 +31,10 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def _options(level: int) -> dict[str, bool | int | str]:
-    """Compiler options. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a program is as fast and
-    compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The optimization barriers of a
-    program, which the CPU's compiler drops by itself, halve the time of the density."""
+def _options(level: int) -> dict[str, Any]:
+    """Compiler options. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a program is as fast
+    and compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The optimization barriers of
+    a program, which the CPU's compiler drops by itself, halve the time of the density."""
     return {
         "xla_cpu_use_fusion_emitters": False,
         "xla_backend_optimization_level": level,
@@ -131,9 +131,7 @@ def _kept(path: Path, program: Any, shapes: tuple) -> Callable[..., Any]:
     try:
         return jax.export.deserialize(bytearray(path.read_bytes())).call
     except Exception:  # absent, cut off, or of another kind: made anew
-        # No promise across versions is needed: the version is part of the name.
-        unchecked = [jax.export.DisabledSafetyCheck.custom_call("lapack_dormqr_ffi")]
-        exported = jax.export.export(program, disabled_checks=unchecked)(*shapes)
+        exported = jax.export.export(program)(*shapes)
     with suppress(OSError):
         part = path.with_suffix(f".{os.getpid()}")
         part.write_bytes(exported.serialize())

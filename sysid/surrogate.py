@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from sysid.experiment import group
-from sysid.likelihood import Groups, density, residual_rows
+from sysid.likelihood import Groups, density, residual
 from sysid.minimise import NAMES, State
 from sysid.precision import compiled
 
@@ -31,7 +31,7 @@ def _rows(thetas, layouts, groups):
     """Whitened residual rows (n, logs, N) of each group at the points `thetas` (n, 6)."""
 
     def one(theta):
-        return tuple(jax.vmap(lambda x, y=y: residual_rows(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True))
+        return tuple(jax.vmap(lambda x, y=y: residual(theta, x, y).rows)(g) for y, g in zip(layouts, groups, strict=True))
 
     return jax.vmap(one)(thetas)
 
