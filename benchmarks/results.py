@@ -12,8 +12,21 @@ from importlib.metadata import version
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it; before numpy is loaded
-SECTIONS = ("startup", "accuracy", "draws", "throughput", "long_log", "budget")
-PACKAGES = ("sysid", "jax", "numpy", "scipy", "pandas", "emcee", "optimistix", "lmfit", "iminuit", "numpyro", "blackjax", "diffrax")
+SECTIONS = ("startup", "accuracy", "throughput", "long_log", "budget", "draws")
+PACKAGES = (
+    "sysid",
+    "jax",
+    "numpy",
+    "scipy",
+    "pandas",
+    "emcee",
+    "optimistix",
+    "lmfit",
+    "iminuit",
+    "numpyro",
+    "blackjax",
+    "diffrax",
+)
 
 
 def machine() -> str:
@@ -33,19 +46,21 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--only", nargs="+", choices=SECTIONS)
     given = parser.parse_args()
-    texts = []
+    texts: list[str] = []
     for name in given.only or SECTIONS:
         texts.append(import_module(name).section(given.repeat))
         print(texts[-1], flush=True)
-    if given.only:
-        return
-    head = f"""# Figures beside peers
+        if not given.only:  # what is there stays, whatever comes of the rest
+            (Path(__file__).parent / "RESULTS.md").write_text("\n".join([head(given.repeat), *texts]), encoding="utf-8")
 
-Made by `python benchmarks/results.py --repeat {given.repeat}`, all in one run, ways in turns. What is wanted stands beside what is reached.
+
+def head(repeat: int) -> str:
+    return f"""# Figures beside peers
+
+Made by `python benchmarks/results.py --repeat {repeat}`, all in one run, ways in turns. What is wanted stands beside what is reached.
 
 {machine()}; Python {platform.python_version()}; {", ".join(f"{p} {version(p)}" for p in PACKAGES)}.
 """
-    (Path(__file__).parent / "RESULTS.md").write_text("\n".join([head, *texts]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import pstats
 from functools import partial
 
 import numpy as np
-from peers import FAR, F0, FREQUENCY, G, TAU, in_turns, reached, seconds, since, slopes, spread, step, stepped
+from peers import F0, FAR, FREQUENCY, TAU, G, in_turns, reached, seconds, since, slopes, spread, step, stepped
 from scipy.optimize import curve_fit, least_squares
 
 import sysid
@@ -59,7 +59,9 @@ def shares(logs: list[sysid.Log]) -> str:
     found = pstats.Stats(profile).stats
     total = max(v[3] for v in found.values())
     of = {name: sum(v[3] for k, v in found.items() if k[2] == name and "sysid" in k[0]) for name in PARTS}
-    programs = sum(v[3] for k, v in found.items() if k[2] in ("__call__", "device_get") and ("precision" in k[0] or "jax" in k[0]))
+    programs = sum(
+        v[3] for k, v in found.items() if k[2] in ("__call__", "device_get") and ("precision" in k[0] or "jax" in k[0])
+    )
     said = ", ".join(f"`{name}` {100 * t / total:.0f} %" for name, t in of.items())
     return f"""Of the time of such a fit (100 rows, cProfile; each with all that it calls): {said}; compiled programs, with their results' way to
 numpy, {100 * programs / total:.0f} %. What is left of it is numpy on arrays of a hundred numbers, a microsecond and more for each operation."""
@@ -95,7 +97,9 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
     _, took = in_turns(ways, repeat)
     ours = took["sysid.fit"]
     wanted = {"scipy `least_squares`, default Jacobian": 10, "scipy `curve_fit`, analytic Jacobian": 1}
-    lines = [f"| {n} | {spread(x)} | {reached(float(np.median(x / ours)), wanted[n]) if n in wanted else 1} |" for n, x in took.items()]
+    lines = [
+        f"| {n} | {spread(x)} | {reached(float(np.median(x / ours)), wanted[n]) if n in wanted else 1} |" for n, x in took.items()
+    ]
     table = "\n".join(lines)
     return f"""## One joint fit
 
