@@ -197,6 +197,7 @@ def by_diffrax(y: np.ndarray) -> Summary:
                 term = diffrax.ODETerm(lambda t, w, _: (100 * START[0] * jnp.exp(p[0]) - w) / (START[1] * jnp.exp(p[1])))
                 given = {
                     "saveat": diffrax.SaveAt(ts=SINCE[60:]),
+                    "adjoint": diffrax.ForwardMode(),
                     "stepsize_controller": diffrax.PIDController(rtol=1e-8, atol=1e-10),
                 }
                 after = diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, SINCE[-1], 1e-4, 0.0, **given).ys

@@ -39,22 +39,22 @@ def many(repeat: int, plates: int = 10) -> str:
 
 One log each, {plates} plates, fitted one by one: ms per plate, median (range). scipy's `least_squares` has the plate, a detuning and an offset in
 numpy, starts 20 % off, and takes the noise for white. `sysid.fit` finds its start, the noise's level and colour, rotation, background,
-offset, start and lateness, tests the residual for {len(PARTS)} kinds of misfit and writes what it cannot tell.
+offset, start and lateness, tests the residual for what the model leaves out and writes what it cannot tell.
 
 | rows of a log | sysid | scipy | sysid's throughput over scipy's |
 |---|---|---|---|
 {table}
 
-{shares([step(100, seed) for seed in range(plates)])}
+{shares([[step(100, seed)] for seed in range(plates)])}
 """
 
 
-def shares(logs: list[sysid.Log]) -> str:
+def shares(runs: list[list[sysid.Log]]) -> str:
     """Where the time of one fit after another goes."""
     profile = cProfile.Profile()
     profile.enable()
-    for log in logs:
-        sysid.fit([log])
+    for logs in runs:
+        sysid.fit(logs)
     profile.disable()
     found = pstats.Stats(profile).stats
     total = max(v[3] for v in found.values())
@@ -63,8 +63,8 @@ def shares(logs: list[sysid.Log]) -> str:
         v[3] for k, v in found.items() if k[2] in ("__call__", "device_get") and ("precision" in k[0] or "jax" in k[0])
     )
     said = ", ".join(f"`{name}` {100 * t / total:.0f} %" for name, t in of.items())
-    return f"""Of the time of such a fit (100 rows, cProfile; each with all that it calls): {said}; compiled programs, with their results' way to
-numpy, {100 * programs / total:.0f} %. What is left of it is numpy on arrays of a hundred numbers, a microsecond and more for each operation."""
+    return f"""Of the time of such a fit (cProfile; each with all that it calls): {said}; compiled programs, with their results' way to
+numpy, {100 * programs / total:.0f} %. What is left is numpy on arrays of so few rows, a microsecond and more for each operation."""
 
 
 def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
@@ -108,6 +108,8 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
 | | s: median (range) | over sysid |
 |---|---|---|
 {table}
+
+{shares([data])}
 
 {large(repeat)}"""
 
