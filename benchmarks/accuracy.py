@@ -254,16 +254,25 @@ def draw(rows: list[tuple[str, float, np.ndarray, float]]) -> None:
         axes.plot([np.median(later), first], [error, error], "-", color=colour, lw=0.8)
         axes.plot(np.median(later), error, "o", color=colour)
         axes.plot(first, error, "o", color=colour, mfc="white")
-        under = name in BELOW
-        at = {"xytext": (0, -7 if under else 7), "va": "top" if under else "bottom", "textcoords": "offset points"}
+        up = PLACES.get(name, 7)
+        at = {"xytext": (0, up), "va": "bottom" if up > 0 else "top", "textcoords": "offset points"}
         axes.annotate(name.replace("`", ""), (np.median(later), error), color=colour, fontsize=8, **at)
     axes.set(xscale="log", yscale="log", xlabel="seconds: first call (open), later calls (filled)")
-    axes.set(ylabel="error / standard deviation", title="Posterior of G and tau from one step of 300 rows", xlim=(3e-4, 100))
+    axes.set(
+        ylabel="error / standard deviation",
+        title="Posterior of G and tau from one step of 300 rows",
+        xlim=(3e-4, 600),
+        ylim=(3e-3, 0.3),
+    )
     axes.grid(alpha=0.3)
     figure.savefig(Path(__file__).with_suffix(".png"), metadata={"Software": None})
 
 
-BELOW = ("scipy `least_squares`", "lmfit", "sysid exact")  # whose names stand below their points in the picture
+PLACES = {
+    "scipy `least_squares`": -7,
+    "lmfit": -18,
+    "sysid exact": -7,
+}  # points above theirs, where names would meet
 
 
 def section(repeat: int) -> str:
