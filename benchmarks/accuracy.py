@@ -1,20 +1,16 @@
-"""Accuracy and time beside peers, of one step:  python benchmarks/accuracy.py --repeat 5       (the extra `bench` has the peers)
+"""Accuracy and time beside peers, of one first-order step whose posterior is known.
 
-A first-order step of 240 rows after 60 of rest, w = G V (1 - exp(-t/tau)) + offset, white noise of unknown level. The posterior of
-(G, tau), flat in log G, log tau and log noise, is known here by integration over a grid in plain numpy, the offset and the noise in
-closed form. Each way of having it is timed, the first call by itself, and its error is the largest distance of a mean or of an end
-of a central 95 % interval from that of the grid, in standard deviations. Every peer has the same likelihood, its analytic derivative
-where it takes one, and starts 20 % off; none but sysid finds its start. Writes RESULTS.md and accuracy.png beside itself.
+240 rows after 60 of rest, w = G V (1 - exp(-t/tau)) + offset, white noise of unknown level. The posterior of (G, tau), flat in log G,
+log tau and log noise, is known here by integration over a grid in plain numpy, the offset and the noise in closed form. Every peer
+has the same likelihood, its analytic derivative where it takes one, and starts 20 % off; none but sysid finds its start.
 """
 
-import argparse
-import platform
-import time
 from collections.abc import Callable
-from importlib.metadata import version
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from peers import in_turns, spread
 
 HERE = Path(__file__).parent
 TIME = 1e-4 * np.arange(300)
@@ -188,6 +184,38 @@ def by_blackjax(y: np.ndarray) -> Summary:
     return drawn(START[0] * np.exp(found[..., 0]), START[1] * np.exp(found[..., 1]))
 
 
+def by_diffrax(y: np.ndarray) -> Summary:
+    import jax
+    import jax.numpy as jnp
+
+    with jax.enable_x64(True):
+        if "diffrax" not in _kept:
+            import diffrax
+            import optimistix
+
+            def residual(p, y):
+                term = diffrax.ODETerm(lambda t, w, _: (100 * START[0] * jnp.exp(p[0]) - w) / (START[1] * jnp.exp(p[1])))
+                given = {
+                    "saveat": diffrax.SaveAt(ts=SINCE[60:]),
+                    "adjoint": diffrax.ForwardMode(),
+                    "stepsize_controller": diffrax.PIDController(rtol=1e-8, atol=1e-10),
+                }
+                after = diffrax.diffeqsolve(term, diffrax.Tsit5(), 0.0, SINCE[-1], 1e-4, 0.0, **given).ys
+                return jnp.concatenate([jnp.zeros(60), after]) + p[2] - y
+
+            @jax.jit
+            def solve(y):
+                solver = optimistix.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+                p = optimistix.least_squares(residual, solver, jnp.zeros(3), y).value
+                left, jacobian = residual(p, y), jax.jacfwd(residual)(p, y)
+                return p, jnp.linalg.inv(jacobian.T @ jacobian) * jnp.sum(left**2) / (len(y) - 3)
+
+            _kept["diffrax"] = solve
+        p, cov = map(np.asarray, _kept["diffrax"](y))
+    p = START[:2] * np.exp(p[:2])
+    return normal(p, p * np.sqrt(np.diag(cov)[:2]))
+
+
 def by_sysid(accuracy: str) -> Callable[[np.ndarray], Summary]:
     def run(y: np.ndarray) -> Summary:
         import sysid
@@ -199,88 +227,76 @@ def by_sysid(accuracy: str) -> Callable[[np.ndarray], Summary]:
     return run
 
 
-WAYS: dict[str, tuple[str, Callable[[np.ndarray], Summary]]] = {
-    "scipy `curve_fit`": ("scipy", by_curve_fit),
-    "scipy `least_squares`": ("scipy", by_least_squares),
-    "lmfit": ("lmfit", by_lmfit),
-    "lmfit `emcee`, 32 x 1000": ("lmfit", by_lmfit_emcee),
-    "iminuit, MINOS": ("iminuit", by_iminuit),
-    "NumPyro NUTS, 4 x 1000": ("numpyro", by_numpyro),
-    "blackjax NUTS, 4 x 1000": ("blackjax", by_blackjax),
-    "sysid quick": ("sysid", by_sysid("quick")),
-    "sysid standard": ("sysid", by_sysid("standard")),
-    "sysid exact": ("sysid", by_sysid("exact")),
+WAYS: dict[str, Callable[[np.ndarray], Summary]] = {
+    "scipy `curve_fit`": by_curve_fit,
+    "scipy `least_squares`": by_least_squares,
+    "lmfit": by_lmfit,
+    "lmfit `emcee`, 32 x 1000": by_lmfit_emcee,
+    "iminuit, MINOS": by_iminuit,
+    "diffrax, optimistix": by_diffrax,
+    "NumPyro NUTS, 4 x 1000": by_numpyro,
+    "blackjax NUTS, 4 x 1000": by_blackjax,
+    "sysid quick": by_sysid("quick"),
+    "sysid standard": by_sysid("standard"),
+    "sysid exact": by_sysid("exact"),
 }
 
 
-def measure(way: Callable[[np.ndarray], Summary], y: np.ndarray, repeat: int) -> tuple[float, np.ndarray, Summary]:
-    """Seconds of the first call, of `repeat` later ones, and what was found."""
-    took = []
-    for _ in range(1 + repeat):
-        begun = time.perf_counter()
-        found = way(y)
-        took.append(time.perf_counter() - begun)
-    return took[0], np.array(took[1:]), found
-
-
-def draw(rows: list[tuple]) -> None:
+def draw(rows: list[tuple[str, float, np.ndarray, float]]) -> None:
     import matplotlib
 
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(figsize=(7.5, 4), layout="constrained", dpi=110)
-    for name, _, first, later, error in rows:
+    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained", dpi=110)
+    for name, first, later, error in rows:
         colour = "#0072B2" if name.startswith("sysid") else "#666666"
         axes.plot([np.median(later), first], [error, error], "-", color=colour, lw=0.8)
-        axes.loglog(np.median(later), error, "o", color=colour)
-        axes.loglog(first, error, "o", color=colour, mfc="white")
-        axes.annotate(
-            name.replace("`", ""), (np.median(later), error), (0, 6), textcoords="offset points", color=colour, fontsize=8
-        )
-    axes.set(xlabel="seconds: first call (open), later calls (filled)", ylabel="error / standard deviation")
+        axes.plot(np.median(later), error, "o", color=colour)
+        axes.plot(first, error, "o", color=colour, mfc="white")
+        up = PLACES.get(name, 7)
+        at = {"xytext": (0, up), "va": "bottom" if up > 0 else "top", "textcoords": "offset points"}
+        axes.annotate(name.replace("`", ""), (np.median(later), error), color=colour, fontsize=8, **at)
+    axes.set(xscale="log", yscale="log", xlabel="seconds: first call (open), later calls (filled)")
+    axes.set(
+        ylabel="error / standard deviation",
+        title="Posterior of G and tau from one step of 300 rows",
+        xlim=(3e-4, 600),
+        ylim=(3e-3, 0.3),
+    )
     axes.grid(alpha=0.3)
-    figure.savefig(HERE / "accuracy.png", metadata={"Software": None})
+    figure.savefig(Path(__file__).with_suffix(".png"), metadata={"Software": None})
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeat", type=int, default=5)
-    repeat = parser.parse_args().repeat
+PLACES = {
+    "scipy `least_squares`": -7,
+    "lmfit": -18,
+    "sysid exact": -7,
+}  # points above theirs, where names would meet
+
+
+def section(repeat: int) -> str:
     y = record()
     known, std = truth(y)
-    rows = []
-    for name, (package, way) in WAYS.items():
-        try:
-            first, later, found = measure(way, y, repeat)
-        except ModuleNotFoundError as missing:
-            print(f"{name}: left out, {missing}")
-            continue
-        error = float(np.max(np.abs(found - known) / std[:, None]))
-        rows.append((name, f"{package} {version(package)}", first, later, error))
-        print(f"{name:28} {first:8.3f} s {np.median(later):8.4f} s   {error:.4f}")
-    draw(rows)
-    table = "\n".join(
-        f"| {name} | {of} | {first:.3g} | {np.median(later):.3g} ({later.min():.3g} to {later.max():.3g}) | {error:.2g} |"
-        for name, of, first, later, error in rows
-    )
-    text = f"""# Accuracy and time, beside peers
+    found = {name: way(y) for name, way in WAYS.items() if name == "scipy `least_squares`"}  # loads scipy for all who stand on it
+    first, later = in_turns({name: partial(_keep, found, name, way, y) for name, way in WAYS.items()}, repeat)
+    error = {name: float(np.max(np.abs(found[name] - known) / std[:, None])) for name in WAYS}
+    draw([(name, first[name], later[name], error[name]) for name in WAYS])
+    table = "\n".join(f"| {name} | {first[name]:.3g} | {spread(later[name])} | {error[name]:.2g} |" for name in WAYS)
+    return f"""## Accuracy and time
 
-Made by `python benchmarks/accuracy.py --repeat {repeat}`, all rows in one run: one step of {len(y)} rows, what is wanted is the posterior of G and tau.
-Error: the largest distance of a mean or of an end of a 95 % interval from integration over a grid, in standard deviations. A fit's interval
-is symmetric and normal, which here costs it its error; the samplers' error is Monte Carlo. sysid has no starting values, the others start 20 % off;
-its time holds the search for them, the test of the residual for what the model leaves out, and the estimate of the noise's colour.
+One step of {len(y)} rows; what is wanted is the posterior of G and tau. Error: the largest distance of a mean or of an end of a 95 % interval
+from integration over a grid, in standard deviations. A fit's interval is symmetric and normal, which here costs it its error; the samplers'
+error is Monte Carlo. sysid has no starting values, the others start 20 % off; its time holds the search for them, the test of the
+residual for what the model leaves out, and the estimate of the noise's colour.
 
-| | version | first call, s | later calls, s: median of {repeat} (range) | error |
-|---|---|---|---|---|
+| | first call, s | later calls, s: median (range) | error |
+|---|---|---|---|
 {table}
 
 ![error against time](accuracy.png)
-
-Python {platform.python_version()}, {platform.system()} on {platform.machine()}; every process of the machine shared its cores.
 """
-    (HERE / "RESULTS.md").write_text(text, encoding="utf-8")
 
 
-if __name__ == "__main__":
-    main()
+def _keep(found: dict[str, Summary], name: str, way: Callable[[np.ndarray], Summary], y: np.ndarray) -> None:
+    found[name] = way(y)

@@ -163,12 +163,13 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             _keep_programs()
             from sysid.fitting import fit
             from sysid.posterior import sample
+            from sysid.surrogate import prepare
         if not (budget.seconds or arguments.accuracy == NAMES[0]):
             beside.submit(budget.load_chains)
         for module in LATER:  # while compiled programs load and run, which leaves the interpreter idle
             beside.submit(import_module, module)
         with stages("fit", "fitting the plant"):
-            fitted = fit(logs, **_settings(arguments))
+            fitted = fit(logs, **_settings(arguments), meanwhile=prepare)
         with stages("sample", "sampling the posterior"):
             drawing = beside.submit(_draw, fitted)
             return sample(fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting), drawing.result()

@@ -16,7 +16,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-GRACE = 1.2  # times the budget, after which a run stops whatever it does
+GRACE = 1.2  # times the budget, which no run takes
+STOP = 1.15  # times the budget, when it is stopped: the rest is the interpreter's own start and end, which it does not see
 RUNS = 5  # that are remembered
 FILES = ("compare", "report")  # stages after the posterior
 
@@ -63,7 +64,7 @@ class Budget:
             return
         if seconds < self.floor:
             raise BudgetError(f"found {seconds:g} s, expected more than {self.floor:.2g} s, which starting and writing take here")
-        self._timer = threading.Timer(GRACE * seconds - self.spent, self._stop)
+        self._timer = threading.Timer(STOP * seconds - self.spent, self._stop)
         self._timer.daemon = True
         self._timer.start()
 
@@ -109,7 +110,13 @@ class Budget:
     def load_chains(self) -> None:
         """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter idle."""
         begun = time.perf_counter()
+        # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it does without where
+        # there is none. Only a process of one's own may be told so.
+        loaded = "scipy.stats" in sys.modules
+        sys.modules.setdefault("scipy.stats", None)  # type: ignore[arg-type]
         import_module("sysid.chain")
+        if not loaded:
+            del sys.modules["scipy.stats"]
         self.chains = time.perf_counter() - begun
 
     def keep(self) -> None:

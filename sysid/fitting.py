@@ -1,6 +1,6 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -68,13 +68,15 @@ def fit(
     nuisances: Sequence[str] = NUISANCES,
     reference_temperature: float = 24.0,
     start: Plant | None = None,
+    meanwhile: Callable[[State, tuple[float, float]], None] | None = None,
 ) -> Fit:
     """Fit one plant to all `logs`, from no start values.
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
     "late" (a trigger, a demodulator); and, on request, "drift", "lag" and "gain" (see `sysid.extra`).
-    `start`: a plant to begin from instead of the data. Raises ValueError without logs, or for an unknown nuisance.
+    `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
+    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, or for an unknown nuisance.
     """
     if not logs:
         raise ValueError("no logs to fit")
@@ -89,8 +91,10 @@ def fit(
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         states = minimiser.minima(flipped, start)
-    known = reference, free, warnings, reference_temperature
-    found, best = _conclude(states, *known), states[0]
+    known, best = (reference, free, warnings, reference_temperature), states[0]
+    if meanwhile is not None:
+        meanwhile(best, reference)
+    found = _conclude(states, *known)
     if len(states) > 1 or found.result is Result.misfit or not (names := hangs(best, reference, free)):
         return found
     return _conclude([minimiser.refine(tightened(best, reference, names), best.theta)], *known)

@@ -127,19 +127,6 @@ def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
     return _eliminated(theta, x, layout)[0]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(2,))
-def residual_rows(theta: Array, x: Experiment, layout: Layout) -> Array:
-    """Rows of `residual`, with the derivative that `linearised` gives. The experiment itself is not differentiated."""
-    return residual(theta, x, layout).rows
-
-
-@residual_rows.defjvp
-def _residual_rows_jvp(layout: Layout, primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    theta, x = primals
-    found, change = linearised(theta, x, layout)
-    return found.rows, change(tangents[0])
-
-
 def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Array], Array]]:
     """`residual`, and how its rows change with theta: the change of the model with the nuisances held, off all that the
     nuisances can do (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J the information
@@ -301,13 +288,6 @@ def details(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment,
     """Residual of each log, group by group."""
     return tuple(
         jax.vmap(lambda e, layout=layout: residual(theta, e, layout))(x) for layout, x in zip(layouts, groups, strict=True)
-    )
-
-
-def rows(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> tuple[Array, ...]:
-    """Residual rows (logs, N) of each group: what Levenberg-Marquardt makes small."""
-    return tuple(
-        jax.vmap(lambda e, layout=layout: residual_rows(theta, e, layout))(x) for layout, x in zip(layouts, groups, strict=True)
     )
 
 

@@ -1,15 +1,15 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
+from jax import Array
 
 from sysid.experiment import LEAST_WARMING, Trial, group, with_noise
-from sysid.likelihood import linearised, rows
+from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
@@ -21,6 +21,8 @@ FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of
 NAMES = (*PLANT, *FINGER)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+MOST = 128  # steps of a search
+ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
 STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
@@ -43,30 +45,81 @@ class State:
     low_q: bool  # with the ripple of the fast mode
 
 
-@seldom
-def _search(theta, directions, layouts, groups):
-    """theta + directions @ x that makes the residual rows smallest, by Levenberg-Marquardt."""
+class _Look(NamedTuple):
+    """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
+    the directions, the gradient, and the residual."""
 
-    def residual(x, _):
-        parts = [part.ravel() for part in rows(theta + directions @ x, layouts, groups)]
-        return jnp.concatenate([v for p in parts for v in ((p.real, p.imag) if jnp.iscomplexobj(p) else (p,))])
-
-    solver: Any = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5)  # the last digits are the rounds' Gauss-Newton steps
-    x0 = jnp.zeros(directions.shape[1])
-    x = optx.least_squares(residual, solver, x0, max_steps=128, throw=False).value
-    return theta + directions @ jnp.where(jnp.all(jnp.isfinite(x)), x, x0)
+    cost: Array
+    grams: tuple[Array, ...]
+    gradients: tuple[Array, ...]
+    found: tuple[Residual, ...]
 
 
-@seldom
-def _linearise(theta, directions, layouts, groups):
-    """Of each log, group by group: the Gram matrix of the Jacobian along `directions`, the gradient, and the residual."""
+class _Search(NamedTuple):
+    """A search under way: the best point so far and what was seen there, the point to look at next, the step to it."""
 
+    theta: Array
+    look: _Look
+    next: Array
+    step: Array
+    trust: Any  # of the trust region: its radius, one over the damping
+    looks: Array
+    done: Array
+
+
+def _looked(theta, directions, layouts, groups) -> _Look:
     def one(x, layout):
         found, change = linearised(theta, x, layout)
         jacobian = jax.vmap(change, in_axes=1)(directions)
         return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
-    return tuple(jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True))
+    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
+    grams, gradients, found = zip(*parts, strict=True)
+    cost = 0.5 * jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum()
+    return _Look(cost, grams, gradients, found)
+
+
+def _summed(look: _Look) -> Any:
+    """Cost, gradient and J^T J of all logs, as optimistix takes them."""
+    import lineax
+    import optimistix
+
+    gram, gradient = (jnp.concatenate(parts).sum(axis=0) for parts in (look.grams, look.gradients))
+    hessian = lineax.MatrixLinearOperator(gram, lineax.positive_semidefinite_tag)
+    return optimistix.FunctionInfo.EvalGradHessian(look.cost, gradient, hessian)
+
+
+@seldom
+def _search(theta, directions, most, layouts, groups):
+    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
+    is seen there.
+
+    The damped Newton step and the trust region are those of optimistix; the loop about them is not, as its own has the plant
+    several times, and a program takes as long to compile and to load as it has equations. It is imported where a program is made:
+    one that is kept needs it no more.
+    """
+    import optimistix
+
+    descent: Any = optimistix.DampedNewtonDescent()
+    region: Any = optimistix.ClassicalTrustRegion()
+
+    def body(s: _Search) -> _Search:
+        new = _looked(s.next, directions, layouts, groups)
+        fall, first = s.look.cost - new.cost, s.looks == 0
+        radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
+        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
+        step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
+        still = (jnp.max(jnp.abs(s.step)) < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
+        done = (taken & ~first & still) | ~jnp.all(jnp.isfinite(step))
+        return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
+
+    shapes = jax.eval_shape(lambda: _looked(theta, directions, layouts, groups))
+    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    rest = jnp.zeros(directions.shape[1])
+    trust = region.init(rest, _summed(blank))
+    begin = _Search(theta, blank, theta, rest, trust, jnp.zeros((), int), jnp.zeros((), bool))
+    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
+    return end.theta, end.look.grams, end.look.gradients, end.look.found
 
 
 @dataclass
@@ -112,6 +165,7 @@ class Minimiser:
 
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
+        self._prepare(trials)
         search = Search(trials, (self._frequency, self.reference[1]))
         points, score, cost = self._starts(search, start)
         level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
@@ -135,6 +189,13 @@ class Minimiser:
         found.sort(key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+
+    def _prepare(self, trials: tuple[Trial, ...]) -> None:
+        """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
+        groups, _ = group(trials, self.reference)
+        theta = np.zeros(len(NAMES))
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        _search.prepare(theta, self._directions(theta), np.asarray(0), layouts, arrays)
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
@@ -161,10 +222,10 @@ class Minimiser:
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             directions = self._directions(theta)
             before = theta, trials
-            theta = np.asarray(_search(theta, directions, layouts, arrays) if steps.next is None else theta + steps.next)
+            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
+            theta, grams, gradients, found = jax.device_get(_search(first, directions, np.asarray(most), layouts, arrays))
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
-            grams, gradients, found = zip(*jax.device_get(_linearise(theta, directions, layouts, arrays)), strict=True)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
@@ -189,9 +250,10 @@ class Minimiser:
         """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
-        parts = jax.device_get(_linearise(theta, directions, tuple(g[0] for g in groups), tuple(g[1] for g in groups)))
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        *_, found = jax.device_get(_search(theta, directions, np.asarray(0), layouts, arrays))
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
-        trials, models, cost, _ = update(trials, members, [found for *_, found in parts], courses, round_=0)
+        trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         covariance = RUNAWAY**2 * directions @ directions.T
         return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
 

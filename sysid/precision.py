@@ -5,7 +5,8 @@ Public functions run under `float64` and leave the host program's JAX flags as t
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache, partial, wraps
 from hashlib import sha256
@@ -30,26 +31,21 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-@cache
-def _options(level: int) -> dict[str, bool | int | str]:
-    """Compiler options that this JAX knows. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a
-    program is as fast and compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The
-    optimization barriers of a program, which the CPU's compiler drops by itself, halve the time of the density."""
-    options: dict[str, bool | int | str] = {
+def _options(level: int) -> dict[str, Any]:
+    """Compiler options. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a program is as fast
+    and compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The optimization barriers of
+    a program, which the CPU's compiler drops by itself, halve the time of the density."""
+    return {
         "xla_cpu_use_fusion_emitters": False,
         "xla_backend_optimization_level": level,
         "xla_disable_hlo_passes": "cse_barrier_expander",
     }
-    try:
-        jax.jit(jax.lax.optimization_barrier, compiler_options=options).lower(1.0).compile()
-    except Exception:  # an option that another version does not know is not worth a failure
-        return {}
-    return options
 
 
 LARGE = 1 << 16  # numbers in the largest array from which on a program that is seldom called is worth optimising
 _traced: list[Path] = []  # the folder of traced programs, when there is one
 _all: list["compiled"] = []
+_beside = ThreadPoolExecutor(2, "compiler")  # compilers and loaders leave the interpreter to others
 
 
 def keep_programs(folder: Path) -> None:
@@ -86,16 +82,24 @@ class compiled:
 
     def __init__(self, function: Callable[..., Any], seldom: bool = False):
         self.function, self.seldom = function, seldom
-        self.programs: dict[tuple, Callable[..., Any]] = {}
+        self.programs: dict[tuple, Future[Callable[..., Any]]] = {}
         _all.append(self)
 
     def __call__(self, *args: Any) -> Any:
+        *arrays, _, groups = args
+        return self._made(args).result()(*arrays, groups)
+
+    def prepare(self, *args: Any) -> None:
+        """Begin to make the program of such arguments, beside what goes on here."""
+        self._made(args, _beside.submit)
+
+    def _made(self, args: Sequence, begin: Callable[..., Future] | None = None) -> Future[Callable[..., Any]]:
         *arrays, layouts, groups = args
         key = (layouts, *(x.shape for x in arrays), *(x.shape for x in jax.tree.leaves(groups)))
         if key not in self.programs:
             shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (*arrays, groups))
-            self.programs[key] = self._program(layouts, shapes)
-        return self.programs[key](*arrays, groups)
+            self.programs[key] = (begin or _at_once)(float64(self._program), layouts, shapes)
+        return self.programs[key]
 
     def _program(self, layouts: tuple, shapes: tuple) -> Callable[..., Any]:
         def program(*args):
@@ -106,7 +110,17 @@ class compiled:
             key = f"{_version()} {layouts} {shapes}"
             traced = _kept(_traced[0] / f"{self.function.__name__}-{sha256(key.encode()).hexdigest()}", traced, shapes)
         largest = max(math.prod(x.shape) for x in jax.tree.leaves(shapes))
-        return jax.jit(traced, compiler_options=_options(0 if self.seldom and largest < LARGE else 1))
+        lowered = jax.jit(traced).lower(*shapes)
+        try:
+            return lowered.compile(compiler_options=_options(0 if self.seldom and largest < LARGE else 1))
+        except jax.errors.JaxRuntimeError:  # an option that another version does not know is not worth a failure
+            return lowered.compile()
+
+
+def _at_once(function: Callable[..., R], *args: Any) -> Future[R]:
+    done: Future[R] = Future()
+    done.set_result(function(*args))
+    return done
 
 
 seldom = partial(compiled, seldom=True)
@@ -117,9 +131,7 @@ def _kept(path: Path, program: Any, shapes: tuple) -> Callable[..., Any]:
     try:
         return jax.export.deserialize(bytearray(path.read_bytes())).call
     except Exception:  # absent, cut off, or of another kind: made anew
-        # No promise across versions is needed: the version is part of the name.
-        unchecked = [jax.export.DisabledSafetyCheck.custom_call("lapack_dormqr_ffi")]
-        exported = jax.export.export(program, disabled_checks=unchecked)(*shapes)
+        exported = jax.export.export(program)(*shapes)
     with suppress(OSError):
         part = path.with_suffix(f".{os.getpid()}")
         part.write_bytes(exported.serialize())

@@ -13,7 +13,7 @@ from sysid.precision import compiled
 
 NEARBY = 9  # random points about each log's best, twice
 PAIRS = 40  # pairs of logs at different temperatures, furthest apart first
-BATCH = 64  # candidates per call: one compiled program for any number of them
+BATCH = 32  # candidates per call: one compiled program for any number of them, and what it makes stays in the processor's cache
 
 
 @compiled

@@ -6,15 +6,16 @@ points; so its sum of squares is w K w^T with K_ij = Re r_i^* r_j, whatever the 
 evaluated exactly, and where the polynomial is not FAITHFUL at other points, all are.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 from math import comb
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from sysid.likelihood import Groups, density, residual_rows
+from sysid.experiment import group
+from sysid.likelihood import Groups, density, residual
+from sysid.minimise import NAMES, State
 from sysid.precision import compiled
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
@@ -22,31 +23,28 @@ CHECKS = 32  # points at which the polynomial is compared; it is made from twice
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for
+MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred points of them are a gigabyte
 
 
 @compiled
-def _products(thetas, layouts, groups):
-    """Of each log, group by group, the products (logs, n, n) of its residual rows at the points `thetas` (n, 6)."""
-
-    def one(x, layout):
-        batches = thetas.reshape(-1, BATCH, thetas.shape[1])
-        rows = jax.lax.map(jax.vmap(lambda theta: residual_rows(theta, x, layout)), batches)
-        rows = rows.reshape(len(thetas), -1)
-        return rows.real @ rows.real.T + (rows.imag @ rows.imag.T if jnp.iscomplexobj(rows) else 0.0)
-
-    return tuple(jax.lax.map(lambda x, layout=layout: one(x, layout), g) for layout, g in zip(layouts, groups, strict=True))
-
-
-@compiled
-def _log_densities(thetas, layouts, groups):
-    def square(theta, x, layout):
-        return jnp.sum(jnp.abs(residual_rows(theta, x, layout)) ** 2)
+def _rows(thetas, layouts, groups):
+    """Whitened residual rows (n, logs, N) of each group at the points `thetas` (n, 6)."""
 
     def one(theta):
-        each = [jax.vmap(lambda x, y=y: square(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True)]
-        return density(each, groups)
+        return tuple(jax.vmap(lambda x, y=y: residual(theta, x, y).rows)(g) for y, g in zip(layouts, groups, strict=True))
 
     return jax.vmap(one)(thetas)
+
+
+def prepare(state: State, reference: tuple[float, float]) -> None:
+    """Let the program of the density about a minimum be made, beside what goes on here."""
+    groups, _ = group(state.trials, reference, low_q=state.low_q)
+    _rows.prepare(np.zeros((_batch(groups), len(NAMES))), tuple(g[0] for g in groups), tuple(g[1] for g in groups))
+
+
+def _batch(groups: Groups) -> int:
+    """Points that are evaluated together."""
+    return int(np.clip(LARGEST // max(layout.rows for layout, _ in groups), 1, BATCH))
 
 
 class Density:
@@ -57,8 +55,7 @@ class Density:
 
     def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool):
         self.theta, self.smooth, self.error = theta, smooth, 0.0
-        self.layouts, self.groups = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        self.batch = int(np.clip(LARGEST // max(layout.rows for layout in self.layouts), 1, BATCH))
+        self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
@@ -76,11 +73,10 @@ class Density:
         """The polynomial, unless it misses the exact density somewhere."""
         design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
         n, z = len(design), np.concatenate([design, checks])
-        z = np.concatenate([z, np.repeat(z[-1:], -len(z) % BATCH, axis=0)])
-        products = [np.asarray(x) for x in _products(self.theta(z), self.layouts, self.groups)]
+        products = self._products(z)
         weights = np.linalg.pinv(_monomials(design))
         self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
-        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n : n + CHECKS].T for x in products])
+        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products])
         self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
         self.smooth = bool(self.error <= FAITHFUL)
 
@@ -90,12 +86,35 @@ class Density:
         return self._of([pairs @ form.reshape(len(form), -1).T for form in self.forms])
 
     def _exact(self, z: np.ndarray) -> np.ndarray:
+        squares = [[np.einsum("nlk,nlk->nl", r, r) for r in rows] for rows in self._batches(z, self.groups)]
+        return self._of([np.concatenate(x)[: len(z)] for x in zip(*squares, strict=True)])
+
+    def _products(self, z: np.ndarray) -> list[np.ndarray]:
+        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p)."""
+        products: list[list[np.ndarray]] = [[] for _ in self.groups]
+        for index, groups in self._few():
+            for i, rows in zip(index, zip(*self._batches(z, groups), strict=True), strict=True):
+                products[i] += [r @ r.T for r in np.moveaxis(np.concatenate(rows)[: len(z)], 1, 0)]
+        return [np.stack(x) for x in products]
+
+    def _few(self) -> Iterator[tuple[Sequence[int], Groups]]:
+        """Positions of groups and these: all, or one log at a time where there are MANY rows."""
+        if sum(x.response.size for _, x in self.groups) <= MANY:
+            yield range(len(self.groups)), self.groups
+            return
+        for i, (layout, x) in enumerate(self.groups):
+            for k in range(len(x.response)):
+                yield (i,), ((layout, jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], x)),)
+
+    def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[np.ndarray]]:
+        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side."""
+        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
-        parts = [_log_densities(part, self.layouts, self.groups) for part in full.reshape(-1, self.batch, full.shape[1])]
-        return _finite(np.concatenate(parts)[: len(z)])
+        for part in full.reshape(-1, self.batch, full.shape[1]):
+            yield [np.asarray(rows).view(float) for rows in _rows(part, layouts, arrays)]
 
     def _of(self, squares: Sequence[np.ndarray]) -> np.ndarray:
-        return _finite(density(squares, self.groups, np))
+        return _finite(density(squares, [x for _, x in self.groups], np))
 
 
 def _finite(value: np.ndarray) -> np.ndarray:

@@ -44,6 +44,15 @@ def test_it_is_the_exact_density_near_and_far(fit):
     np.testing.assert_allclose(value[far], exact[far], rtol=1e-9)
 
 
+def test_many_rows_are_taken_log_by_log(bench, monkeypatch):
+    fit, z = sysid.fit([bench.sweep(seed=1), bench.sweep(seed=2), bench.transient(seed=3)]), draws(50)
+    _, together, _ = both(fit, z)
+    monkeypatch.setattr(surrogate, "MANY", 100)
+    fast, apart, _ = both(fit, z)
+    assert fast.smooth
+    np.testing.assert_allclose(apart, together, rtol=1e-9)  # another program: rounding of a sum of squares
+
+
 def test_where_a_cubic_does_not_do_every_point_is_evaluated(fit, monkeypatch):
     monkeypatch.setattr(surrogate, "FAITHFUL", 1e-12)
     fast, value, exact = both(fit, draws(100))

@@ -21,7 +21,7 @@ def clean(text: str) -> str:
     def shown(c: str) -> str:
         return c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" if c < "\U00010000" else f"\\U{ord(c):08x}"
 
-    return "".join(map(shown, text))
+    return text if text.isprintable() else "".join(map(shown, text))  # an image is a million characters
 
 
 def number(value: float | None, form: str = ".2g") -> str:
