@@ -33,7 +33,7 @@ PRIORS = {  # sysid/likelihood.py has the equations
 FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
 CONTROLLER, HEADER, SOURCE = "controller.json", "dq_pi.h", "dq_pi.c"
 FILES = (FIT, CONTROLLER, HEADER, SOURCE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
-PACKAGES = ("sysid", "jax", "emcee", "numpy", "pandas")
+PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
 def document(

@@ -35,7 +35,7 @@ def test_fit_json_has_the_promised_keys_in_order():
     assert list(content["parameters"]) == ["G", "tau", "f0", "k_T"]
     assert list(content["parameters"]["tau"]) == ["value", "std", "ci95", "unit", "determined", "why"]
     assert list(content["logs"][0])[:5] == ["path", "sha256", "kind", "rows", "nrmse_percent"]
-    assert set(content["versions"]) == {"python", "sysid", "jax", "emcee", "numpy", "pandas"}
+    assert set(content["versions"]) == {"python", "sysid", "jax", "optimistix", "emcee", "numpy", "pandas"}
 
 
 def test_a_parameter_that_is_not_determined_is_null_with_a_reason():
