@@ -48,8 +48,9 @@ def possible(trial: "Trial", course: "Course") -> dict[str, Extra]:
 def _shapes(trial: "Trial", course: "Course") -> Iterator[tuple[str, np.ndarray, float]]:
     log, tau = trial.log, course.tau
     turning = 2j * np.pi * course.exact
-    if trial.resonant and not (trial.steady and trial.whole):  # the means of a long sweep are in the order of its frequency
-        along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
+    along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
+    # The means of a long sweep are in the order of its frequency.
+    if trial.resonant and along[-1] > 0 and not (trial.steady and trial.whole):
         yield "drift", course.response_to((2 * along / along[-1] - 1) * turning), 1 / (2 * np.pi * tau)
     if trial.resonant and log.temperature is not None and log.time is not None and log.time[-1] > log.time[0]:
         stamps, first = np.unique(log.time, return_index=True)
