@@ -37,7 +37,8 @@ from sysid.log import Log, LogError, read_logs
 
 HERE = Path(__file__).parent
 CORPUS = HERE / "fuzz_corpus.txt"
-READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in ("textfile", "csvfile", "header", "log", "mapping", "units", "waveform", "carrier", "lockin"))
+MODULES = ("textfile", "csvfile", "header", "log", "mapping", "units", "waveform", "carrier", "lockin")
+READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in MODULES)
 SLOW = 10.0  # s of the processor: a table of a few lines takes milliseconds
 HEADER = b"time_s,voltage_V,frequency_Hz,wd_um,wq_um"
 ROWS = b"0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"

@@ -62,13 +62,27 @@ def table(found: Answers, command: str) -> str:
     lines += [f"## {len(seen)} cases whose logs hold what is wrong", "", *counted(found, seen), ""]
     wrong = {n: next((a for a in found["sysid"][n] if not as_it_must(CASES[n], a)), None) for n in seen}
     odd = [f"- {n}, where it must be {CASES[n].must}: {a.verdict}: {a.said}" for n, a in wrong.items() if a is not None]
-    lines += ["Each answer of sysid is what it must be, and says why." if not odd else "Answers of sysid that are not what they must be:", "", *odd]
+    lines += [
+        "Each answer of sysid is what it must be, and says why."
+        if not odd
+        else "Answers of sysid that are not what they must be:",
+        "",
+        *odd,
+    ]
     lines += ["In brackets the largest number of standard deviations by which something that was called determined is off.", ""]
     for title, group in GROUPS.items():
         lines += [f"### {title}", "", "| case | must | " + " | ".join(found) + " |", "|" + "---|" * (len(found) + 2)]
-        lines += [f"| {name} | {case.must} | " + " | ".join(summary(of[name]) for of in found.values()) + " |" for name, case in group.items()]
+        lines += [
+            f"| {name} | {case.must} | " + " | ".join(summary(of[name]) for of in found.values()) + " |"
+            for name, case in group.items()
+        ]
         lines.append("")
-    lines += ["## Undetectable", "", "These logs are those of another plate to the last digit. What is printed is there to be doubted by a person.", ""]
+    lines += [
+        "## Undetectable",
+        "",
+        "These logs are those of another plate to the last digit. What is printed is there to be doubted by a person.",
+        "",
+    ]
     lines += [*counted(found, NO_LOG_CAN_TELL), "", "| case | sysid | prints Q | tau | f0 |", "|---|---|---|---|---|"]
     for name in NO_LOG_CAN_TELL:
         first = found["sysid"][name][0]

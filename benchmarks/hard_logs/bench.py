@@ -31,7 +31,9 @@ class Bench:
     def rows(self, clean: np.ndarray, turn: float = 0.3) -> np.ndarray:
         """Behind a rotated demodulator, with noise."""
         size = self.noise * self.plant.G * VOLTS
-        return clean * np.exp(1j * turn) + size * (self.rng.standard_normal(len(clean)) + 1j * self.rng.standard_normal(len(clean)))
+        return clean * np.exp(1j * turn) + size * (
+            self.rng.standard_normal(len(clean)) + 1j * self.rng.standard_normal(len(clean))
+        )
 
     def step(self, window: float = 12.0, off: float = 0.5, drive=None, frequency=None, degC: float = 24.0, early=EARLY) -> Log:
         """A step to VOLTS at `off` half bandwidths beside resonance, over `window` tau; or another drive."""
@@ -212,6 +214,7 @@ def plates(b: Bench) -> list[Log]:
 
 def swapped(first: str, second: str) -> Callable[[str], str]:
     return lambda text: text.replace(first, "~").replace(second, first).replace("~", second)
+
 
 def jumping_source(b: Bench) -> Log:
     """A frequency stepped at every row by a source that makes sin(2 pi f(t) t): its phase jumps by 2 pi (change of f) t."""

@@ -66,4 +66,6 @@ def as_it_must(case: Case, answer: Answer) -> bool:
     """Whether the answer is one that the case allows, in words that say what is wrong."""
     if case.must == UNDETECTABLE:
         return answer.verdict != "raised"
-    return answer.verdict in case.must.split(" or ") and (answer.verdict == "right" or re.search(case.says, answer.said) is not None)
+    return answer.verdict in case.must.split(" or ") and (
+        answer.verdict == "right" or re.search(case.says, answer.said) is not None
+    )
