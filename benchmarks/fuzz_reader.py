@@ -2,8 +2,8 @@
 
 Mutates a corpus of logs and mapping files. An input that runs through a pair of lines of the reader which no earlier one did joins
 the corpus. A finding is: an exception of another type, a warning, a mapping file to start from that is no TOML, an answer that
-takes SLOW seconds of the processor, a number that is not finite, and numbers that differ from those that Python's own `csv` and `float` read where
-the header was left alone. Each finding is made smaller, and stands in fuzz_reader.md beside this file.
+takes SLOW seconds of the processor, a number that is not finite, and numbers that differ from those that Python's own `csv` and
+`float` read where the header was left alone. Each finding is made smaller, and stands in fuzz_reader.md beside this file.
 
 Found so, and mended: a header that is blank to Python but not to the reader, or without a name (IndexError); a control character
 of a header in a comment of the mapping file to start from, which TOML forbids; a warning where a velocity is divided by 0 Hz.
