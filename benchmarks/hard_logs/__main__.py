@@ -80,7 +80,7 @@ def table(found: Answers, command: str) -> str:
     lines += [
         "## Undetectable",
         "",
-        "These logs are those of another plate to the last digit. What is printed is there to be doubted by a person.",
+        "Each of these logs is that of another plate. What is printed is there to be doubted by a person.",
         "",
     ]
     lines += [*counted(found, NO_LOG_CAN_TELL), "", "| case | sysid | prints Q | tau | f0 |", "|---|---|---|---|---|"]
