@@ -2,11 +2,14 @@
 
 Mutates a corpus of logs and mapping files. An input that runs through a pair of lines of the reader which no earlier one did joins
 the corpus. A finding is: an exception of another type, a warning, a mapping file to start from that is no TOML, an answer that
-takes SLOW seconds, a number that is not finite, and numbers that differ from those that Python's own `csv` and `float` read where
-the header was left alone. Each finding is made smaller, and stands in fuzz_reader.md beside this file.
+takes SLOW seconds of the processor, a number that is not finite, and numbers that differ from those that Python's own `csv` and
+`float` read where the header was left alone. Each finding is made smaller, and stands in fuzz_reader.md beside this file.
 
 Found so, and mended: a header that is blank to Python but not to the reader, or without a name (IndexError); a control character
 of a header in a comment of the mapping file to start from, which TOML forbids; a warning where a velocity is divided by 0 Hz.
+
+It begins with the corpus of earlier runs, fuzz_corpus.txt beside this file (an input a line), and writes there the fewest of the
+shortest inputs that run through all of the pairs of lines that it saw.
 
     --seconds S    how long (default 900)           --seed N       of the mutations (default 0)
     --replay TEXT  run one input, a pair of bytes as the table shows it
@@ -33,8 +36,10 @@ import numpy as np
 from sysid.log import Log, LogError, read_logs
 
 HERE = Path(__file__).parent
-READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in ("textfile", "csvfile", "header", "log", "mapping", "units", "waveform"))
-SLOW = 10.0  # s: a table of a few lines takes milliseconds
+CORPUS = HERE / "fuzz_corpus.txt"
+MODULES = ("textfile", "csvfile", "header", "log", "mapping", "units", "waveform", "carrier", "lockin")
+READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in MODULES)
+SLOW = 10.0  # s of the processor: a table of a few lines takes milliseconds
 HEADER = b"time_s,voltage_V,frequency_Hz,wd_um,wq_um"
 ROWS = b"0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"
 LOG = b"# plate: A7\n# temperature_degC: 24.0\n" + HEADER + b"\n" + ROWS
@@ -121,8 +126,8 @@ def _late(*_):
 
 
 def _fault(read: Callable[[], list[Log]], table: bytes, toml: bytes) -> str | None:
-    before = signal.signal(signal.SIGALRM, _late)
-    signal.setitimer(signal.ITIMER_REAL, SLOW)
+    before = signal.signal(signal.SIGPROF, _late)
+    signal.setitimer(signal.ITIMER_PROF, SLOW)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -136,8 +141,8 @@ def _fault(read: Callable[[], list[Log]], table: bytes, toml: bytes) -> str | No
         where = next((f"{Path(frame.filename).name}:{frame.name}" for frame in reversed(at) if frame.filename in READER), "?")
         return f"{type(error).__name__} in {where}"
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
     return _fault_of_logs(logs, table) if not toml else None
 
 
@@ -227,6 +232,18 @@ def smaller(pair: tuple[bytes, bytes], fault: str, reader: Reader) -> tuple[byte
     return pair
 
 
+def kept() -> list[tuple[bytes, bytes]]:
+    """The corpus of earlier runs."""
+    lines = CORPUS.read_text(encoding="ascii").splitlines() if CORPUS.exists() else []
+    return [ast.literal_eval(line) for line in lines]
+
+
+def fewest(corpus: list[tuple[bytes, bytes]], reader: Reader) -> list[tuple[bytes, bytes]]:
+    """The inputs, shortest first, each of which runs through a pair of lines that the shorter ones do not."""
+    fresh = Reader(reader.folder)
+    return [pair for pair in sorted(corpus, key=lambda pair: (len(pair[0]) + len(pair[1]), pair)) if fresh.run(*pair)[1]]
+
+
 # --- the study ------------------------------------------------------------------------------------------------------------
 
 
@@ -251,9 +268,9 @@ def main() -> None:
         if given.replay:
             print(reader.run(*ast.literal_eval(given.replay))[0])
             return
-        rng, corpus, found, runs = random.Random(given.seed), list(SEEDS), {}, 0
-        for pair in SEEDS:
-            assert reader.run(*pair)[0] is None, pair
+        rng, corpus, found, runs = random.Random(given.seed), SEEDS + kept(), {}, 0
+        for pair in corpus:
+            assert (fault := reader.run(*pair)[0]) is None, (fault, pair)
         began = time.monotonic()
         while time.monotonic() - began < given.seconds:
             recent = rng.random() < 0.5
@@ -267,8 +284,11 @@ def main() -> None:
                 found[fault] = (found[fault][0] + 1, found[fault][1])
             elif new:
                 corpus.append(pair)
+        seconds = time.monotonic() - began
+        kept_now = fewest(corpus, reader)
+        CORPUS.write_text("".join(f"{pair}\n" for pair in kept_now), encoding="ascii")
         said = f"python benchmarks/fuzz_reader.py --seconds {given.seconds:g} --seed {given.seed}"
-        text = table(runs, time.monotonic() - began, len(corpus), reader, found, said)
+        text = table(runs, seconds, len(corpus), reader, found, said)
     (HERE / "fuzz_reader.md").write_text(text, encoding="utf-8")
     print(text)
 

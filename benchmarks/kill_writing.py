@@ -1,9 +1,9 @@
 """Kill the writing of results at random moments: what stands in the folder then?  python benchmarks/kill_writing.py
 
 Processes that do nothing else put one set of files after another into one folder, as the command does with a result that is
-finished: sets with a controller and sets without, in turn. One of them is killed (SIGKILL) after a random time, and the folder is
-looked at while no other process moves files. A set is whole when fit.json is there, every file that it names has the sha256 that it
-names, and no other file of a set stands beside them. Writes kill_writing.md beside itself; exits 1 when a mixture was seen.
+finished: sets with a controller and sets without, in turn. One of them is killed (SIGKILL) after a random time of up
+to four times what a set takes, and the folder is looked at while no other process moves files. A set is whole when fit.json is
+there, every file that it names has the sha256 that it names, and no other file of a set stands beside them. Writes kill_writing.md beside itself; exits 1 when a mixture was seen.
 
     --kills N     how many (default 2000)        --writers N   processes at once (default 1 and 2, one after the other)
     --seed N      of the moments (default 0)     --print       do not write the table
@@ -12,6 +12,7 @@ names, and no other file of a set stands beside them. Writes kill_writing.md bes
 import argparse
 import hashlib
 import json
+import math
 import os
 import random
 import shutil
@@ -27,12 +28,13 @@ from sysid import outputs
 HERE = Path(__file__).parent
 SIZES = {outputs.REPORT: 400_000, outputs.DRAWS: 150_000, outputs.CONTROLLER: 4_000, outputs.HEADER: 6_000}  # as the command's
 CONTROLLERS = (outputs.CONTROLLER, outputs.HEADER)
+SPAN = 4  # in sets: the longest life of a writer
 
 
-def write(folder: Path, writer: int) -> None:
-    """Write sets for ever."""
+def write(folder: Path, writer: int, sets: float = math.inf) -> None:
+    """Write so many sets."""
     run = 0
-    while True:
+    while run < sets:
         run += 1
         with outputs.staging(folder) as fresh:
             for name, size in SIZES.items():
@@ -64,10 +66,13 @@ def study(kills: int, writers: int, seed: int) -> Counter[str]:
         folder = Path(parent) / "identified"
         folder.mkdir()
         (folder / "notes.txt").write_text("mine")
+        began = time.monotonic()
+        write(folder, 0, SPAN)
+        span = time.monotonic() - began  # of a slow or a busy machine, longer
         children = [start(folder, writer) for writer in range(writers)]
         try:
             for _ in range(kills):
-                time.sleep(rng.uniform(0, 0.03))
+                time.sleep(rng.uniform(0, span))
                 os.kill(children[0], signal.SIGKILL)
                 os.waitpid(children.pop(0), 0)
                 with outputs._alone(folder):
@@ -100,7 +105,11 @@ def main() -> int:
     given = parser.parse_args()
     counts = [given.writers] if given.writers else [1, 2]
     results = {writers: study(given.kills, writers, given.seed) for writers in counts}
-    lines = ["# Killed while it writes", "", f"Made by `python benchmarks/kill_writing.py --kills {given.kills} --seed {given.seed}`."]
+    lines = [
+        "# Killed while it writes",
+        "",
+        f"Made by `python benchmarks/kill_writing.py --kills {given.kills} --seed {given.seed}`.",
+    ]
     lines += ["", __doc__.partition("\n\n")[2].partition(" Writes")[0], ""]
     lines += ["| writers | kills | a whole set | no set (no fit.json) | a mixture |", "|---|---|---|---|---|"]
     for writers, found in results.items():

@@ -300,9 +300,8 @@ class Trial:
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
-        known = np.isfinite(self.inputs.omega)
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
-        offset = np.where(known, 2 * np.pi * reference[0] - self.inputs.omega, 0.0)
+        offset = np.nan_to_num(reference[0] + self.inputs.offset)
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
 
 

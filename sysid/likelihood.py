@@ -110,7 +110,7 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     plate's own and its shift of f0 in Hz). A finger divides tau and G, and with it the drive, by one factor.
     """
     tau = jnp.exp(theta[1])
-    detuning = hold.offset + 2 * jnp.pi * (theta[2] + theta[3] * hold.warming)
+    detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
     if layout.touched:
         damped = 1.0 + theta[4] * hold.contact
         detuning = detuning + 2 * jnp.pi * theta[5] * hold.contact

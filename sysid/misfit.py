@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.coincidence import cancelling
+from sysid.guess import phase_falls
 from sysid.minimise import NAMES, State
 from sysid.terms import LATE, Term, own, terms, times
 from sysid.view import View
@@ -63,7 +64,8 @@ def misfits(
     tried = terms(views, free, away)
     chance = np.log(max(len(tried), 1))
     found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
-    found += [strange for i, v in enumerate(views) if (strange := _strange(i, v)) is not None]
+    if len(views) > 1 or not any(f.harmful and f.certain for f in found):  # a log alone contradicts no other
+        found += [strange for i, v in enumerate(views) if (strange := _strange(i, v, len(views) == 1)) is not None]
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
@@ -103,8 +105,8 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
     return Found(own(view.trial.log.name, "G", times(found[0] - 1)), found[1], {"G": np.inf}, "gain", i, 1)
 
 
-def _strange(i: int, view: View) -> Found | None:
-    """A log of which the model leaves most, smooth as it is: by what its own gain is off, if that is what it is."""
+def _strange(i: int, view: View, alone: bool) -> Found | None:
+    """A log of which the model leaves most, smooth as it is: beside others by what its own gain is off, if that is what it is."""
     y, left = view.trial.log.response, view.residual
     if len(y) < 8 or view.trial.log.drive is None:
         return None
@@ -113,10 +115,12 @@ def _strange(i: int, view: View) -> Found | None:
         return None
     shape = view.course.forced if view.trial.signed else np.abs(view.course.forced)
     ratio = float(np.abs(np.vdot(shape, y)) / max(np.vdot(shape, shape).real, 1e-300))
-    said = (
-        f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; G contradicts the other logs, about"
-        f" {ratio:.3g} times that of theirs; check its units, or leave it out"
-    )
+    what = "it is not that of one resonance which stays as it is; check its columns, their units and signs"
+    if view.trial.steady and view.trial.resonant and view.trial.signed and not phase_falls(view.trial):
+        what = "its phase rises through the resonance; if d and q are not swapped, say phase_sign = -1"
+    elif not alone:
+        what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
+    said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
     return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "gain", i, 1)
 
 

@@ -45,7 +45,7 @@ class Course:
     def detuning(self) -> np.ndarray:
         """(M,) omega0 - omega of each interval, rad/s."""
         hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
-        return hold.offset + 2 * np.pi * (shift + drift * hold.warming + touch * hold.contact)
+        return 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
 
     @cached_property
     def poles(self) -> np.ndarray:

@@ -14,7 +14,8 @@ other; that is left out. The steady response of the sum is the exact one,
 at any Q. A lock-in removes the ripple, so Z2 follows its steady value at once, unless `both_modes` asks for the whole.
 A log without a frequency is driven at resonance: the first-order model tau W' = -W + G V.
 
-All frequencies enter as offsets from a reference, in rad/s, so that float64 resolves a micro-hertz at a gigahertz.
+All frequencies enter as offsets from a reference, in Hz: their differences are exact near the resonance, and are turned into
+rad/s last, so that float64 resolves a micro-hertz at a gigahertz.
 Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling.
 """
 
@@ -70,7 +71,7 @@ class Hold(NamedTuple):
     """Inputs held from one change to the next, and where each row falls among them.
 
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
-    rad/s, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above.
+    Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above.
     (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were averaged into
     the row (0: a single sample). Settled points are intervals of their own.
     `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `smoothing` s, the time
@@ -149,13 +150,14 @@ def _over(real: Array, z: Array) -> Array:
 
 @jax.custom_jvp
 def expm1(z: Array) -> Array:
-    """exp(z) - 1 of a complex z without cancellation in either part; its derivative costs one product."""
+    """exp(z) - 1 of a complex z without cancellation in either part; its derivative is exp(z), which 1 + value is only to the
+    rounding of a turn: over a long interval, times its length, that of a mode which has long died away would be seen."""
     grown = jnp.expm1(z.real)
     half = jnp.sin(0.5 * z.imag)
     return grown * jnp.cos(z.imag) - 2 * half**2 + 1j * ((1 + grown) * jnp.sin(z.imag))
 
 
-expm1.defjvps(lambda dz, value, z: (1 + value) * dz)
+expm1.defjvps(lambda dz, value, z: jnp.exp(z) * dz)
 
 
 def carried(growth: Array, target: Array, kick: Array | None = None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
@@ -295,11 +297,10 @@ class Plant:
         """
         if self.f0 is None:
             frequency = None
-        near = 0.0 if frequency is None else float(np.ravel(frequency)[0])  # a difference of two rounded 2 pi f loses Q digits
         time = np.asarray(time, float)
-        reference = (near, self.reference_temperature)
+        reference = (0.0, self.reference_temperature)
         hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
-        detuning = 2 * jnp.pi * (self._resonance(hold.warming) - near) + hold.offset
+        detuning = 2 * jnp.pi * (self._resonance(hold.warming) + hold.offset)
         found = respond(self.tau, detuning, hold, both_modes=both_modes)
         return _plain(self._gain * found.forced + start * found.free)
 
@@ -382,7 +383,7 @@ def _offsets(inputs: np.ndarray, reference: tuple[float, float]) -> dict[str, np
     return {
         "drive": drive,
         "omega": 2 * np.pi * frequency,
-        "offset": 2 * np.pi * (reference[0] - frequency),
+        "offset": reference[0] - frequency,
         "warming": np.nan_to_num(temperature - reference[1]),
         "contact": np.nan_to_num(contact),
     }

@@ -4,8 +4,12 @@ import importlib.util
 from pathlib import Path
 
 import jax
+import mpmath
 import numpy as np
 import pytest
+
+from sysid import Plant
+from sysid.plant import expm1
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "corners.py"
 SAMPLE = 12
@@ -27,10 +31,35 @@ def test_values_and_derivatives_are_finite(study):
             assert values.all() and slopes.all(), name
 
 
-def test_values_are_those_of_sixty_digits(study):
+def test_values_and_derivatives_are_those_of_sixty_digits(study):
     corners = study.corners(500, seed=1)
     with jax.enable_x64(True):
         found = [study.errors(corners, k) for k in range(SAMPLE)]
     for name in found[0]:
         worst = int(np.argmax([errors[name] for errors in found]))
         assert found[worst][name] < ROUNDINGS, (name, worst)
+
+
+def test_over_a_long_turn_a_dead_mode_leaves_nothing_in_the_derivative():
+    """exp(z) where it is 1e-200: 1 + expm1(z) is the rounding of a turn, which a derivative multiplies by its length."""
+    with jax.enable_x64(True):
+        z, length = (jax.numpy.asarray(v, complex) for v in (-460.0 + 1.3e8j, 1e8))
+        slope = complex(jax.jvp(expm1, (z,), (length,))[1])
+    with mpmath.workdps(60):
+        exact = complex(mpmath.exp(mpmath.mpc(-460.0, 1.3e8)) * mpmath.mpf(1e8))
+    assert abs(slope - exact) <= 4 * np.finfo(float).eps * (1 + 1.3e8) * abs(exact)  # a turn of |z| rounds to eps |z|
+
+
+def test_a_frequency_far_off_at_first_costs_a_later_one_no_digits():
+    """Detunings are differences of frequencies, not of offsets from the first of them."""
+    tau, f0 = 0.1, 32e3
+    half = 1 / (2 * np.pi * tau)
+    time, volts = np.array([0.0, 1e-3, 1e-2]), np.array([0.0, 1.0, 1.0])
+    frequency = f0 + half * np.array([2e5, 0.06, 0.06])
+    found = Plant(1.0, tau, f0).transient(time, volts, frequency)[-1]
+    with mpmath.workdps(60):
+        w0, omega, late = 2 * mpmath.pi * f0, 2 * mpmath.pi * mpmath.mpf(frequency[1]), mpmath.mpf(time[2]) - mpmath.mpf(time[1])
+        wd = mpmath.sqrt(w0**2 - mpmath.mpf(tau) ** -2)
+        slow, fast = mpmath.mpc(-1 / mpmath.mpf(tau), wd - omega), mpmath.mpc(-1 / mpmath.mpf(tau), -(wd + omega))
+        exact = complex(w0 / (tau * wd) * (mpmath.expm1(slow * late) / slow + 1 / fast))
+    assert abs(found - exact) < ROUNDINGS * np.finfo(float).eps * abs(exact)

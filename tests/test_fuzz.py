@@ -42,6 +42,14 @@ def test_what_was_found_once(study, tmp_path, pair):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="late answers are told by a signal")
+def test_the_corpus_is_read_or_refused(study, tmp_path):
+    """What the study kept: short files that together run through nearly every line of the reader."""
+    assert len(study.kept()) > 40
+    for pair in study.kept():
+        assert fault(study, tmp_path, *pair) is None, pair
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="late answers are told by a signal")
 def test_mutated_files_are_read_or_refused(study, tmp_path):
     rng = random.Random(7)
     for _ in range(400):

@@ -215,8 +215,9 @@ def test_a_lock_ins_filter_is_a_cascade_of_poles(order, smoothing):
     frequency = np.where(time < 4e-3, 32e3, 31.7e3)
     hold = hold_inputs(time, drive, frequency, reference=(32.1e3, 0.0))._replace(smoothing=smoothing)
     with jax.enable_x64(True):
-        s = poles(tau, hold.offset, hold.omega)
-        found = respond(tau, hold.offset, hold, order=order)
+        detuning = 2 * np.pi * hold.offset
+        s = poles(tau, detuning, hold.omega)
+        found = respond(tau, detuning, hold, order=order)
     state, rows = np.zeros(order + 2, complex), [0.0]
     state[-1] = 1.0
     for k, h in enumerate(np.diff(time)):

@@ -1,0 +1,64 @@
+"""A short version of the study benchmarks/hard_logs: what must come out of hard logs, of a seed fixed before it was run."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+STUDY = Path(__file__).parents[1] / "benchmarks" / "hard_logs"
+SEED = 7
+# Of each group those that differ most in what they ask of the reader, the fit and its doubts.
+CHOSEN = (
+    "step that beats, 6 half bandwidths off", "rows twice, at the same times", "response in 1e-12", "dip", "finger, recorded",
+    "feedthrough three times the resonance", "amplitude alone, far into the noise (Rice)", "filter of half a tau, stated",
+    "clipped on one side", "20 % outliers, sweep", "drop-out in the rise", "drop-out that holds", "three levels",
+    "constant", "zeros", "noise alone", "noise that remembers", "demodulator that turns", "a cell without a number",
+    "window of 0.05 tau",
+    "window of 100 tau", "rows 10 tau apart", "one row", "three rows", "all rows at one time", "drive of zero",
+    "far beside the peak", "half a peak", "one frequency while the plate warms", "two peaks", "two peaks in one",
+    "resonance that softens", "finger, not recorded", "two plates, far apart", "two plates, named", "filter of half a tau",
+    "amplifier clips the larger steps", "gain that changes between logs", "sign of q, sweep", "sign of q, in one of two",
+    "time backwards", "time and frequency swapped", "frequency in kHz called Hz, in one of two",
+    "time in us called ms, in one of two", "drive in mV called V, in one of two", "kelvin called degC, in one of two",
+    "sign of q, lone step",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The modules of the study, which find each other by the folder that they stand in."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(STUDY)
+        import cases
+        import verdicts
+    return cases, verdicts
+
+
+@pytest.mark.parametrize("name", CHOSEN)
+def test_what_must_come_out(study, name):
+    cases, verdicts = study
+    answer = verdicts.ours(cases.CASES[name], SEED)
+    assert verdicts.as_it_must(cases.CASES[name], answer), f"must be {cases.CASES[name].must}: {answer}"
+
+
+def test_the_catalogue_allows_no_silence(study):
+    cases, _ = study
+    seen = {name: case for group in cases.GROUPS.values() for name, case in group.items()}
+    assert len(seen) >= 60 and len(seen) == sum(map(len, cases.GROUPS.values()))
+    for name, case in seen.items():
+        allowed = set(case.must.split(" or "))
+        assert allowed <= {"right", "open", "refused", "flagged"}, name
+        assert bool(allowed - {"right"}) == bool(case.says), name  # what is not right says why
+        assert re.compile(case.says)
+    for case in cases.NO_LOG_CAN_TELL.values():
+        assert case.must == cases.UNDETECTABLE
+
+
+def test_an_answer_that_does_not_say_why_is_not_what_it_must_be(study):
+    cases, verdicts = study
+    case = cases.CASES["gain that changes between logs"]
+    assert verdicts.as_it_must(case, verdicts.Answer("refused", said="misfit | warning: step: G contradicts the other logs"))
+    assert not verdicts.as_it_must(case, verdicts.Answer("refused", said="misfit | warning: a second resonance"))
+    assert not verdicts.as_it_must(case, verdicts.Answer("silently wrong", 70.0, "G contradicts"))
+    assert not verdicts.as_it_must(case, verdicts.Answer("right"))
+    assert not verdicts.as_it_must(cases.CASES["sign of q, lone step"], verdicts.Answer("raised"))
