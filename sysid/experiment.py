@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammainc
 
 from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
-from sysid.extra import Extra
 from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.log import Log
 from sysid.lost import filled, lost
@@ -21,6 +21,14 @@ NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
+
+
+class Extra(NamedTuple):
+    """What one unit of `sysid.extra` adds to the response, (n,), not turned by the demodulator; the standard deviation of the
+    number."""
+
+    shape: np.ndarray
+    prior: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,34 +10,25 @@ fit. They are not in every fit: in a sweep of one direction a drift hides in f0 
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from sysid.experiment import Trial
-    from sysid.perturbed import Course
+from sysid.experiment import Extra, Trial
+from sysid.perturbed import Course
 
 EXTRA = ("drift", "lag", "gain")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1"}
 SHARE = 0.1  # of the log's duration, and of the gain
 
 
-class Extra(NamedTuple):
-    """What one unit adds to the response, (n,), not turned by the demodulator; and the standard deviation of the number."""
-
-    shape: np.ndarray
-    prior: float
-
-
-def asked(trial: "Trial", course: "Course") -> dict[str, Extra]:
+def asked(trial: Trial, course: Course) -> dict[str, Extra]:
     """Those that are asked for, of those that the log can hold, by name."""
     if set(EXTRA).isdisjoint(trial.nuisances):
         return {}
     return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
 
 
-def possible(trial: "Trial", course: "Course") -> dict[str, Extra]:
+def possible(trial: Trial, course: Course) -> dict[str, Extra]:
     """Those that the log can hold, by name."""
     if not (trial.signed and trial.driven):
         return {}
@@ -45,7 +36,7 @@ def possible(trial: "Trial", course: "Course") -> dict[str, Extra]:
     return {name: extra for name, extra in found.items() if np.any(extra.shape)}
 
 
-def _shapes(trial: "Trial", course: "Course") -> Iterator[tuple[str, np.ndarray, float]]:
+def _shapes(trial: Trial, course: Course) -> Iterator[tuple[str, np.ndarray, float]]:
     log, tau = trial.log, course.tau
     turning = 2j * np.pi * course.exact
     along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
