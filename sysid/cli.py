@@ -34,6 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     command = parser()
     arguments = command.parse_args(argv)
+    arguments.alone = argv is None  # the process is the command's own
     if bool(arguments.logs) == bool(arguments.check):
         missing = "the following arguments are required: LOGS"
         command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
@@ -163,7 +164,11 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             _keep_programs()
             from sysid.fitting import fit
             from sysid.posterior import sample
+            from sysid.precision import make_beside
             from sysid.surrogate import prepare
+
+            if arguments.alone:
+                make_beside()
         if not (budget.seconds or arguments.accuracy == NAMES[0]):
             beside.submit(budget.load_chains)
         for module in LATER:  # while compiled programs load and run, which leaves the interpreter idle

@@ -45,7 +45,7 @@ def _options(level: int) -> dict[str, Any]:
 LARGE = 1 << 16  # numbers in the largest array from which on a program that is seldom called is worth optimising
 _traced: list[Path] = []  # the folder of traced programs, when there is one
 _all: list["compiled"] = []
-_beside = ThreadPoolExecutor(2, "compiler")  # compilers and loaders leave the interpreter to others
+_beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a process of one's own
 
 
 def keep_programs(folder: Path) -> None:
@@ -56,6 +56,13 @@ def keep_programs(folder: Path) -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+def make_beside() -> None:
+    """Let programs be made by threads, as compilers and loaders leave the interpreter to others. For a process of one's own, that
+    does not fork: a host program's threads are its own business."""
+    if not _beside:
+        _beside.append(ThreadPoolExecutor(2, "compiler"))
 
 
 def forget_programs() -> None:
@@ -90,8 +97,9 @@ class compiled:
         return self._made(args).result()(*arrays, groups)
 
     def prepare(self, *args: Any) -> None:
-        """Begin to make the program of such arguments, beside what goes on here."""
-        self._made(args, _beside.submit)
+        """Begin to make the program of such arguments beside what goes on here, where `make_beside` has allowed it."""
+        if _beside:
+            self._made(args, _beside[0].submit)
 
     def _made(self, args: Sequence, begin: Callable[..., Future] | None = None) -> Future[Callable[..., Any]]:
         *arrays, layouts, groups = args

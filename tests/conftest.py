@@ -35,6 +35,20 @@ def compilation_cache(tmp_path_factory):
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
+MAPS = Path("/proc/self/maps")
+MOST = 30_000  # pieces of memory that a process may have mapped, of the 65 530 that Linux allows: a compiled program has several
+
+
+@pytest.fixture(scope="module", autouse=True)
+def programs_are_forgotten():
+    """A worker that has compiled thousands of programs would end without a word."""
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MOST:
+        from sysid.precision import forget_programs
+
+        forget_programs()
+
+
 @pytest.fixture(autouse=True)
 def jax_flags_stay():
     """A test that leaves JAX's flags changed fails: host programs keep theirs."""

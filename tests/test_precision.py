@@ -22,8 +22,17 @@ def program():
     precision._all.remove(made)
 
 
+@pytest.fixture
+def beside():
+    """As in a process of one's own; a program's host is not given threads."""
+    assert not precision._beside
+    precision.make_beside()
+    yield
+    precision._beside.pop().shutdown()
+
+
 @precision.float64
-def test_a_program_is_made_beside_and_used(program):
+def test_a_program_is_made_beside_and_used(program, beside):
     x, groups = np.array([1.0, 2.0]), (np.array([1e-12, 1.0]),)
     program.prepare(x, ("up",), groups)
     (begun,) = program.programs.values()
@@ -34,13 +43,19 @@ def test_a_program_is_made_beside_and_used(program):
 
 
 @precision.float64
+def test_a_host_program_is_given_no_threads(program):
+    program.prepare(np.ones(1), ("up",), (np.ones(1),))
+    assert not program.programs
+
+
+@precision.float64
 def test_an_unknown_option_is_no_failure(program, monkeypatch):
     monkeypatch.setattr(precision, "_options", lambda level: {"xla_no_such_option": True})
     assert program(np.ones(1), ("up",), (np.ones(1),)) == 2.0
 
 
 @precision.float64
-def test_what_fails_beside_fails_where_it_is_used():
+def test_what_fails_beside_fails_where_it_is_used(beside):
     def wrong(x, layouts, groups):
         return jnp.linalg.solve(x, groups[0])
 
