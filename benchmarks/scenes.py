@@ -47,7 +47,6 @@ def seconds(runs: dict[str, Callable[[], object]], repeats: int, clock: Clock = 
 # --- each effect ---------------------------------------------------------------------------------------------------------
 
 NEEDS = {"finger_detuning": ("finger_damping",)}
-ONE_BY_ONE = ("duffing", "self_heating")  # the response decides its own resonance: one interval after the other
 ON_INPUTS = ("inverter", "amplifier_limit", "frequency_resolution", "delay")
 
 
@@ -71,8 +70,7 @@ def effects_table(repeats: int) -> str:
     least, most = equations(bare), equations(whole)
     for name in track(every, "effects"):
         below = NEEDS.get(name, ())
-        # What needs an effect goes with it.
-        beside = tuple(n for n in every if n not in (name, *ONE_BY_ONE) and name not in NEEDS.get(n, ()))
+        beside = tuple(n for n in every if n != name and name not in NEEDS.get(n, ()))  # what needs it goes with it
         scenes = {"below": scene_with(below), "alone": scene_with((*below, name))}
         scenes |= {"without": scene_with(beside), "whole": scene_with((*beside, name))}
         took = seconds({key: scene.simulate for key, scene in scenes.items()}, repeats)
@@ -267,8 +265,8 @@ simulates. The truth is the matrix exponential from row to row. The exact envelo
 
 One second at 100 kHz of a scene in which drive, frequency, temperature and force change twice, exact envelope, as a log in memory. Equations are those
 of the compiled program, inner programs included, over the scene without the effect ("finger_detuning": over "finger_damping"). "In the full
-scene": beside all others but "duffing" and "self_heating", which take one interval after the other and would hide the rest. Each is a difference of
-two times; what is below zero says how well it is known.
+scene": all effects but this one (and what needs it), and then with it. "duffing" and "self_heating" take one interval after the other. Each is a
+difference of two times; what is below zero says how well it is known.
 
 {effects}
 """
