@@ -122,7 +122,7 @@ class Asked(NamedTuple):
         if plate.f0 is None:
             raise ValueError(f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without")
         lowest, highest = self._voltages()
-        heard, fast = OBSERVER
+        heard, fast = OBSERVER[0], max(OBSERVER[1], self.delay)  # a damping seen before its answer comes eats the margin
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
         slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast))
         return Adaptive(
