@@ -141,7 +141,7 @@ def _variance(views: Sequence[View], index: Sequence[int]) -> float | None:
 
 def _narrow_step(view: View, plant: np.ndarray) -> dict[str, float]:
     size = _Both.of_step(view, plant).size
-    return {"feedthrough": size, "late": size / _rise(view)}
+    return {"feedthrough": size, "lateness": size / _rise(view)}
 
 
 def _narrow_rest(view: View, plant: np.ndarray) -> dict[str, float]:

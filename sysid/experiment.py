@@ -285,7 +285,7 @@ class Trial:
             return 0.0
         radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
         usual = radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian))
-        return min(usual, self.narrow.get("late", np.inf))
+        return min(usual, self.narrow.get("lateness", np.inf))
 
     def prior(self, shape: str) -> float:
         """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
