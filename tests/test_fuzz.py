@@ -63,5 +63,6 @@ def test_numbers_that_are_not_those_of_the_file_are_told(study, tmp_path):
     (log,) = read_logs(tmp_path / "log.csv")
     assert study._fault_of_logs([log], study.LOG) is None
     assert study._fault_of_logs([log], study.LOG.replace(b"0.25", b"0.25000000000000006")) == "other numbers than were written"
+    assert fault(study, tmp_path, b"# kind: steady\n" + study.LOG, b"") is None  # whose times are not kept
     assert study._fault_of_logs([log], study.LOG + b"0.3,1,1,1,1\n") == "other numbers than were written"
     assert study._fault_of_logs([log], study.LOG.replace(b"0.25", b"x")) == "numbers from cells that hold none"
