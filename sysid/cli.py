@@ -170,7 +170,7 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             if arguments.alone:
                 make_beside()
         if not (budget.seconds or arguments.accuracy == NAMES[0]):
-            beside.submit(budget.load_chains)
+            beside.submit(budget.load_chains, arguments.alone)
         for module in LATER:  # while compiled programs load and run, which leaves the interpreter idle
             beside.submit(import_module, module)
         with stages("fit", "fitting the plant"):

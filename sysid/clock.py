@@ -107,15 +107,17 @@ class Budget:
         known = [run["chains"] for run in self.runs if run.get("chains")]
         return max(known, default=self.stages.seconds.get("load", 0.0))
 
-    def load_chains(self) -> None:
-        """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter idle."""
+    def load_chains(self, alone: bool) -> None:
+        """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter idle. `alone`: in a
+        process of the command's own."""
         begun = time.perf_counter()
         # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it does without where
-        # there is none. Only a process of one's own may be told so.
-        loaded = "scipy.stats" in sys.modules
-        sys.modules.setdefault("scipy.stats", None)  # type: ignore[arg-type]
+        # there is none. Another program's process must not be told so.
+        hidden = alone and "scipy.stats" not in sys.modules
+        if hidden:
+            sys.modules["scipy.stats"] = None  # type: ignore[assignment]
         import_module("sysid.chain")
-        if not loaded:
+        if hidden:
             del sys.modules["scipy.stats"]
         self.chains = time.perf_counter() - begun
 

@@ -97,7 +97,7 @@ def _drift(i: int, view: View) -> Iterator[Term]:
         def say(value: np.ndarray, _: View, why: str = why) -> str:
             return (
                 f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"
-                " every row, wait until it is constant, or fit a drift (effect drift)"
+                " every row, wait until it is constant, or fit a drift (--effects=+drift)"
             )
 
         unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
@@ -114,7 +114,7 @@ def _lag(i: int, view: View) -> Iterator[Term]:
     def say(value: np.ndarray, _: View) -> str | None:
         return (
             f"{name}: the temperature that is recorded lags the plate's by about {value[0]:.2g} s; warm it more slowly, wait"
-            " until it is constant, or fit the lag (effect lag)"
+            " until it is constant, or fit the lag (--effects=+lag)"
         )
 
     yield Term("lag", {i: view.observed(lag.shape[None]).T}, say, i)
@@ -280,7 +280,7 @@ def own(name: str, what: str, about: str) -> str:
     """Of a log that contradicts the others in `what`, by `about` so much."""
     return (
         f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor and its temperature, or"
-        f" leave it out{' (or fit a gain of each log, effect gain)' if what == 'G' else ''}"
+        f" leave it out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
     )
 
 

@@ -55,7 +55,7 @@ def test_it_is_found_and_what_it_moves_is_right(name, size):
         own.append((added.value - size) / added.std)
         plain += sysid.fit([log]).warnings[:1] if seed < 3 else []
     assert consistent(scores) and consistent(own)
-    assert all(f"(effect {name})" in said for said in plain), plain
+    assert all(f"(--effects=+{name})" in said for said in plain), plain
 
 
 def test_logs_of_sensors_of_another_gain():
