@@ -94,10 +94,13 @@ def fit(
     known, best = (reference, free, warnings, reference_temperature), states[0]
     if meanwhile is not None:
         meanwhile(best, reference)
-    found = _conclude(states, *known)
-    if len(states) > 1 or found.result is Result.misfit or not (names := hangs(best, reference, free)):
-        return found
-    return _conclude([minimiser.refine(tightened(best, reference, names), best.theta)], *known)
+    if len(states) > 1 or not (names := hangs(best, reference, free)):
+        return _conclude(states, *known)
+    narrow = _conclude([minimiser.refine(tightened(best, reference, names), best.theta)], *known)
+    if narrow.result is not Result.misfit:
+        return narrow
+    wide = _conclude(states, *known)
+    return wide if wide.result is Result.misfit else narrow
 
 
 def _check_units(logs: Sequence[Log]) -> None:

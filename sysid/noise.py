@@ -23,6 +23,7 @@ MOST_APART = 100.0  # times the noise of the other channel: a channel without no
 SHARE = 0.25  # of the rows are outliers at most
 MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
 SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
+ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
 
 
@@ -33,13 +34,18 @@ class Level(NamedTuple):
     time: float
 
 
-def estimate(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None = None) -> tuple[float, float]:
+def estimate(
+    residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None = None, time: float | None = None
+) -> tuple[float, float]:
     """Standard deviation per channel and correlation time (0: white) of a residual (n,), real or complex.
 
     `design()` (n, K): what the fit can make of a log, with coefficients of the residual's own kind; called when it is needed.
+    `time`: the correlation time, where it is known.
     """
-    std, time, _ = _fitted(residual, clock, freedom, design)
-    return std, time
+    if time is None:
+        std, time, _ = _fitted(residual, clock, freedom, design)
+        return std, time
+    return float(np.sqrt(power_of(independent(residual, clock, time)) / freedom)), time
 
 
 def log_likelihood(residual: np.ndarray, clock: np.ndarray, freedom: float) -> float:
@@ -78,7 +84,7 @@ def _restricted(whitened: np.ndarray, design: np.ndarray, steps: np.ndarray, tim
     unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     q, r = np.linalg.qr(unit)
     size = np.linalg.norm(columns, axis=0) * np.abs(np.diag(r))
-    kept = np.abs(np.diag(r)) > 1e-6
+    kept = np.abs(np.diag(r)) > ALIKE
     left = whitened - q[:, kept] @ (q[:, kept].conj().T @ whitened)
     free = len(whitened) - np.sum(kept)
     return channels * float(np.sum(np.log(size[kept])) + 0.5 * free * np.log(power_of(left)))

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import lapack
 
 from sysid.experiment import Trial
 from sysid.plant import Hold, steady
 
-BLOCK = 30.0  # e-folds of decay that are summed at once: more would underflow
+LEAST = 1e-9  # of a shape: less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,9 @@ class Course:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
         plate = self.forced + trial.start * self.free
         along = np.conj(plate) / np.maximum(np.abs(model), 1e-300)
-        return np.stack([(along * s * turn).real for s in shapes for turn in (1, 1j)], axis=1)
+        made = [along * s * turn for s in shapes for turn in (1, 1j)]
+        # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
+        return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)
 
     def derivatives(self, response: np.ndarray) -> np.ndarray:
         """(n, 6) of the plant's part of the `response` by the numbers of theta; `response` is turned by the same angle as
@@ -186,17 +189,7 @@ def _phi(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
-    """z after each step of z+ = e^exponent z + push from zero, by cumulative sums over stretches that do not underflow."""
-    found = np.empty(len(push), complex)
-    total = np.cumsum(exponent)
-    z, begin, behind = 0j, 0, 0j
-    while begin < len(push):
-        end = int(np.searchsorted(-total.real, BLOCK - behind.real, side="right"))
-        end = max(end, begin + 1)
-        if end == begin + 1:
-            found[begin] = np.exp(exponent[begin]) * z + push[begin]
-        else:
-            grown = total[begin:end] - behind
-            found[begin:end] = np.exp(grown) * (z + np.cumsum(push[begin:end] * np.exp(-grown)))
-        z, behind, begin = found[end - 1], total[end - 1], end
-    return found
+    """z after each step of z+ = e^exponent z + push from zero: a bidiagonal system, solved row after row."""
+    band = np.ones((2, len(push)), complex, order="F")
+    band[1, :-1] = -np.exp(exponent[1:])
+    return lapack.ztbtrs(band, push, uplo="L", diag="U")[0].reshape(len(push))

@@ -8,12 +8,13 @@ import numpy as np
 
 from sysid.experiment import Trial, freedom, joined, with_noise
 from sysid.extra import asked
-from sysid.noise import Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
+from sysid.noise import ALIKE, Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.span import times
 
 MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
+SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
 
 def update(trials, members, found, courses: Sequence[Course], round_: int):
@@ -93,7 +94,8 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     def shapes(used: slice | np.ndarray = slice(None)) -> np.ndarray:
         return (design() * plain.weight[:, None])[rows][used]
 
-    std, time = estimate(even, clock, freedom(plain), None if trial.levels else shapes)
+    held = trial.noise_time if round_ > SETTLED else None
+    std, time = estimate(even, clock, freedom(plain), None if trial.levels else shapes, held)
     weight, efficiency = np.ones(len(left)), 1.0
     regular = None if trial.kept is None else trial.kept[rows]
     if chosen:
@@ -107,7 +109,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         used = np.flatnonzero(regular)
         plain = replace(plain, kept=np.isin(np.arange(len(trial.log)), rows[used]))
         counted = freedom(plain)
-        std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used))
+        std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used), held)
     if time > 0 or plain.left_out > plain.lost:
         weight, efficiency = np.ones(len(left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
@@ -119,7 +121,8 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
     levels: tuple[Level, ...] = ()
     if ratio != 1:
-        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if efficiency < 1 else shapes(used))
+        known = trial.levels if round_ > SETTLED else ()
+        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if efficiency < 1 else shapes(used), known)
         if round_ > 2 and trial.levels:
             levels = tuple(x._replace(time=_halfway(x.time, y.time)) for x, y in zip(levels, trial.levels, strict=True))
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
@@ -136,11 +139,16 @@ def _is_noise(trial: Trial, model: np.ndarray) -> bool:
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
 
 
-def _levels(left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None) -> tuple[Level, ...]:
-    """The noise of d and of q, in which the fit can make complex multiples of `shapes`; None: weighted rows, of white noise."""
+def _levels(
+    left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None, known: Sequence[Level]
+) -> tuple[Level, ...]:
+    """The noise of d and of q, in which the fit can make complex multiples of `shapes`; None: weighted rows, of white noise.
+    `known`: levels whose correlation times stay."""
     found = []
-    for channel, turn in ((left.real, 1.0), (left.imag, -1j)):
-        if shapes is None:
+    for k, (channel, turn) in enumerate(((left.real, 1.0), (left.imag, -1j))):
+        if known:
+            found.append(Level(*estimate(channel, clock, 0.5 * counted, time=known[k].time)))
+        elif shapes is None:
             found.append(Level(float(np.sqrt(2 * np.sum(channel**2) / counted)), 0.0))
         else:
             made = _orthonormal(np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1))
@@ -152,7 +160,7 @@ def _orthonormal(columns: np.ndarray) -> np.ndarray:
     """A basis of columns (n, K) of which some may be zero or alike: in one channel those that differ by their phase alone are."""
     size = np.linalg.norm(columns, axis=0)
     u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return u[:, s > 1e-6 * s[0]] if len(s) else u
+    return u[:, s > ALIKE * s[0]] if len(s) else u
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:

@@ -118,8 +118,9 @@ class View:
             return np.zeros((len(self.rows(self.residual, 0)), 0))
         rows = self.weighted(self.columns)
         size = np.linalg.norm(rows, axis=0)
-        u, s, _ = np.linalg.svd(rows[:, size > 0] / size[size > 0], full_matrices=False)
-        return u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
+        q, r = np.linalg.qr(rows[:, size > 0] / size[size > 0])
+        u, s, _ = np.linalg.svd(r)
+        return q @ u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
