@@ -25,6 +25,7 @@ from sysid.view import View
 UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
 KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
 ROUGH = 0.1  # of the same: beyond, what an experiment brings is a guess, as it goes with a power of tau
+ASTRAY = 0.3  # of a half bandwidth, by which the resonance may be elsewhere than an experiment is laid out for: a guess too
 AWAY = 10.0  # degC, to another temperature
 FINE = 20  # rows per tau, where the logs do not say what the bench can do
 MOST = 4000  # rows of a step
@@ -75,7 +76,8 @@ class Experiment:
 @dataclass(frozen=True)
 class Advice:
     """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
-    the largest standard deviation that counts as determined. `rough`: tau is hardly known, and so is what is left after it."""
+    the largest standard deviation that counts as determined. `rough`: tau is hardly known, or where the resonance will be, and so
+    is what is left after it."""
 
     experiment: Experiment
     parameter: str
@@ -135,15 +137,15 @@ def advise(
         raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
     if parameter in PROMISES and design is None:
         raise ValueError(f"{parameter!r} is promised by a design, and none is given; expected design=controller.design")
-    bench = _Bench.of(fit)
-    if bench is None:
+    benches = [b for mode in fit.modes if (b := _Bench.of(replace(fit, modes=(mode,)))) is not None]
+    if not benches:
         return ()
-    judge = _promise(bench, parameter, design) if design is not None and parameter in PROMISES else _error(bench, parameter)
+    judges = [_promise(b, parameter, design) if design and parameter in PROMISES else _error(b, parameter) for b in benches]
     best: dict[tuple, Advice | Raised] = {}
-    for e in bench.experiments(drive, temperatures):
-        took = setup + e.record + (warming if bench.elsewhere(e) else 0.0)
-        before = bench.beside if e.kind == "sweep" else bench.information
-        found, key = judge(e, before + bench.told_by(e), took), (e.kind, e.temperature)
+    for e in benches[0].experiments(drive, temperatures):
+        took, key = setup + e.record + (warming if benches[0].elsewhere(e) else 0.0), (e.kind, e.temperature)
+        # It must help whichever of the solutions is true.
+        found = min((judge(e, b.after(e), took) for b, judge in zip(benches, judges, strict=True)), key=_merit)
         if found.worthwhile:
             best[key] = max(best.get(key, found), found, key=_merit)
     return tuple(sorted(best.values(), key=_merit, reverse=True))
@@ -163,8 +165,11 @@ def _error(bench: "_Bench", parameter: str) -> Judge:
     chosen = PLANT[int(np.argmax((error / bench.limits)[:known]))] if parameter == "worst" else parameter
     index, unit = PLANT.index(chosen), bench.fit.units[chosen]
     before, limit = float(error[index]), float(bench.limits[index])
-    rough = bool(bench.fit.modes[0].covariance[1, 1] > ROUGH**2)
-    return lambda e, told, took: Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit, rough)
+
+    def judge(e: Experiment, told: np.ndarray, took: float) -> Advice:
+        return Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit, bench.guessed(e))
+
+    return judge
 
 
 def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
@@ -222,6 +227,18 @@ class _Bench:
     def errors(self, information: np.ndarray) -> np.ndarray:
         """(6,) standard deviations of the parameters."""
         return self.units * np.sqrt(np.diag(self.covariance(information)))
+
+    def after(self, experiment: Experiment) -> np.ndarray:
+        """(6, 6) information of theta with a log of it beside those there are."""
+        return (self.beside if experiment.kind == "sweep" else self.information) + self.told_by(experiment)
+
+    def guessed(self, experiment: Experiment) -> bool:
+        """Whether too little is known of tau, or of the resonance where the experiment is laid out, to say what it will tell."""
+        at, (_, degC) = experiment.temperature, self.fit.reference
+        place = np.array([0, 0, 1, 0.0 if at is None else at - degC, 0, 0])
+        astray = np.sqrt(place @ self.covariance(self.information) @ place)
+        half_bandwidth = 1 / (2 * np.pi * np.exp(self.fit.modes[0].theta[1]))
+        return bool(self.fit.modes[0].covariance[1, 1] > ROUGH**2 or astray > ASTRAY * half_bandwidth)
 
     def told_by(self, experiment: Experiment) -> np.ndarray:
         """(6, 6) information of theta that a log of it would hold."""
