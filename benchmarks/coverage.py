@@ -267,6 +267,10 @@ def cases() -> Iterator[Case]:
         yield Case(f"amplitude, sweep, noise {100 * std:.0f} %", (sweep(amplitude_only=True),), Noise(std))
     off = (step(detuning=50.0, amplitude_only=True), sweep(amplitude_only=True))
     yield Case("amplitude, step 50 Hz off + sweep", off, bounded=False)
+    for std in (0.01, 0.1):  # Rice's distribution, and neighbours that are alike
+        slow = Noise(std, memory=0.9)
+        yield Case(f"amplitude, correlation 0.9, sweep, noise {100 * std:.0f} %", off[1:], slow, bounded=False)
+        yield Case(f"amplitude, correlation 0.9, step 50 Hz off + sweep, noise {100 * std:.0f} %", off, slow, bounded=False)
     for window in (1.0, 0.5):
         yield Case(f"short, step of {window:g} tau", (step(200, 200 / (window * TAU)),))
     for std in (0.1, 0.3):

@@ -56,7 +56,7 @@ class Trial:
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
     kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
-    efficiency: float = 1.0  # information of a row over that of one whose noise is normal and of the same level
+    efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
@@ -75,8 +75,9 @@ class Trial:
         log, inputs, count, there = _read(self.whole, self.kind, len(self.whole))
         rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
         levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
+        told = self.efficiency if self.tail is None else 1.0
         plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
-        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=1.0, extra={})
+        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=told, extra={})
 
     @property
     def steady(self) -> bool:

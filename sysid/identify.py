@@ -140,7 +140,7 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             )
     if swept and not moving:
         span = max(np.ptp(t.log.frequency) for t in swept)
-        if all(_buried(t) for t in swept):
+        if all(_buried(t) or (t.noise_time > 0 and span > 3 / (np.pi * tau)) for t in swept):
             return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several sweeps"
         return (
             f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep over at least"
@@ -271,7 +271,7 @@ def _colour(trial: Trial) -> str:
     if trial.noise_time == 0:
         return "white"
     over = f"{trial.noise_time:.2g} rows" if trial.log.time is None else seconds(trial.noise_time)
-    return f"correlated over {over}"
+    return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 
 
 def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> str | None:
@@ -287,7 +287,8 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
         return f"{said}: the phase rises through the resonance; if the demodulator's sign is the other one, say phase_sign = -1"
     moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
-    return f"{said}: saturated, a second resonance, an interfering line, a background that is not a slope{moved}"
+    what = "saturated, a second resonance, an interfering line, a background that is not a slope"
+    return f"{said}: {what}{moved}, or noise that many rows share"
 
 
 def _warm(trial: Trial) -> bool:

@@ -10,6 +10,7 @@ from sysid.experiment import Trial, freedom, joined, with_noise
 from sysid.extra import asked
 from sysid.noise import ALIKE, Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
+from sysid.projected import efficiency
 from sysid.span import times
 
 MUCH = 0.3  # of a log
@@ -70,6 +71,8 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     if trial.steady and not trial.signed:
         trial = replace(trial, spread=rice_spread(model / np.sqrt(floor)))
     new = _with_noise_of(trial, model, lambda: course.design(model), round_)
+    if new.noise_time > 0 and not new.signed:
+        new = replace(new, efficiency=efficiency(new, course, model))
     new = replace(new, late=late * trial.lateness / trial.looseness, extra=asked(new, course))
     if trial.log.relative_noise and round_ < HELD:
         new = replace(new, level=np.abs(model))
@@ -96,13 +99,13 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
 
     held = trial.noise_time if round_ > SETTLED else None
     std, time = estimate(even, clock, freedom(plain), None if trial.levels else shapes, held)
-    weight, efficiency = np.ones(len(left)), 1.0
+    weight, told = np.ones(len(left)), 1.0
     regular = None if trial.kept is None else trial.kept[rows]
     if chosen:
-        weight, efficiency = tails(independent(even, clock, time))
-        regular = spikes(even, clock) if efficiency < 1 else None
+        weight, told = tails(independent(even, clock, time))
+        regular = spikes(even, clock) if told < 1 else None
     elif trial.tail is not None:
-        weight, efficiency = trial.tail[rows], trial.efficiency
+        weight, told = trial.tail[rows], trial.efficiency
     used: slice | np.ndarray = slice(None)
     counted = freedom(plain)
     if regular is not None and not np.all(regular):
@@ -111,23 +114,23 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         counted = freedom(plain)
         std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used), held)
     if time > 0 or plain.left_out > plain.lost:
-        weight, efficiency = np.ones(len(left)), 1.0
+        weight, told = np.ones(len(left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
     if chosen and np.iscomplexobj(left) and _is_noise(trial, model):
         ratio = apart_in_colour(left[used], clock[used]) if time > 0 else apart(left, weight)
-        if ratio != 1 and efficiency < 1:
-            weight, efficiency = tails(_scaled(left, ratio))
-    if efficiency < 1:
+        if ratio != 1 and told < 1:
+            weight, told = tails(_scaled(left, ratio))
+    if told < 1:
         std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
     levels: tuple[Level, ...] = ()
     if ratio != 1:
         known = trial.levels if round_ > SETTLED else ()
-        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if efficiency < 1 else shapes(used), known)
+        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if told < 1 else shapes(used), known)
         if round_ > 2 and trial.levels:
             levels = tuple(x._replace(time=_halfway(x.time, y.time)) for x, y in zip(levels, trial.levels, strict=True))
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    new = replace(with_noise(plain, std, time, levels), efficiency=efficiency)
-    if efficiency == 1:
+    new = replace(with_noise(plain, std, time, levels), efficiency=told)
+    if told == 1:
         return new
     tail = np.ones(len(trial.log))
     tail[rows] = weight

@@ -31,6 +31,7 @@ ORDER = [
     "lost",
     "experiment",
     "perturbed",
+    "projected",
     "extra",
     "renew",
     "guess",
