@@ -42,11 +42,14 @@ class Poles(NamedTuple):
     gain: Array  # b/G, 1/s
 
 
-def poles(tau: Leaf, detuning: Leaf, omega: Leaf) -> Poles:
-    """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s."""
+def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None) -> Poles:
+    """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s.
+
+    `omega0`: where it is known otherwise than as their sum, which cancels for drives far above it.
+    """
     known = jnp.isfinite(omega)
     omega = jnp.where(known, omega, 1.0)
-    omega0 = jnp.where(known, omega + detuning, 1.0)
+    omega0 = jnp.where(known, omega + detuning if omega0 is None else omega0, 1.0)
     rate = jnp.where(known, 1.0 / tau, 0.0)
     # Q = 0.5 is the end of the domain; the floor keeps a search that strays beyond it finite.
     damped = jnp.sqrt(jnp.maximum(omega0**2 - rate**2, 0.04 * omega0**2))
@@ -125,14 +128,23 @@ class Response(NamedTuple):
     free: Array
 
 
-def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, carrier: bool = False, order: int = 0) -> Response:
+def respond(
+    tau: Leaf,
+    detuning: Leaf,
+    hold: Hold,
+    both_modes: bool = False,
+    carrier: bool = False,
+    order: int = 0,
+    omega0: Leaf | None = None,
+) -> Response:
     """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
     `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began.
+    `omega0` (M,) as `poles` has it.
     """
-    s = poles(tau, detuning, hold.omega)
+    s = poles(tau, detuning, hold.omega, omega0)
     push = s.gain * hold.drive
     ripple = jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)
     kick = -jnp.diff(ripple, prepend=ripple[:1]).conj() * hold.turn if carrier else None
@@ -143,9 +155,18 @@ def respond(tau: Leaf, detuning: Leaf, hold: Hold, both_modes: bool = False, car
     return slow._replace(forced=slow.forced + rest)
 
 
+@jax.custom_jvp
 def _over(real: Array, z: Array) -> Array:
-    """real/z of a z that neither over- nor underflows when squared: a fifth of the code of a division of complex numbers."""
+    """real/z of a z that neither over- nor underflows when squared: a fifth of the code of a division of complex numbers. Of the
+    terms that its derivative has as it stands, two nearly cancel; that of a quotient has none such."""
     return (real / (z.real**2 + z.imag**2)) * z.conj()
+
+
+@_over.defjvp
+def _over_changes(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    (real, z), (change, dz) = primals, tangents
+    found = _over(real, z)
+    return found, (change - found * dz) * (z.conj() / (z.real**2 + z.imag**2))
 
 
 @jax.custom_jvp
@@ -300,8 +321,9 @@ class Plant:
         time = np.asarray(time, float)
         reference = (0.0, self.reference_temperature)
         hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
-        detuning = 2 * jnp.pi * (self._resonance(hold.warming) + hold.offset)
-        found = respond(self.tau, detuning, hold, both_modes=both_modes)
+        resonance = self._resonance(hold.warming)
+        detuning = 2 * jnp.pi * (resonance + hold.offset)
+        found = respond(self.tau, detuning, hold, both_modes=both_modes, omega0=2 * jnp.pi * resonance)
         return _plain(self._gain * found.forced + start * found.free)
 
     @property
