@@ -23,6 +23,7 @@ FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
 # resonance that jumps is chased within half of the latter (benchmarks/faults.md).
 MEMORY, DOUBTS = 3.0, 5.0
 BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+MEAN = 4.0  # times that the mean of readings follows them within the samples for which they have to be near
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
 # back is twice as far.
 QUIET, LOUD = 0.1, 0.15
@@ -166,7 +167,8 @@ def switched(control: Guard, asked: Asked) -> Machine:
     beside = {} if asked.plate.f0 is not None else {"beside": (ANY, ANY)}
     patience = float(math.ceil(max(FAULT_AFTER / asked.T, 2 * samples)))
     limit = float(math.ceil(max(WAIT / asked.T, 100 * samples)))
-    return Machine(control, amplitude, BEGIN * amplitude, amplitude / (RAMP * samples), patience, limit, **beside)
+    ramp, memory = amplitude / (RAMP * samples), MEAN / patience
+    return Machine(control, amplitude, BEGIN * amplitude, ramp, patience, limit, memory, **beside)
 
 
 def demodulated(asked: Asked) -> Demodulator | None:

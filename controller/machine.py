@@ -7,6 +7,8 @@
     run    the loop alone
     fault  no voltage, whatever is asked; only a reset leads to off
 
+What is near is the mean of the latest readings: of the small amplitude a single one may be half noise.
+
 Beside the faults of the guard there is one more, `lost`: it was not found, or did not lock, in time.
 """
 
@@ -26,7 +28,7 @@ ANY = 1e3  # |Wq|/Wd that is no condition
 
 class MachineState(NamedTuple):
     """The loop's own state; the `mode`, a number of MODES; the latched `fault`; samples for which it has been `near`, and has
-    `waited` in this mode; the amplitude that was last `asked` of the loop."""
+    `waited` in this mode; the amplitude that was last `asked` of the loop; means of `d` = Wd and `q` = Wq."""
 
     control: Any
     mode: Any
@@ -34,6 +36,8 @@ class MachineState(NamedTuple):
     near: Any
     waited: Any
     asked: Any
+    d: Any
+    q: Any
 
 
 class MachineInfo(NamedTuple):
@@ -47,7 +51,7 @@ class MachineInfo(NamedTuple):
 class Machine(NamedTuple):
     """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` what is asked to begin
     with, `ramp` by how much a soft start rises in a sample. `patience`: samples for which it has to be near before it goes on;
-    `limit`: samples after which it is lost. `beside`: the largest |Wq|/Wd to leave find and lock; ANY where there is no tracker.
+    `limit`: samples after which it is lost. `memory`: share of the latest reading in a mean. `beside`: the largest |Wq|/Wd to leave find and lock; ANY where there is no tracker.
     """
 
     control: Any
@@ -56,11 +60,12 @@ class Machine(NamedTuple):
     ramp: float
     patience: float
     limit: float
+    memory: float
     beside: tuple[float, float] = (0.5, 0.2)
 
     def init(self) -> MachineState:
         """Off, without a fault."""
-        return MachineState(self.control.init(), OFF, 0.0, 0.0, 0.0, 0.0)
+        return MachineState(self.control.init(), OFF, *(0.0,) * 6)
 
     def rest(self) -> Command:
         """As the loop's own."""
@@ -69,7 +74,8 @@ class Machine(NamedTuple):
     def span(self, full: Full) -> MachineState:
         """Where the numbers of the state lie."""
         waits = Span(0.0, 2 * self.patience), Span(0.0, 2 * self.limit)
-        return MachineState(self.control.span(full), Span(0.0, FAULT), Span(0.0, LOST), *waits, Span(0.0, self.amplitude))
+        W = Span(-full.response, full.response)
+        return MachineState(self.control.span(full), Span(0.0, FAULT), Span(0.0, LOST), *waits, Span(0.0, self.amplitude), W, W)
 
     def step(
         self,
@@ -90,7 +96,10 @@ class Machine(NamedTuple):
         drives = enable & (was > OFF) & (was < FAULT)
         control, command, said = self.control.step(state.control, asked, W, temperature, xp, clip(share, 0.0, 1.0, xp))
         fault = xp.where(state.fault > 0.0, state.fault, xp.where(drives, said.fault, 0.0))
-        near = xp.where(self._near(was, asked, W, xp), state.near + 1.0, 0.0)
+        there = seen(0.0, W, xp)
+        d = xp.where(there, state.d + self.memory * (W.real - state.d), state.d)
+        q = xp.where(there, state.q + self.memory * (W.imag - state.q), state.q)
+        near = xp.where(there & self._near(was, asked, d, q, xp), state.near + 1.0, 0.0)
         waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
         waited = xp.where(waits, state.waited + 1.0, 0.0)
         fault = xp.where((fault == 0.0) & drives & (waited >= self.limit), LOST, fault)
@@ -103,7 +112,7 @@ class Machine(NamedTuple):
         on = (mode > OFF) & (mode < FAULT) & drives
         voltage = xp.where(on, command.voltage, 0.0)
         control = _either(on, control, self.control.init(), xp)
-        after = MachineState(control, mode, fault, near, waited, xp.where(on, asked, 0.0))
+        after = MachineState(control, mode, fault, near, waited, xp.where(on, asked, 0.0), d, q)
         frequency = command.frequency
         frequency = None if frequency is None else xp.where(on, frequency, self.rest().frequency)
         return after, Command(voltage, frequency), MachineInfo(fault, mode, said)
@@ -116,14 +125,12 @@ class Machine(NamedTuple):
         low = xp.where(state.mode == SOFT, soft, find)
         return xp.where(state.mode > SOFT, wanted, low)
 
-    def _near(self, mode: Any, asked: Any, W: Any, xp: Any) -> Any:
-        """Whether the reading is near to what is asked; half as strict while the resonance is looked for."""
+    def _near(self, mode: Any, asked: Any, d: Any, q: Any, xp: Any) -> Any:
+        """Whether the mean reading is near to what is asked; half as strict while the resonance is looked for."""
         rough = mode == FIND
         off = asked * xp.where(rough, ROUGH, NEAR)
-        turned = W.real * xp.where(rough, *self.beside)
-        error = W.real - asked
-        there = seen(0.0, W, xp) & (asked > 0.0) & (error < off) & (error > -off)
-        return there & (W.imag < turned) & (W.imag > -turned)
+        turned, error = d * xp.where(rough, *self.beside), d - asked
+        return (asked > 0.0) & (error < off) & (error > -off) & (q < turned) & (q > -turned)
 
     def _mode(self, was: Any, wanted: Any, asked: Any, near: Any, xp: Any) -> Any:
         """What comes after `was`."""

@@ -140,9 +140,10 @@ def test_single_precision_is_near_double():
 
 
 def test_operations_are_few_and_counted():
+    """5 us of a processor that does 100 million in a second, of the 100 us that a sample lasts at 10 kHz."""
     for name in LOOPS:
         counts = record(designed(**LOOPS[name]), "double").counts
-        assert sum(counts.values()) < 450 and counts["/"] <= 1
+        assert sum(counts.values()) < 500 and counts["/"] <= 1
 
 
 def test_a_branch_on_a_value_is_refused():

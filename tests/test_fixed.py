@@ -160,7 +160,7 @@ REPLAYS = {  # the spoilt reading, of the true and the last one; ms within which
 AT, SAMPLES = 550, 1080
 
 
-def played(loop, precision, wanted):
+def played(loop, precision, wanted, noise=0.01):
     """V, f, mode, fault, |W| (samples, replays) of the machine on the simulated plate, whose reading is spoilt from AT on."""
     rng, twin, xp = np.random.default_rng(0), record(loop, precision).twin, array_of(np.float64)
     count = len(REPLAYS)
@@ -168,7 +168,7 @@ def played(loop, precision, wanted):
     W, pending, frequency = np.zeros(count, complex), np.zeros(count), np.full(count, 32300.0)
     last, rows = np.zeros(count, complex), []
     for k in range(SAMPLES):
-        told = W + complex(*(0.01 * rng.standard_normal(2)))
+        told = W + noise * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
         if k >= AT:
             told = np.array([spoil(*pair) for (spoil, *_), *pair in zip(REPLAYS.values(), told, last, strict=True)])
         last = told
@@ -204,6 +204,14 @@ def test_it_finds_starts_runs_and_a_fault_ends_it(precision):
         ends = AT + round(1e-3 * within / T)
         assert fault[AT - 1, k] == 0 and (V[ends:, k] == 0.0).all() and (mode[ends:, k] == 5).all(), name
         assert (fault[ends:, k] == fault[-1, k]).all() and FAULTS[int(fault[-1, k])] in expected, name
+
+
+@pytest.mark.parametrize("precision", ["double", "q31", "q15"])
+def test_noise_of_a_twentieth_does_not_keep_it_from_running(precision):
+    """Half of what is looked with: single readings are as often near as not, their means are."""
+    loop = controller.design(PLATE, voltage_limit=350.0, amplitude=1.5, frequency_window=(32150.0, 32490.0))
+    _, _, mode, fault, _ = played(loop, precision, 1.5, noise=0.05 * 1.5)
+    assert (fault[AT - 1] == 0).all() and (mode[AT - 1] == RUN).all()
 
 
 def test_only_a_reset_ends_a_fault():
