@@ -51,7 +51,8 @@ class MachineInfo(NamedTuple):
 class Machine(NamedTuple):
     """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` what is asked to begin
     with, `ramp` by how much a soft start rises in a sample. `patience`: samples for which it has to be near before it goes on;
-    `limit`: samples after which it is lost. `memory`: share of the latest reading in a mean. `beside`: the largest |Wq|/Wd to leave find and lock; ANY where there is no tracker.
+    `limit`: samples after which it is lost. `memory`: share of the latest reading in a mean. `beside`: the largest |Wq|/Wd to
+    leave find and lock; ANY where there is no tracker.
     """
 
     control: Any

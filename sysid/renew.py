@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,79 +85,108 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))
 
 
+class _Residual(NamedTuple):
+    """What a fit leaves of the rows of a log that hold a signal, in units of their weights; arrays are of these rows.
+
+    `trial` is the log without what is known of its outliers. Of the rows, `used` are those that are not left out.
+    """
+
+    trial: Trial
+    rows: np.ndarray
+    clock: np.ndarray
+    left: np.ndarray
+    design: Callable[[], np.ndarray]  # (n, K) of all rows, what the fit can make of them
+    used: slice | np.ndarray = slice(None)
+
+    @classmethod
+    def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
+        plain = replace(trial, tail=None, kept=trial.there)
+        rows = np.arange(len(trial.log))[plain.used]
+        left = times(joined([p.weight for p in plain.parts]), trial.log.response - model)[rows]
+        return cls(plain, rows, trial.clock[rows], left, design)
+
+    def without(self, regular: np.ndarray) -> "_Residual":
+        """Only with the rows that are no outliers."""
+        used = np.flatnonzero(regular)
+        kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
+        return self._replace(trial=replace(self.trial, kept=kept), used=used)
+
+    def shapes(self) -> np.ndarray:
+        return (self.design() * self.trial.weight[:, None])[self.rows][self.used]
+
+    def level(self, ratio: float, time: float | None) -> tuple[float, float]:
+        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held."""
+        even = _scaled(self.left, ratio)[self.used]
+        return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time)
+
+    def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray | None]:
+        """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
+        even = _scaled(self.left, ratio)
+        weight, told = tails(independent(even, self.clock, time))
+        return weight, told, spikes(even, self.clock) if told < 1 else None
+
+    def apart(self, weight: np.ndarray, time: float) -> float:
+        """Noise of q over that of d."""
+        if time > 0:
+            return apart_in_colour(self.left[self.used], self.clock[self.used])
+        return apart(self.left, weight)
+
+    def levels(self, weight: np.ndarray, before: tuple[Level, ...], round_: int) -> tuple[Level, ...]:
+        """Of d and of q, in which the fit can make complex multiples of its shapes; weighted rows are of white noise."""
+        left, counted = (np.sqrt(weight) * self.left)[self.used], 0.5 * freedom(self.trial)
+        held, clock = before if round_ > SETTLED else (), self.clock[self.used]
+        shapes = None if held or np.any(weight != 1) else self.shapes()
+        found = []
+        for k, (channel, turn) in enumerate(((left.real, 1.0), (left.imag, -1j))):
+            if shapes is None:
+                std, time = estimate(channel, clock, counted, time=held[k].time if held else 0.0)
+            else:
+                made = _orthonormal(np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1))
+                std, time = estimate(channel, clock, counted, partial(np.asarray, made))
+                time = _halfway(time, before[k].time) if before and round_ > 2 else time
+            found.append(Level(std, time))
+        return tuple(found)
+
+
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
     """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
-    in each round between the first and HELD."""
+    in each round between the first and HELD; correlation times stay after SETTLED."""
     trial = trial if round_ else replace(trial, kept=trial.there, levels=(), tail=None)
-    chosen, plain = 0 < round_ < HELD, replace(trial, tail=None, kept=trial.there)
-    rows = np.arange(len(trial.log))[plain.used]  # those that hold a signal; arrays below are of them
-    clock, left = trial.clock[rows], times(joined([p.weight for p in plain.parts]), trial.log.response - model)[rows]
-    ratio = trial.levels[1].std / trial.levels[0].std if trial.levels else 1.0
-    even = _scaled(left, ratio)
-
-    def shapes(used: slice | np.ndarray = slice(None)) -> np.ndarray:
-        return (design() * plain.weight[:, None])[rows][used]
-
+    found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = trial.noise_time if round_ > SETTLED else None
-    std, time = estimate(even, clock, freedom(plain), None if trial.levels else shapes, held)
-    weight, told = np.ones(len(left)), 1.0
-    regular = None if trial.kept is None else trial.kept[rows]
+    ratio = trial.levels[1].std / trial.levels[0].std if trial.levels else 1.0
+    std, time = found.level(ratio, held)
+    weight, told, regular = np.ones(len(found.left)), 1.0, None if trial.kept is None else trial.kept[found.rows]
     if chosen:
-        weight, told = tails(independent(even, clock, time))
-        regular = spikes(even, clock) if told < 1 else None
+        weight, told, regular = found.outliers(ratio, time)
     elif trial.tail is not None:
-        weight, told = trial.tail[rows], trial.efficiency
-    used: slice | np.ndarray = slice(None)
-    counted = freedom(plain)
+        weight, told = trial.tail[found.rows], trial.efficiency
     if regular is not None and not np.all(regular):
-        used = np.flatnonzero(regular)
-        plain = replace(plain, kept=np.isin(np.arange(len(trial.log)), rows[used]))
-        counted = freedom(plain)
-        std, time = estimate(even[used], clock[used], counted, None if trial.levels else lambda: shapes(used), held)
-    if time > 0 or plain.left_out > plain.lost:
-        weight, told = np.ones(len(left)), 1.0
+        found = found.without(regular)
+        std, time = found.level(ratio, held)
+    if time > 0 or found.trial.left_out > found.trial.lost:
+        weight, told = np.ones(len(found.left)), 1.0
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
-    if chosen and np.iscomplexobj(left) and _is_noise(trial, model):
-        ratio = apart_in_colour(left[used], clock[used]) if time > 0 else apart(left, weight)
+    if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
+        ratio = found.apart(weight, time)
         if ratio != 1 and told < 1:
-            weight, told = tails(_scaled(left, ratio))
+            weight, told = tails(_scaled(found.left, ratio))
     if told < 1:
-        std = float(np.sqrt(np.sum(weight * np.abs(left) ** 2) / counted))
-    levels: tuple[Level, ...] = ()
-    if ratio != 1:
-        known = trial.levels if round_ > SETTLED else ()
-        levels = _levels((np.sqrt(weight) * left)[used], clock[used], counted, None if told < 1 else shapes(used), known)
-        if round_ > 2 and trial.levels:
-            levels = tuple(x._replace(time=_halfway(x.time, y.time)) for x, y in zip(levels, trial.levels, strict=True))
+        std = float(np.sqrt(np.sum(weight * np.abs(found.left) ** 2) / freedom(found.trial)))
+    levels = () if ratio == 1 else found.levels(weight, trial.levels, round_)
+    if levels:
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    new = replace(with_noise(plain, std, time, levels), efficiency=told)
+    new = replace(with_noise(found.trial, std, time, levels), efficiency=told)
     if told == 1:
         return new
     tail = np.ones(len(trial.log))
-    tail[rows] = weight
+    tail[found.rows] = weight
     return replace(new, tail=tail)
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
     """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
-
-
-def _levels(
-    left: np.ndarray, clock: np.ndarray, counted: float, shapes: np.ndarray | None, known: Sequence[Level]
-) -> tuple[Level, ...]:
-    """The noise of d and of q, in which the fit can make complex multiples of `shapes`; None: weighted rows, of white noise.
-    `known`: levels whose correlation times stay."""
-    found = []
-    for k, (channel, turn) in enumerate(((left.real, 1.0), (left.imag, -1j))):
-        if known:
-            found.append(Level(*estimate(channel, clock, 0.5 * counted, time=known[k].time)))
-        elif shapes is None:
-            found.append(Level(float(np.sqrt(2 * np.sum(channel**2) / counted)), 0.0))
-        else:
-            made = _orthonormal(np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1))
-            found.append(Level(*estimate(channel, clock, 0.5 * counted, partial(np.asarray, made))))
-    return tuple(found)
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:
