@@ -29,8 +29,8 @@ from rich.progress import track
 from scipy.stats import chisquare, kstest
 
 from sysid import Log, fit, sample
-from sysid.experiment import NUISANCES
 from sysid.precision import keep_programs
+from sysid.trial import NUISANCES
 
 HERE = Path(__file__).parent
 reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))

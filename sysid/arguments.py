@@ -68,8 +68,8 @@ def _seed(text: str) -> int:
 
 def _effects(text: str) -> tuple[str, ...]:
     """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
-    from sysid.experiment import NUISANCES
     from sysid.extra import EXTRA
+    from sysid.trial import NUISANCES
 
     known = (*NUISANCES, *EXTRA)
     names = [] if text == "none" else [name.strip() for name in text.split(",")]

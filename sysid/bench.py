@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.experiment import Trial, freedom
 from sysid.extra import UNITS
 from sysid.fitting import Fit
 from sysid.result import Parameter
+from sysid.trial import Trial, freedom
 from sysid.view import View
 
 TOLD = 0.5  # of its prior's standard deviation: above, the log says little of it

@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.experiment import Trial
 from sysid.minimise import NAMES, State
+from sysid.trial import Trial
 from sysid.view import View
 
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late

@@ -14,10 +14,10 @@ from functools import cache
 
 import numpy as np
 
-from sysid.experiment import NUISANCES, Trial
 from sysid.extra import EXTRA
 from sysid.fitting import Fit
 from sysid.minimise import NAMES
+from sysid.trial import NUISANCES, Trial
 from sysid.view import View
 
 # Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 4.6 % of cases if k = 1,

@@ -13,8 +13,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sysid.experiment import Extra, Trial
 from sysid.perturbed import Course
+from sysid.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1"}

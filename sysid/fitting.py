@@ -8,7 +8,6 @@ import numpy as np
 from sysid import identify
 from sysid.coincidence import hangs, tightened
 from sysid.condense import taken
-from sysid.experiment import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
@@ -18,6 +17,7 @@ from sysid.noise import Level
 from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.result import Parameter, Result
+from sysid.trial import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 
 SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 

@@ -7,7 +7,7 @@ complex background with slope is no obstacle. Transients: poles of a matrix penc
 
 import numpy as np
 
-from sysid.experiment import Trial
+from sysid.trial import Trial
 
 SAMPLES = 240  # rows of a stretch that the pencil sees: enough for the pole, and its SVD stays within milliseconds
 

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from sysid.condense import OFFSET_UNITS
-from sysid.experiment import LEAST_WARMING, Trial
 from sysid.guess import phase_falls
 from sysid.plant import FULL_TOUCH, force_of
+from sysid.trial import LEAST_WARMING, Trial
 
 RELATIVE = 0.2
 WARMING = 10.0

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.experiment import LEAST_WARMING, Trial, group, with_noise
+from sysid.experiment import group
 from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
 from sysid.renew import update
 from sysid.start import Search, joint, local
+from sysid.trial import LEAST_WARMING, Trial, with_noise
 
 PLANT = ("G", "tau", "f0", "k_T")
 FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of the plate's own damping; shift of f0 in Hz

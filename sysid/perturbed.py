@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from sysid.experiment import Trial
 from sysid.plant import Hold, steady
+from sysid.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.coincidence import loosened
-from sysid.experiment import Trial, with_noise
 from sysid.fitting import Fit
 from sysid.foreseen import PROMISES, Design, Raised, promised
 from sysid.identify import limits, seconds
@@ -20,6 +19,7 @@ from sysid.log import Log
 from sysid.minimise import NAMES, PLANT
 from sysid.noise import Level
 from sysid.perturbed import Course
+from sysid.trial import Trial, with_noise
 from sysid.view import View
 
 UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing

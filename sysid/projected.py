@@ -13,8 +13,8 @@ W of another covariance than the noise has, S: they have no bias, and the covari
 
 import numpy as np
 
-from sysid.experiment import Trial, whitened
 from sysid.perturbed import Course, accumulated
+from sysid.trial import Trial, whitened
 
 
 def efficiency(trial: Trial, course: Course, model: np.ndarray) -> float:

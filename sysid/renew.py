@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.experiment import Trial, freedom, joined, with_noise
 from sysid.extra import asked
 from sysid.noise import ALIKE, Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
+from sysid.trial import Trial, freedom, joined, with_noise
 
 MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle

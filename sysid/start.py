@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.experiment import LEAST_WARMING, SEARCH_ROWS, Trial, freedom, group
+from sysid.experiment import SEARCH_ROWS, group
 from sysid.guess import candidates
 from sysid.likelihood import details
 from sysid.precision import compiled
+from sysid.trial import LEAST_WARMING, Trial, freedom
 
 NEARBY = 9  # random points about each log's best, twice
 PAIRS = 40  # pairs of logs at different temperatures, furthest apart first

@@ -6,7 +6,7 @@ from time import perf_counter
 import numpy as np
 from scipy.special import ndtri
 
-from sysid.experiment import Trial, group
+from sysid.experiment import group
 from sysid.extra import asked
 from sysid.fitting import Fit
 from sysid.identify import limits
@@ -14,6 +14,7 @@ from sysid.minimise import NAMES
 from sysid.mixture import Mixture
 from sysid.perturbed import Course
 from sysid.surrogate import Density
+from sysid.trial import Trial
 
 QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 

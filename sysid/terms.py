@@ -6,11 +6,11 @@ from itertools import chain
 
 import numpy as np
 
-from sysid.experiment import LEAST_WARMING
 from sysid.extra import possible
 from sysid.minimise import FINGER
 from sysid.perturbed import accumulated
 from sysid.plant import contact, force_of
+from sysid.trial import LEAST_WARMING
 from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm

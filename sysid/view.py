@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.experiment import Trial, freedom, whitened
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
+from sysid.trial import Trial, freedom, whitened
 
 
 class Column(NamedTuple):

@@ -29,6 +29,7 @@ ORDER = [
     "likelihood",
     "noise",
     "lost",
+    "trial",
     "experiment",
     "perturbed",
     "projected",

@@ -9,7 +9,7 @@ from scipy.stats import binom, norm
 
 import sysid
 from sysid.comparison import _elpd, compare, verdict
-from sysid.experiment import NUISANCES
+from sysid.trial import NUISANCES
 
 VOLTS, FREQUENCY = np.full(101, 100.0), np.linspace(31800, 32800, 101)
 

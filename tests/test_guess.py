@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sysid import Log
-from sysid.experiment import Trial
 from sysid.guess import candidates, phase_falls
+from sysid.trial import Trial
 
 ROWS = 200
 PLANTS = 25

@@ -21,10 +21,10 @@ from sysid import accuracy, bill, clock, costcurve, outputs
 from sysid import posterior as module
 from sysid.chain import Chain
 from sysid.estimate import Estimate
-from sysid.experiment import Trial
 from sysid.mixture import Mixture
 from sysid.report import costs
 from sysid.result import Result
+from sysid.trial import Trial
 
 SWEEP = Path(__file__).parents[1] / "data" / "synthetic" / "sweep_24C.csv"
 Z = 4.5  # standard deviations of chance

@@ -1,0 +1,353 @@
+"""One log, how it is read, and the present knowledge of its noise and of what the bench added to it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammainc
+
+from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.log import Log
+from sysid.lost import filled, lost
+from sysid.noise import Level
+from sysid.plant import Hold
+from sysid.span import times
+
+NUISANCES = ("rotation", "background", "offset", "start", "late")
+LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
+LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
+FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
+
+
+class Extra(NamedTuple):
+    """What one unit of `sysid.extra` adds to the response, (n,), not turned by the demodulator; the standard deviation of the
+    number."""
+
+    shape: np.ndarray
+    prior: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One log, how it is read, and the present knowledge of its noise and of what the bench added."""
+
+    log: Log  # condensed where it is long
+    kind: str  # "transient" | "steady"
+    inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
+    count: np.ndarray = field(repr=False)  # (n,) rows of the file that each row is the mean of
+    nuisances: tuple[str, ...] = NUISANCES
+    spacing: float = 0.0  # s, from row to row of the file
+    noise_std: float = 0.0  # per channel; 0: not yet known
+    noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
+    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
+    start: complex = 0.0  # of an amplitude log
+    floor: float = 0.0  # of an amplitude log, response squared
+    floor_free: bool = True  # until the data want it below zero
+    late: float = 0.0  # s, by which the response is late
+    narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
+    extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
+    turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
+    level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
+    spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
+    there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
+    kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
+    efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
+    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
+
+    @classmethod
+    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
+        """A log as it is read at first: nothing known of its noise."""
+        short, inputs, count, there = _read(log, kind)
+        steps = np.zeros(0) if log.time is None else np.diff(log.time)
+        spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        whole = log if len(short) < len(log) else None
+        return cls(short, kind, inputs, count, nuisances, spacing, there=there, kept=there, whole=whole)
+
+    def uncondensed(self) -> "Trial":
+        """The trial over every row of the file, with what is known of its noise but the weights of single rows."""
+        if self.whole is None:
+            return self
+        log, inputs, count, there = _read(self.whole, self.kind, len(self.whole))
+        rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
+        levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
+        told = self.efficiency if self.tail is None else 1.0
+        plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
+        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=told, extra={})
+
+    @property
+    def steady(self) -> bool:
+        return self.kind == "steady"
+
+    @cached_property
+    def scale(self) -> float:
+        """Largest magnitude of the response."""
+        return float(np.max(np.abs(self.log.response))) or 1.0
+
+    @property
+    def rounding(self) -> float:
+        """Square of the noise that float64 makes over the log's."""
+        return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
+
+    @cached_property
+    def driven(self) -> bool:
+        """A drive is recorded and not zero throughout."""
+        return self.log.drive is not None and bool(np.any(self.log.drive != 0))
+
+    @property
+    def resonant(self) -> bool:
+        """An excitation frequency is recorded."""
+        return self.log.frequency is not None
+
+    @cached_property
+    def touched(self) -> bool:
+        """A finger's force is recorded."""
+        return bool(np.any(self.inputs.contact))
+
+    @cached_property
+    def signed(self) -> bool:
+        """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
+        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise)
+
+    @cached_property
+    def one_level(self) -> bool:
+        """A transient whose inputs never change."""
+        return not self.steady and one_level(self.log)
+
+    @cached_property
+    def from_rest(self) -> bool:
+        """A transient of one level that is read as a step at the first row."""
+        return not self.steady and from_rest(self.log)
+
+    @property
+    def since_change(self) -> np.ndarray:
+        """Seconds since the inputs of each row of a transient last changed."""
+        hold = self.inputs
+        return np.where(hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf)
+
+    @property
+    def changes(self) -> int:
+        """How often the inputs of a transient change."""
+        return len(self.inputs.drive) - 1
+
+    @cached_property
+    def start_free(self) -> bool:
+        """The state at the first row is to be found."""
+        if self.steady or self.from_rest or "start" not in self.nuisances:
+            return False
+        return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
+
+    @cached_property
+    def clock(self) -> np.ndarray:
+        """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
+        if self.log.time is None:
+            return np.arange(len(self.log), dtype=float)
+        stamps, first, count = np.unique(self.log.time, return_index=True, return_counts=True)
+        if len(stamps) == len(self.log.time):
+            return np.asarray(self.log.time)
+        if len(stamps) == 1:
+            return np.arange(len(self.log), dtype=float)
+        end = np.append(stamps[1:], 2 * stamps[-1] - stamps[-2])
+        within = np.arange(len(self.log)) - np.repeat(first, count)
+        return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise is a fraction."""
+        weight = np.sqrt(self.count)
+        if self.noise_time > 0 and np.any(self.count > 1):
+            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
+            x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
+            weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
+        weight = weight if self.spread is None else weight / self.spread
+        weight = weight if self.tail is None else weight * np.sqrt(self.tail)
+        if not self.log.relative_noise:
+            return weight
+        level = np.abs(self.log.response) if self.level is None else self.level
+        return weight * self.scale / np.maximum(level, 1e-4 * self.scale)
+
+    @property
+    def parts(self) -> tuple["Trial", ...]:
+        """The trial as each channel has it, d and q, where their noise differs; else itself."""
+        return tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=()) for x in self.levels) or (self,)
+
+    @property
+    def used(self) -> slice | np.ndarray:
+        """The rows that are not left out."""
+        return slice(None) if self.kept is None else np.flatnonzero(self.kept)
+
+    @property
+    def order(self) -> np.ndarray:
+        """The rows as an experiment has them, those that are left out last."""
+        return np.arange(len(self.log)) if self.kept is None else np.argsort(~self.kept, kind="stable")
+
+    @property
+    def left_out(self) -> int:
+        """How many rows are."""
+        return 0 if self.kept is None else int(np.sum(~self.kept))
+
+    @property
+    def lost(self) -> int:
+        """How many of them hold no signal; the others are outliers."""
+        return 0 if self.there is None else int(np.sum(~self.there))
+
+    def residual(self, model: np.ndarray) -> np.ndarray:
+        """(n,) recorded - modelled; zero where there is no signal."""
+        left = self.log.response - (model.real if self.log.amplitude_only else model)
+        return left if self.there is None else np.where(self.there, left, 0.0)
+
+    def memory(self, keep: slice | np.ndarray | None = None) -> np.ndarray:
+        """Correlation of the noise of each used row, or of those of `keep`, with the one before."""
+        clock = self.clock[self.used if keep is None else keep]
+        if self.noise_time <= 0:
+            return np.zeros(len(clock))
+        rho = np.exp(-np.diff(clock) / self.noise_time)
+        return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
+
+    def whitening(self, keep: slice | np.ndarray | None = None, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """(a, b) of `whitened`, of the used rows or those of `keep`, in units of the noise (OU, any time grid): complex where d
+        and q have their own. `coloured`: False to leave what neighbours share."""
+        if self.levels:
+            now, before = zip(*(p.whitening(keep, coloured) for p in self.parts), strict=True)
+            return joined(now), joined(before)
+        keep = self.used if keep is None else keep
+        weight = self.weight[keep] / (self.noise_std or 0.05 * self.scale)
+        memory = self.memory(keep) if coloured else np.zeros(len(weight))
+        left = np.sqrt(1 - memory**2)
+        return weight / left, memory * np.roll(weight, 1) / left
+
+    @cached_property
+    def shapes(self) -> dict[str, np.ndarray]:
+        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep."""
+        if not self.signed or (not self.driven and self.steady and not self.resonant):
+            return {}
+        drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
+        offset, background = "offset" in self.nuisances, "background" in self.nuisances and self.resonant
+        shapes: dict[str, np.ndarray] = {}
+        if self.steady:
+            if background and np.ptp(self.log.frequency) > 0:
+                shapes["feedthrough"] = drive
+                if n >= 12:
+                    shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
+            if offset and np.ptp(drive) > 0:
+                shapes["offset"] = np.ones(n)
+        else:
+            if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
+                shapes["offset"] = np.ones(n)
+            if background and (np.ptp(drive) > 0 or not offset):
+                shapes["feedthrough"] = self._smoothed(drive)
+        return {name: shape for name, shape in shapes.items() if np.any(shape)}
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """The known shapes that the bench adds, (K, n), each at most 1."""
+        columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
+        return np.array(columns).reshape(len(columns), len(self.log))
+
+    def _smoothed(self, drive: np.ndarray) -> np.ndarray:
+        """What the lock-in's filter makes of the drive, (n,): of each of its steps the incomplete gamma function of its order."""
+        tau, order = self.smoothing
+        if not order:
+            return drive
+        hold = self.inputs
+        begun = np.append(0.0, np.cumsum(hold.duration)[:-1])
+        now = begun[hold.interval] + hold.elapsed
+        found = np.full(len(drive), hold.drive[0], float)
+        for at, step in zip(begun[1:], np.diff(hold.drive), strict=True):
+            if step:
+                found += step * gammainc(order, np.maximum(now - at, 0.0) / tau)
+        return found
+
+    @property
+    def extra_columns(self) -> dict[str, np.ndarray]:
+        """Shapes (n,) of what else may have been done to the log, each of a number whose prior is as wide as `looseness`."""
+        return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
+
+    @property
+    def looseness(self) -> float:
+        """Standard deviation of the prior of what the bench adds: ten times the response."""
+        return 10.0 * self.scale
+
+    @cached_property
+    def smoothing(self) -> tuple[float, int]:
+        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated and matters."""
+        tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
+        return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
+
+    @cached_property
+    def lateness(self) -> float:
+        """Standard deviation (s) of how late the response may be: a row, or a radian of the carrier where that is longer.
+        0 where it is known or nothing depends on it."""
+        if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
+            return 0.0
+        radian = 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
+        usual = radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, radian))
+        return min(usual, self.narrow.get("lateness", np.inf))
+
+    def prior(self, shape: str) -> float:
+        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
+        return min(self.looseness, self.narrow.get(shape, np.inf))
+
+    def spans(self, keep: slice | np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each part: orthonormal basis (n + K, K) of the whitened columns, with each one's prior, and the triangle R of it."""
+        columns = self.columns[:, self.used if keep is None else keep]
+        prior = np.diag([1 / self.prior(name) for name in self.shapes])
+        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening(keep)).T, prior])) for p in self.parts]
+
+    def completed(self, driven: np.ndarray) -> np.ndarray:
+        """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
+        if not len(self.columns):
+            return driven
+        white = whitened((self.log.response - driven)[self.used], *self.whitening())
+        channels = (white.real, white.imag) if self.levels else (white,)
+        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans(), channels, strict=True)]
+        return driven + joined(found) @ self.columns
+
+    def hold(self, reference: tuple[float, float]) -> Hold:
+        """The log's inputs, as offsets from `reference` (Hz, degC)."""
+        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
+        offset = np.nan_to_num(reference[0] + self.inputs.offset)
+        return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
+
+
+def _read(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:
+    """`prepare` of a log, and which of its rows hold a signal (None: all do)."""
+    gone = lost(log)
+    short, inputs, count = prepare(filled(log, gone), kind, longest)
+    if not np.any(gone):
+        return short, inputs, count, None
+    if kind == "steady" and len(short) < len(log):
+        gone = gone[np.argsort(log.frequency, kind="stable")]
+    begins = np.append(0, np.cumsum(count)[:-1]).astype(int)
+    return short, inputs, count, np.add.reduceat(gone.astype(int), begins) == 0
+
+
+def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """One array of those of each part: that of q is its imaginary part."""
+    return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
+
+
+def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """now_k v_k - before_k v_(k-1) of rows (..., n); the first has none before it."""
+    found = times(now, v)
+    found[..., 1:] -= times(before[1:], v[..., :-1])
+    return found
+
+
+def freedom(trial: Trial) -> float:
+    """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
+    columns, late = len(trial.columns), trial.lateness > 0
+    if trial.log.amplitude_only:
+        return float(max(len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
+    columns += len(trial.extra_columns)
+    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + 2 * late
+    return float(max(2 * (len(trial.log) - trial.left_out) - taken, 1))
+
+
+def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
+    """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
+    least = FLOOR * trial.scale
+    levels = levels if all(x.std > least for x in levels) else ()
+    return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)
