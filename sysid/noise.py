@@ -16,6 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln, i0e, i1e
 
+from sysid.span import orthonormal
+
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
 TIMES = 24  # correlation times that are tried
@@ -24,6 +26,7 @@ SHARE = 0.25  # of the rows are outliers at most
 MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
 SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
 ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
+ROUNDING = 1e-13  # of a sum of squares, by which it may be wrong, and less than nothing be left of it
 TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
 
 
@@ -70,24 +73,29 @@ def _fitted(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Des
     if np.min(cost) > -WORTH:
         return white, 0.0, 0.0
     if design is not None:
-        made = design().T if channels == 2 else design().T.real
-        cost = np.array([_restricted(u, made, steps, t, channels) for u, t in zip(found, times, strict=True)]) + shrunk
+        made = design()
+        basis = orthonormal(made if channels == 2 else made.real, ALIKE)
+        cost = _restricted(residual, basis, steps, times, channels) + shrunk
     share = np.exp(np.min(cost) - cost)
     time = float(np.exp(np.sum(share * np.log(times)) / np.sum(share)))
     whitened, shrink = _whitened(residual, steps, time)
     return float(np.sqrt(power_of(whitened) / freedom)), time, -0.5 * channels * float(np.sum(np.log(shrink)))
 
 
-def _restricted(whitened: np.ndarray, design: np.ndarray, steps: np.ndarray, time: float, channels: int) -> float:
-    """Minus the restricted log-likelihood, its level integrated out, less the determinant of the correlation; `design` (K, n)."""
-    columns = _whitened(design, steps, time)[0].T
-    unit = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    q, r = np.linalg.qr(unit)
-    size = np.linalg.norm(columns, axis=0) * np.abs(np.diag(r))
-    kept = np.abs(np.diag(r)) > ALIKE
-    left = whitened - q[:, kept] @ (q[:, kept].conj().T @ whitened)
-    free = len(whitened) - np.sum(kept)
-    return channels * float(np.sum(np.log(size[kept])) + 0.5 * free * np.log(power_of(left)))
+def _restricted(residual: np.ndarray, basis: np.ndarray, steps: np.ndarray, times: np.ndarray, channels: int) -> np.ndarray:
+    """(T,) minus the restricted log-likelihood, its level integrated out, less the determinant of the correlation; `basis`
+    (n, K) of what the fit can make.
+
+    Of the Gram matrix of whitened basis and residual the Cholesky factor's diagonal holds the determinant of the basis' own and,
+    last, the norm of what the basis leaves of the residual.
+    """
+    n, K = basis.shape
+    both = np.concatenate([basis.T, residual[None] / np.linalg.norm(residual)])
+    white = (_whitened(both, steps, time)[0] for time in times)
+    grams = np.stack([w @ w.conj().T for w in white])
+    factors = np.linalg.cholesky(grams * (1 + ROUNDING * np.eye(K + 1)))
+    diagonal = np.log(np.diagonal(factors, axis1=1, axis2=2).real)
+    return channels * (np.sum(diagonal[:, :K], axis=1) + (n - K) * diagonal[:, K])
 
 
 def power_of(v: np.ndarray) -> np.ndarray:

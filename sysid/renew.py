@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.extra import asked
-from sysid.noise import ALIKE, Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
+from sysid.noise import Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
@@ -141,7 +141,7 @@ class _Residual(NamedTuple):
             if shapes is None:
                 std, time = estimate(channel, clock, counted, time=held[k].time if held else 0.0)
             else:
-                made = _orthonormal(np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1))
+                made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
                 std, time = estimate(channel, clock, counted, partial(np.asarray, made))
                 time = _halfway(time, before[k].time) if before and round_ > 2 else time
             found.append(Level(std, time))
@@ -187,13 +187,6 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
     """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
-
-
-def _orthonormal(columns: np.ndarray) -> np.ndarray:
-    """A basis of columns (n, K) of which some may be zero or alike: in one channel those that differ by their phase alone are."""
-    size = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return u[:, s > ALIKE * s[0]] if len(s) else u
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:

@@ -18,6 +18,16 @@ def times(a: Leaf, v: Leaf) -> Leaf:
     return a.real * v.real + 1j * (a.imag * v.imag) if np.iscomplexobj(a) else a * v
 
 
+def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
+    """(n, r) basis of columns (n, K) in numpy; some may be zero, or sums of others but for `alike` of their size."""
+    size = np.linalg.norm(columns, axis=0)
+    if not np.any(size > 0):
+        return columns[:, :0]
+    q, r = np.linalg.qr(columns[:, size > 0] / size[size > 0])
+    u, s, _ = np.linalg.svd(r, full_matrices=False)
+    return q @ u[:, s > alike * s[0]]
+
+
 class Span:
     """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns. `real`: with
     real coefficients, of complex columns too."""

@@ -7,7 +7,10 @@ import numpy as np
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
+from sysid.span import orthonormal
 from sysid.trial import Trial, freedom, whitened
+
+ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
 
 
 class Column(NamedTuple):
@@ -116,11 +119,7 @@ class View:
         """Basis of the bench's columns."""
         if not self.columns:
             return np.zeros((len(self.rows(self.residual, 0)), 0))
-        rows = self.weighted(self.columns)
-        size = np.linalg.norm(rows, axis=0)
-        q, r = np.linalg.qr(rows[:, size > 0] / size[size > 0])
-        u, s, _ = np.linalg.svd(r)
-        return q @ u[:, s > 1e-9 * (s[0] if len(s) else 1.0)]
+        return orthonormal(self.weighted(self.columns), ALIKE)
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
