@@ -105,3 +105,27 @@ def test_a_promise_needs_a_design_that_can_be_had(bench):
         sysid.advise(fit, "margin")
     with pytest.raises(ValueError, match=r"settling_time = 0\.001 ms cannot be had"):
         sysid.advise(fit, "margin", design=functools.partial(controller.design, settling_time=1e-6))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_of_two_solutions_whichever_is_true_is_settled(bench, side):
+    """The amplitude of a step beside the resonance: on which side, the next log has to tell, and the promise is for both."""
+    half_bandwidth = 1 / (2 * np.pi * bench.plant.tau)
+    drive_at = bench.plant.f0 + 1.5 * side * half_bandwidth
+    step = bench.transient(frequency=drive_at, seed=3)
+    logs = [replace(step, response=np.abs(step.response))]
+    fit = sysid.fit(logs)
+    assert len(fit.modes) == 2 and not fit.parameters["f0"].determined
+    best = sysid.advise(fit, "f0")[0]
+    log = recorded(bench, best.experiment, 7)
+    found = sysid.fit([*logs, replace(log, response=np.abs(log.response))]).parameters["f0"]
+    assert found.determined and abs(found.value - bench.plant.f0) < 4 * found.std
+    assert found.std < 1.3 * best.after  # a promise for the worse of the two may be kept with much to spare
+
+
+def test_elsewhere_than_the_resonance_may_be_the_promise_is_about(bench):
+    """Nothing is known of k_T: ten degrees away the resonance may lie bandwidths beside what is driven."""
+    fit = sysid.fit([bench.sweep(), bench.transient()])
+    assert all(a.rough for a in sysid.advise(fit, "k_T", temperatures=[34.0]))
+    warm = sysid.fit([bench.sweep(), bench.sweep(temperature=30.0), bench.transient()])
+    assert not any(a.rough for a in sysid.advise(warm, "k_T", temperatures=[34.0]))
