@@ -29,6 +29,13 @@ def parser() -> argparse.ArgumentParser:
         " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor) and gain",
     )
     command.add_argument(
+        "--prior",
+        type=_prior,
+        action="append",
+        metavar="NAME=VALUE+-STD",
+        help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be repeated",
+    )
+    command.add_argument(
         "--advise",
         choices=("G", "tau", "f0", "k_T", "worst", "margin", "settling"),
         help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst), or betters this"
@@ -79,6 +86,19 @@ def _effects(text: str) -> tuple[str, ...]:
     if changed and len(changed) < len(names):
         raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
     return tuple(name for name in known if (changed.get(name, name in NUISANCES) if changed else name in names))
+
+
+def _prior(text: str) -> tuple[str, tuple[float, float]]:
+    """`k_T=-8+-1`, or with ±."""
+    from sysid.prior import checked
+
+    name, _, number = text.partition("=")
+    value, sign, std = number.replace("±", "+-").partition("+-")
+    try:
+        return next(iter(checked({name.strip(): (float(value), float(std))}).items()))
+    except ValueError as error:
+        said = str(error) if sign and number and "convert" not in str(error) else f"found {text}"
+        raise argparse.ArgumentTypeError(f"{said}; expected a name, a value and a standard deviation, as in k_T=-8+-1") from None
 
 
 def _seconds(text: str) -> float:

@@ -154,7 +154,7 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """What the fit is told."""
     given = {} if arguments.effects is None else {"nuisances": arguments.effects}
-    return given | {"reference_temperature": arguments.reference_temperature}
+    return given | {"reference_temperature": arguments.reference_temperature, "priors": dict(arguments.prior or ())}
 
 
 def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, dict[str, bytes]]:

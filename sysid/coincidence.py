@@ -23,7 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.minimise import NAMES, State
+from sysid.minimise import State
+from sysid.prior import NAMES
 from sysid.trial import Trial
 from sysid.view import View
 
@@ -62,7 +63,8 @@ def _hangs_on(name: str, state: State, reference: tuple[float, float], free: Seq
     for trial, model in zip(state.trials, state.models, strict=True):
         without = replace(trial, nuisances=tuple(n for n in trial.nuisances if n != name))
         views.append(View(without, model, state, reference, coloured=True))
-    variance = _variance(views, [NAMES.index(n) for n in free])
+    index = [NAMES.index(n) for n in free]
+    variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])
     return variance is not None and variance < MOSTLY**2 * state.covariance[0, 0]
 
 
@@ -129,9 +131,9 @@ def _rise(view: View) -> float:
     return float(np.max(np.abs(view.course.push)))
 
 
-def _variance(views: Sequence[View], index: Sequence[int]) -> float | None:
-    """Of log G, the numbers of theta at `index` free; None where the logs do not tell them apart."""
-    gram = sum(v.jacobian[:, index].T @ v.jacobian[:, index] for v in views)
+def _variance(views: Sequence[View], index: Sequence[int], prior: np.ndarray) -> float | None:
+    """Of log G, the numbers of theta at `index` free, with a prior of that precision; None where the logs do not part them."""
+    gram = sum(v.jacobian[:, index].T @ v.jacobian[:, index] for v in views) + prior
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram / np.outer(size, size)
     if np.linalg.eigvalsh(scaled)[0] < REGULAR:

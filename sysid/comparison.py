@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.extra import EXTRA
 from sysid.fitting import Fit
-from sysid.minimise import NAMES
+from sysid.prior import NAMES
 from sysid.trial import NUISANCES, Trial
 from sysid.view import View
 
@@ -94,8 +94,11 @@ class _Logs:
         jacobians = [v.jacobian[:, index] for v in views]
         size = np.sqrt(sum(np.sum(j**2, axis=0) for j in jacobians)) + 1e-300
         jacobians = [j / size for j in jacobians]
-        inverse = np.linalg.pinv(sum(j.T @ j for j in jacobians), rcond=1e-12, hermitian=True)
-        shift = inverse @ sum(j.T @ y for j, y in zip(jacobians, left, strict=True))
+        prior = self.state.prior
+        held = prior.precision[np.ix_(index, index)] / np.outer(size, size)
+        inverse = np.linalg.pinv(sum(j.T @ j for j in jacobians) + held, rcond=1e-12, hermitian=True)
+        pulled = prior.slope(self.state.theta)[index] / size
+        shift = inverse @ (sum(j.T @ y for j, y in zip(jacobians, left, strict=True)) - pulled)
         parts = zip(views, jacobians, left, strict=True)
         moved = np.full(len(NAMES), np.nan)
         moved[index] = shift / size

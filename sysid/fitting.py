@@ -1,6 +1,6 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,11 +11,12 @@ from sysid.condense import taken
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
-from sysid.minimise import FINGER, NAMES, PLANT, Minimiser, State
+from sysid.minimise import Minimiser, State
 from sysid.misfit import Found, misfits
 from sysid.noise import Level
 from sysid.plant import Plant
 from sysid.precision import float64
+from sysid.prior import FINGER, NAMES, PLANT, POSITIVE, Prior, checked
 from sysid.result import Parameter, Result
 from sysid.trial import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
 
@@ -54,6 +55,7 @@ class Fit:
     units: dict[str, str]
     modes: tuple[State, ...] = field(repr=False)  # the best first
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
+    priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
 
     @property
     def cost(self) -> float:
@@ -66,6 +68,7 @@ def fit(
     logs: Sequence[Log],
     *,
     nuisances: Sequence[str] = NUISANCES,
+    priors: Mapping[str, tuple[float, float]] | None = None,
     reference_temperature: float = 24.0,
     start: Plant | None = None,
     meanwhile: Callable[[State, tuple[float, float]], None] | None = None,
@@ -75,8 +78,11 @@ def fit(
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
     "late" (a trigger, a demodulator); and, on request, "drift", "lag" and "gain" (see `sysid.extra`).
+    `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
+    (see `sysid.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
     `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
-    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, or for an unknown nuisance.
+    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or
+    for a prior that is none.
     """
     if not logs:
         raise ValueError("no logs to fit")
@@ -86,12 +92,17 @@ def fit(
     trials, warnings = _trials(logs, tuple(nuisances))
     reference = _reference(trials)
     free = _free(trials)
-    minimiser = Minimiser(reference, free)
+    stated = {name: given for name, given in checked(priors or {}).items() if name in free}
+    unused = [name for name in priors or {} if name not in stated]
+    warnings += [f"{name}: what is stated of it beforehand is not used: these logs say nothing of it" for name in unused]
+    warm = any(t.log.temperature is not None for t in trials)
+    prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
+    minimiser = Minimiser(reference, free, prior)
     states = minimiser.minima(trials, start)
     flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
     if [t.kind for t in flipped] != [t.kind for t in trials]:
         states = minimiser.minima(flipped, start)
-    known, best = (reference, free, warnings, reference_temperature), states[0]
+    known, best = (reference, free, warnings, reference_temperature, stated), states[0]
     if meanwhile is not None:
         meanwhile(best, reference)
     if len(states) > 1 or not (names := hangs(best, reference, free)):
@@ -113,13 +124,13 @@ def _check_units(logs: Sequence[Log]) -> None:
             )
 
 
-def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float) -> Fit:
+def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float, stated) -> Fit:
     best = states[0]
     G, tau = np.exp(best.theta[:2])
     index = [NAMES.index(n) for n in free]
     units = _units(best.trials[0].log)
     # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
-    drifts = "k_T" in free and np.sqrt(best.covariance[3, 3]) <= identify.limits(G, tau)["k_T"]
+    drifts = "k_T" in free and np.sqrt(best.alone[3, 3]) <= identify.limits(G, tau)["k_T"]
     warm = any(t.log.temperature is not None for t in best.trials)
     at = reference_temperature if drifts else (reference[1] if warm else None)
     carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0])
@@ -141,8 +152,9 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
-        plant, {}, free, covariance, result, at, _fitted(best), tuple(warnings), units, tuple(states), reference
-    )  # fmt: skip
+        plant, {}, free, covariance, result, at, _fitted(best), tuple(warnings), units, tuple(states), reference, stated
+    )
+    fitted = replace(fitted, warnings=(*fitted.warnings, *_believed(fitted, reference_temperature)))
     named = [n for n in NAMES if n in PLANT or n in free]
     parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in named}
     if result is Result.successful and not usable(parameters, best.trials):
@@ -164,12 +176,52 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if not state.converged:
         said = identify.why(name, state.trials, tau, fit.names, 1)
         return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
-    modes = _modes(fit, name)
-    if name in fit.names and np.isfinite(value) and not modes and std <= identify.limits(G, tau)[name]:
+    modes, limit = _modes(fit, name), identify.limits(G, tau)[name]
+    told = name in fit.names and _alone(fit, name)[1] <= limit
+    if told and np.isfinite(value) and not modes and std <= limit:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     said = identify.why(name, state.trials, tau, fit.names, len(modes))
+    if name in fit.priors and not told:
+        said = f"{said} (what is stated of it beforehand is not what the logs tell)"
     return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def _alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
+    """What the logs alone make of a parameter, to first order, and its standard deviation; f0 at `at` (degC), else where it is
+    reported."""
+    state, row, k = fit.modes[0], np.zeros(len(NAMES)), NAMES.index(name)
+    row[k] = 1.0
+    if name == "f0":
+        at = fit.reference_temperature if at is None else at
+        row[NAMES.index("k_T")] = 0.0 if at is None else at - fit.reference[1]
+    value = float(row @ (state.theta + state.alone @ state.prior.slope(state.theta)))
+    std = float(np.sqrt(row @ state.alone @ row))
+    if name in POSITIVE:
+        return float(np.exp(value)), float(np.exp(state.theta[k])) * std
+    return value + (fit.reference[0] if name == "f0" else 0.0), std
+
+
+CONTRADICTS = 3.0  # standard deviations between what the logs tell and what is stated beforehand
+SHARES = 0.9  # of the error that the logs alone leave of a parameter: below, the prior speaks too
+
+
+def _believed(fit: Fit, reference_temperature: float) -> list[str]:
+    """Sentences on where what was stated beforehand speaks, and where the logs contradict it."""
+    said = []
+    for name, (value, std) in fit.priors.items():
+        found, error = _alone(fit, name, reference_temperature)
+        unit = fit.units[name]
+        apart = abs(found - value) / np.hypot(error, std)
+        if apart > CONTRADICTS:
+            said.append(
+                f"{name}: the logs alone say {found:.7g} ± {error:.2g} {unit}, {apart:.2g} standard deviations from what is"
+                f" stated beforehand, {value:.7g} ± {std:.2g}; check which is wrong"
+            )
+        elif 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
+            known = f"{value:.7g} ± {std:.2g} {unit}"
+            said.append(f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}")
+    return said
 
 
 def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:

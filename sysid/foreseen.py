@@ -14,8 +14,8 @@ import numpy as np
 
 from sysid.fitting import Fit
 from sysid.identify import limits, seconds
-from sysid.minimise import NAMES
 from sysid.mixture import Mixture
+from sysid.prior import NAMES
 from sysid.result import Parameter
 
 EVEN = 512  # draws, of which a design takes 400

@@ -13,13 +13,11 @@ from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
+from sysid.prior import FINGER, FLAT, NAMES, Prior
 from sysid.renew import update
 from sysid.start import Search, joint, local
 from sysid.trial import LEAST_WARMING, Trial, with_noise
 
-PLANT = ("G", "tau", "f0", "k_T")
-FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of the plate's own damping; shift of f0 in Hz
-NAMES = (*PLANT, *FINGER)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 MOST = 128  # steps of a search
@@ -44,11 +42,13 @@ class State:
     cost: float
     converged: bool
     low_q: bool  # with the ripple of the fast mode
+    alone: np.ndarray = field(repr=False)  # the covariance of the logs alone, without the prior
+    prior: Prior = field(default=FLAT, repr=False)
 
 
 class _Look(NamedTuple):
     """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
-    the directions, the gradient, and the residual."""
+    the directions, the gradient, and the residual. The prior is the last of the groups, and has no residual."""
 
     cost: Array
     grams: tuple[Array, ...]
@@ -68,7 +68,7 @@ class _Search(NamedTuple):
     done: Array
 
 
-def _looked(theta, directions, layouts, groups) -> _Look:
+def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
     def one(x, layout):
         found, change = linearised(theta, x, layout)
         jacobian = jax.vmap(change, in_axes=1)(directions)
@@ -76,8 +76,10 @@ def _looked(theta, directions, layouts, groups) -> _Look:
 
     parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
     grams, gradients, found = zip(*parts, strict=True)
-    cost = 0.5 * jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum()
-    return _Look(cost, grams, gradients, found)
+    slope = precision @ (theta - mean)
+    cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
+    held, pull = directions.T @ precision @ directions, directions.T @ slope
+    return _Look(cost, (*grams, held[None]), (*gradients, pull[None]), found)
 
 
 def _summed(look: _Look) -> Any:
@@ -91,7 +93,7 @@ def _summed(look: _Look) -> Any:
 
 
 @seldom
-def _search(theta, directions, most, layouts, groups):
+def _search(theta, directions, most, mean, precision, layouts, groups):
     """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
     is seen there.
 
@@ -105,7 +107,7 @@ def _search(theta, directions, most, layouts, groups):
     region: Any = optimistix.ClassicalTrustRegion()
 
     def body(s: _Search) -> _Search:
-        new = _looked(s.next, directions, layouts, groups)
+        new = _looked(s.next, directions, mean, precision, layouts, groups)
         fall, first = s.look.cost - new.cost, s.looks == 0
         radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
         theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
@@ -114,7 +116,7 @@ def _search(theta, directions, most, layouts, groups):
         done = (taken & ~first & still) | ~jnp.all(jnp.isfinite(step))
         return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
 
-    shapes = jax.eval_shape(lambda: _looked(theta, directions, layouts, groups))
+    shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))
     blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     rest = jnp.zeros(directions.shape[1])
     trust = region.init(rest, _summed(blank))
@@ -163,6 +165,7 @@ class Minimiser:
 
     reference: tuple[float, float]
     free: tuple[str, ...]
+    prior: Prior = FLAT
 
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
@@ -196,7 +199,7 @@ class Minimiser:
         groups, _ = group(trials, self.reference)
         theta = np.zeros(len(NAMES))
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        _search.prepare(theta, self._directions(theta), np.asarray(0), layouts, arrays)
+        _search.prepare(theta, self._directions(theta), np.asarray(0), *self.prior, layouts, arrays)
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
@@ -224,7 +227,8 @@ class Minimiser:
             directions = self._directions(theta)
             before = theta, trials
             first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
-            theta, grams, gradients, found = jax.device_get(_search(first, directions, np.asarray(most), layouts, arrays))
+            seen = _search(first, directions, np.asarray(most), *self.prior, layouts, arrays)
+            theta, grams, gradients, found = jax.device_get(seen)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
@@ -235,28 +239,31 @@ class Minimiser:
                 continue
             courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = update(trials, members, found, courses, round_=k)
+            cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
             change, last, k = abs(last - cost), cost, k + 1
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=True)])
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=False)])  # the prior's is the last
         count = np.concatenate([x.freedom[: len(logs)] for x, logs in zip(arrays, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)
-        covariance = directions @ _invert(_informed(*shares, inverse)) @ directions.T
-        return State(theta, covariance, trials, models, float(cost), converged, low_q)
+        told = _informed(*shares, inverse)
+        covariance, alone = (directions @ _invert(t) @ directions.T for t in (told + self._held(directions), told))
+        return State(theta, covariance, trials, models, float(cost), converged, low_q, alone, self.prior)
 
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
         """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        *_, found = jax.device_get(_search(theta, directions, np.asarray(0), layouts, arrays))
+        *_, found = jax.device_get(_search(theta, directions, np.asarray(0), *self.prior, layouts, arrays))
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
-        covariance = RUNAWAY**2 * directions @ directions.T
-        return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q)
+        held = np.eye(directions.shape[1]) / RUNAWAY**2
+        alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))
+        return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q, alone, self.prior)
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3), what each falls short by, and the least residual sum of each log."""
@@ -311,6 +318,10 @@ class Minimiser:
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
+
+    def _held(self, directions: np.ndarray) -> np.ndarray:
+        """What the prior informs of along the directions."""
+        return directions.T @ self.prior.precision @ directions
 
     @property
     def _frequency(self) -> float:

@@ -16,7 +16,8 @@ import numpy as np
 
 from sysid.coincidence import cancelling
 from sysid.guess import phase_falls
-from sysid.minimise import NAMES, State
+from sysid.minimise import State
+from sysid.prior import NAMES
 from sysid.terms import LATE, Term, own, terms, times
 from sysid.view import View
 
@@ -60,7 +61,7 @@ def misfits(
     would move the parameters far. `at` (degC): where parameters are reported."""
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     away = 0.0 if at is None else at - reference[1]
-    fit = _Linear(views, state.covariance, [n for n in NAMES if n in free], away)
+    fit = _Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
     chance = np.log(max(len(tried), 1))
     found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
@@ -128,18 +129,20 @@ class _Linear:
     """The joint fit of the parameters `names`, linearised: what one more term would change of what is reported `away` (degC)
     from the mean temperature."""
 
-    def __init__(self, views: list[View], covariance: np.ndarray, names: list[str], away: float):
+    def __init__(self, views: list[View], state: State, names: list[str], away: float):
         index = [NAMES.index(n) for n in names]
         reported = np.eye(len(NAMES))
         reported[2, 3] = away
         self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
-        self.covariance = covariance
-        self.std = np.sqrt(np.diag(self.reported @ covariance[np.ix_(index, index)] @ self.reported.T))
+        self.covariance = state.covariance
+        self.std = np.sqrt(np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
-        gram = sum(j.T @ j for j in self.jacobians)
+        self.prior = state.prior.precision[np.ix_(index, index)]
+        self.pulled = state.prior.slope(state.theta)[index]
+        gram = sum(j.T @ j for j in self.jacobians) + self.prior
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         self.inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
-        self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True))
+        self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
         self.before = [v.likelihood(v.recorded) for v in views]
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
@@ -149,11 +152,16 @@ class _Linear:
 
     def gained(self, i: int, shape: np.ndarray) -> float:
         """What it is worth, in log-likelihood, when the i-th log holds `shape`, with no unknown, and the parameters follow."""
-        rows, found = self.views[i].off(shape), 0.0
+        rows = self.views[i].off(shape)
         shift = self.inverse @ (self.slope - self.jacobians[i].T @ rows)
+        found = self._believed(shift)
         for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
             found += view.likelihood(view.r - jacobian @ shift - (rows if j == i else 0.0)) - self.before[j]
         return found
+
+    def _believed(self, shift: np.ndarray) -> float:
+        """What a shift of the parameters changes of the prior's log density."""
+        return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
 
     def doubt(self, term: Term) -> str | None:
         """What the term would do at a size of two of its standard deviations, at which it is not seen; None if that is little."""
@@ -193,7 +201,7 @@ class _Linear:
         if 0.5 * score @ value < threshold:
             return None
         shift = self.inverse @ (self.slope - cross @ value)
-        gained = 0.0
+        gained = self._believed(shift)
         for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
             change = jacobian @ shift + (rows[i] @ value if i in rows else 0.0)
             if change @ change > UNCHANGED:

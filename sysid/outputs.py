@@ -75,7 +75,8 @@ def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
         {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved} for p in ladder(posterior)
     ]
     how = {"accuracy": posterior.accuracy, "method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat}
-    return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS}
+    stated = {n: f"normal about {value:g}, {std:g} wide" for n, (value, std) in posterior.fit.priors.items()}
+    return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS | stated}
 
 
 def to_json(content: Mapping[str, Any]) -> str:

@@ -16,9 +16,9 @@ from sysid.fitting import Fit
 from sysid.foreseen import PROMISES, Design, Raised, promised
 from sysid.identify import limits, seconds
 from sysid.log import Log
-from sysid.minimise import NAMES, PLANT
 from sysid.noise import Level
 from sysid.perturbed import Course
+from sysid.prior import NAMES, PLANT
 from sysid.trial import Trial, with_noise
 from sysid.view import View
 
@@ -187,8 +187,9 @@ def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
 
 
 def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
-    """(6, 6) of theta, from the logs of the fit."""
-    state, found = fit.modes[0], np.zeros((len(NAMES), len(NAMES)))
+    """(6, 6) of theta, from the logs of the fit and what was known before."""
+    state = fit.modes[0]
+    found = state.prior.precision.copy()
     for trial, model in zip(trials, state.models, strict=True):
         jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
         found += trial.efficiency * jacobian.T @ jacobian

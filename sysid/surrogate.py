@@ -15,8 +15,9 @@ import numpy as np
 
 from sysid.experiment import group
 from sysid.likelihood import Groups, density, residual
-from sysid.minimise import NAMES, State
+from sysid.minimise import State
 from sysid.precision import compiled
+from sysid.prior import NAMES
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
 CHECKS = 32  # points at which the polynomial is compared; it is made from twice as many as it has coefficients

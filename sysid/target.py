@@ -10,9 +10,9 @@ from sysid.experiment import group
 from sysid.extra import asked
 from sysid.fitting import Fit
 from sysid.identify import limits
-from sysid.minimise import NAMES
 from sysid.mixture import Mixture
 from sysid.perturbed import Course
+from sysid.prior import NAMES
 from sysid.surrogate import Density
 from sysid.trial import Trial
 
@@ -88,7 +88,7 @@ class Target:
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """(n,) log density at z (n, p); -inf where it is not finite."""
         begun = perf_counter()
-        value = self.density(z)
+        value = self.density(z) - self.fit.modes[0].prior.cost(self.theta(z))
         if self.evaluations:  # the first call also loads programs
             self._seconds, self._warm = self._seconds + perf_counter() - begun, self._warm + len(z)
         self.evaluations += len(z)

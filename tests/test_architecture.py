@@ -36,6 +36,7 @@ ORDER = [
     "extra",
     "renew",
     "guess",
+    "prior",
     "result",
     "start",
     "identify",
