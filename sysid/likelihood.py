@@ -18,7 +18,8 @@ Where the noise of d and q differs, rows are whitened channel by channel, and wh
 real ones, two for each: the same shapes, and j times them.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
-log p = -sum_logs (degrees of freedom / 2) log S.
+log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B of their coefficients,
+- 1/2 log det B, which depends on the plant where their columns do.
 """
 
 from collections.abc import Callable, Sequence
@@ -88,7 +89,7 @@ class Experiment(NamedTuple):
 class Residual(NamedTuple):
     """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values;
     `late` in units of `lateness`; `turn` is by what the demodulator turns the plate's response, times its gain where that is the
-    log's own."""
+    log's own; `volume` half the logarithm of the determinant of the nuisances' information, as far as it depends on the plant."""
 
     rows: Array
     driven: Array
@@ -97,6 +98,7 @@ class Residual(NamedTuple):
     late: Array
     gain: Array
     turn: Array
+    volume: Array
 
 
 for _type in (Hold, Experiment, Residual):  # so that a traced program can be kept
@@ -215,7 +217,8 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     late = (nuisances[2] * jnp.conj(turn)).real
     rows = left - turn.real * shape - turn.imag * ahead
-    return Residual(rows, driven, x.start, x.floor, late, gain, turn), nuisances, off
+    volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
+    return Residual(rows, driven, x.start, x.floor, late, gain, turn, volume), nuisances, off
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
@@ -224,7 +227,8 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     weights = _weights(span, x.response, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, jnp.abs(weights[0]), weights[0])
+    gain = jnp.abs(weights[0])
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, gain, weights[0], span.volume)
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
@@ -233,7 +237,8 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     now = (jnp.ones(()), x.start, x.late, x.floor)
     size = _modelled(shapes, now, layout)
     if layout.steady:
-        return Residual(x.response - _whiten(size, x), size, x.start, x.floor, x.late, gain, now[0]), now, lambda v: v
+        rows = x.response - _whiten(size, x)
+        return Residual(rows, size, x.start, x.floor, x.late, gain, now[0], jnp.zeros(())), now, lambda v: v
     towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
     along = towards * shapes.free
     scale = 1 / x.tightness
@@ -246,7 +251,8 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
     found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
     late = found[3] if layout.late else x.late
-    return Residual(span.off(target), size, found[0] + 1j * found[1], found[2] * scale, late, gain, now[0]), now, span.off
+    start, floor = found[0] + 1j * found[1], found[2] * scale
+    return Residual(span.off(target), size, start, floor, late, gain, now[0], span.volume), now, span.off
 
 
 def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
@@ -291,14 +297,15 @@ def details(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment,
     )
 
 
-def density(squares: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp) -> Leaf:
-    """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened residual rows: flat in
-    log G, log tau, f0 and k_T, noise levels integrated out. `xp`: numpy or jax.numpy.
+def density(squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp) -> Leaf:
+    """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened residual rows and the
+    nuisances' volumes: flat in log G, log tau, f0 and k_T, nuisances and noise levels integrated out. `xp`: numpy or jax.numpy.
 
     No level is below that of rounding, so that the density of logs without noise is finite and of its width.
     """
     total = 0.0
-    for square, x in zip(squares, groups, strict=True):
+    for square, volume, x in zip(squares, volumes, groups, strict=True):
         blank = x.freedom == 0  # padding of its group
+        total = total - xp.sum(xp.where(blank, 0.0, volume), axis=-1)
         total = total - 0.5 * xp.sum(x.freedom * xp.log(xp.where(blank, 1.0, square + x.freedom * x.rounding)), axis=-1)
     return total

@@ -30,11 +30,12 @@ def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
 
 class Span:
     """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns. `real`: with
-    real coefficients, of complex columns too."""
+    real coefficients, of complex columns too. `volume`: half the logarithm of the determinant of the coefficients' information.
+    """
 
     def __init__(self, columns: Sequence[Array], real: bool = False):
         self.units: list[tuple[Array, Array]] = []
-        self.real = real
+        self.real, self.volume = real, jnp.zeros(())
         for i, unit in enumerate(columns):
             made_of = jnp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
             for other, weights in 2 * self.units:
@@ -42,6 +43,7 @@ class Span:
                 unit, made_of = unit - along * other, made_of - along * weights
             size = jnp.sqrt(jnp.vdot(unit, unit).real)
             self.units.append((unit / size, made_of / size))
+            self.volume += (1 if real else 2) * jnp.log(size)
 
     def off(self, v: Array) -> Array:
         for unit, _ in self.units:

@@ -29,10 +29,14 @@ MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred 
 
 @compiled
 def _rows(thetas, layouts, groups):
-    """Whitened residual rows (n, logs, N) of each group at the points `thetas` (n, 6)."""
+    """Whitened residual rows (n, logs, N) of each group, and volumes (n, logs), at the points `thetas` (n, 6)."""
+
+    def of(theta, x, layout):
+        found = residual(theta, x, layout)
+        return found.rows, found.volume
 
     def one(theta):
-        return tuple(jax.vmap(lambda x, y=y: residual(theta, x, y).rows)(g) for y, g in zip(layouts, groups, strict=True))
+        return tuple(jax.vmap(lambda x, y=y: of(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True))
 
     return jax.vmap(one)(thetas)
 
@@ -58,6 +62,7 @@ class Density:
         self.theta, self.smooth, self.error = theta, smooth, 0.0
         self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
+        self.volumes: list[np.ndarray] = []  # (coefficients, logs) of each group
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
         if self.smooth and not self.forms:
@@ -74,29 +79,35 @@ class Density:
         """The polynomial, unless it misses the exact density somewhere."""
         design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
         n, z = len(design), np.concatenate([design, checks])
-        products = self._products(z)
+        products, volumes = self._products(z)
         weights = np.linalg.pinv(_monomials(design))
         self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
-        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products])
+        self.volumes = [weights @ v[:n] for v in volumes]
+        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes])
         self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
         self.smooth = bool(self.error <= FAITHFUL)
 
     def _polynomial(self, z: np.ndarray) -> np.ndarray:
         m = _monomials(z)
         pairs = (m[:, :, None] * m[:, None, :]).reshape(len(m), -1)
-        return self._of([pairs @ form.reshape(len(form), -1).T for form in self.forms])
+        return self._of([pairs @ form.reshape(len(form), -1).T for form in self.forms], [m @ v for v in self.volumes])
 
     def _exact(self, z: np.ndarray) -> np.ndarray:
-        squares = [[np.einsum("nlk,nlk->nl", r, r) for r in rows] for rows in self._batches(z, self.groups)]
-        return self._of([np.concatenate(x)[: len(z)] for x in zip(*squares, strict=True)])
+        squares = [[(np.einsum("nlk,nlk->nl", r, r), v) for r, v in rows] for rows in self._batches(z, self.groups)]
+        found = [[np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True)] for parts in zip(*squares, strict=True)]
+        return self._of(*zip(*found, strict=True))
 
-    def _products(self, z: np.ndarray) -> list[np.ndarray]:
-        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p)."""
+    def _products(self, z: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p); and volumes
+        (n, logs)."""
         products: list[list[np.ndarray]] = [[] for _ in self.groups]
+        volumes: list[list[np.ndarray]] = [[] for _ in self.groups]
         for index, groups in self._few():
-            for i, rows in zip(index, zip(*self._batches(z, groups), strict=True), strict=True):
-                products[i] += [r @ r.T for r in np.moveaxis(np.concatenate(rows)[: len(z)], 1, 0)]
-        return [np.stack(x) for x in products]
+            for i, parts in zip(index, zip(*self._batches(z, groups), strict=True), strict=True):
+                rows, volume = (np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True))
+                products[i] += [r @ r.T for r in np.moveaxis(rows, 1, 0)]
+                volumes[i].append(volume)
+        return [np.stack(x) for x in products], [np.concatenate(v, axis=1) for v in volumes]
 
     def _few(self) -> Iterator[tuple[Sequence[int], Groups]]:
         """Positions of groups and these: all, or one log at a time where there are MANY rows."""
@@ -107,15 +118,16 @@ class Density:
             for k in range(len(x.response)):
                 yield (i,), ((layout, jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], x)),)
 
-    def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[np.ndarray]]:
-        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side."""
+    def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
+        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side; and
+        volumes (n, logs)."""
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
         for part in full.reshape(-1, self.batch, full.shape[1]):
-            yield [np.asarray(rows).view(float) for rows in _rows(part, layouts, arrays)]
+            yield [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
 
-    def _of(self, squares: Sequence[np.ndarray]) -> np.ndarray:
-        return _finite(density(squares, [x for _, x in self.groups], np))
+    def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
+        return _finite(density(squares, volumes, [x for _, x in self.groups], np))
 
 
 def _finite(value: np.ndarray) -> np.ndarray:
