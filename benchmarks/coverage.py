@@ -448,6 +448,10 @@ these whose interval, value +- 1.96 std, holds the truth, with its binomial erro
 or more determine the parameter (of fewer, the noise has chosen which). `posterior`: the same for the central interval of the
 posterior's draws, over fewer seeds; an error is never below that of one seed. `std/bound`: median stated standard deviation over the
 Cramer-Rao bound for the noise and the nuisances as they are. z = (value - truth)/std.
+
+G of a lone step is covered too often, and far below the bound: what tells it from a feedthrough and a lateness is that these
+would have to cancel (`sysid/coincidence.py`). On these benches neither is there, or one of them; where both are drawn from their
+priors calibration.md counts. Amplitudes of coloured noise: the likelihood is an approximation (`sysid/projected.py`).
 """
 
 
