@@ -175,7 +175,9 @@ def holm(p: Sequence[float]) -> np.ndarray:
 HEAD = f"""`refused`: fits without a posterior (not converged, or tau or G not determined), whose draws are a broad look and are not ranked.
 `held`: of the others, those that say so little of the parameter that it is not drawn. `within 95 %`: share of the ranks between 2.5 and
 97.5 %. `chi2` over {BINS} bins, and `ECDF` (Kolmogorov-Smirnov): p; `Holm`: the smaller of the two, corrected for all tests of the table,
-which should be above {WANTED:g}.
+which should be above {WANTED:g}. It is not for G of a step under noise of a third of it, more than half of which is refused: what
+tells G from a feedthrough and a lateness there is given a prior as wide as the error of their difference
+(`sysid/coincidence.py`), too wide rather than too narrow.
 
 | case | draws | refused | parameter | held | mean rank | within 95 % | chi2 | ECDF | Holm |
 |---|---|---|---|---|---|---|---|---|---|
