@@ -452,6 +452,8 @@ Cramer-Rao bound for the noise and the nuisances as they are. z = (value - truth
 G of a lone step is covered too often, and far below the bound: what tells it from a feedthrough and a lateness is that these
 would have to cancel (`sysid/coincidence.py`). On these benches neither is there, or one of them; where both are drawn from their
 priors calibration.md counts. Amplitudes of coloured noise: the likelihood is an approximation (`sysid/projected.py`).
+Noise of 20 % and 30 %: this interval is symmetric and normal, which the posterior of such logs is not; what the program reports is the
+posterior's.
 """
 
 
