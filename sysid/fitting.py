@@ -177,7 +177,7 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
         said = identify.why(name, state.trials, tau, fit.names, 1)
         return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
     modes, limit = _modes(fit, name), identify.limits(G, tau)[name]
-    told = name in fit.names and _alone(fit, name)[1] <= limit
+    told = name in fit.names and (not fit.priors or _alone(fit, name)[1] <= limit)
     if told and np.isfinite(value) and not modes and std <= limit:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
