@@ -14,8 +14,8 @@ ALLOWED = 1.2  # times the budget
 
 
 def section(repeat: int) -> str:
-    """Twice `repeat` runs: sizes even in their logarithm from 1e2 to 1e6, budgets from half to twice what such a log takes."""
-    rng, ratios, refused, runs = np.random.default_rng(0), [], 0, 2 * repeat
+    """Forty times `repeat` runs: sizes even in their logarithm from 1e2 to 1e6, budgets from half to twice what such a log takes."""
+    rng, ratios, refused, runs = np.random.default_rng(0), [], 0, 40 * repeat
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"XDG_CACHE_HOME": folder}
         path = Path(folder, "log.csv")

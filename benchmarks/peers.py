@@ -13,15 +13,15 @@ DRIVE, FREQUENCY = 100.0, 32290.0
 FAR = np.array([1.2, 0.8])  # by what a peer's start of G and tau is off
 
 
-def step(rows: int, seed: int = 0, noise: float = 0.05) -> sysid.Log:
-    """30 ms of a step behind 6 ms of rest, 10 Hz below the resonance, with an output offset."""
+def step(rows: int, seed: int = 0, noise: float = 0.05, degC: float = 24.0) -> sysid.Log:
+    """30 ms of a step behind 6 ms of rest, 10 Hz below the resonance at 24 degC, with an output offset."""
     rng = np.random.default_rng(seed)
     at = 0.036 / rows * np.arange(rows)
     drive = np.where(at < 0.006, 0.0, DRIVE)
-    clean = stepped(np.array([G, TAU, F0 - FREQUENCY, 0.01, -0.02]), since(at, drive))
+    clean = stepped(np.array([G, TAU, F0 + K_T * (degC - 24) - FREQUENCY, 0.01, -0.02]), since(at, drive))
     response = clean + noise * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
-    given = {"time": at, "drive": drive, "frequency": np.full(rows, FREQUENCY), "kind": "transient", "sampling": "instant"}
-    return sysid.Log(f"step {seed}", response, **given)
+    given = {"time": at, "drive": drive, "frequency": np.full(rows, FREQUENCY), "temperature": np.full(rows, degC)}
+    return sysid.Log(f"step {seed}", response, kind="transient", sampling="instant", **given)
 
 
 def since(at: np.ndarray, drive: np.ndarray) -> np.ndarray:

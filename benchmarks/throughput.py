@@ -5,7 +5,7 @@ import pstats
 from functools import partial
 
 import numpy as np
-from peers import F0, FAR, FREQUENCY, TAU, G, in_turns, reached, seconds, since, slopes, spread, step, stepped
+from peers import F0, FAR, FREQUENCY, K_T, TAU, G, in_turns, reached, seconds, since, slopes, spread, step, stepped
 from scipy.optimize import curve_fit, least_squares
 
 import sysid
@@ -68,21 +68,25 @@ numpy, {100 * programs / total:.0f} %. What is left is numpy on arrays of so few
 
 
 def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
-    """25 000 residuals in one fit: the plate is shared, each log has an offset of its own."""
-    data = [step(length, seed) for seed in range(logs)]
+    """25 000 residuals in one fit: the plate is shared, each log has a temperature and an offset of its own."""
+    warm = np.linspace(20, 34, logs)
+    data = [step(length, seed, degC=degC) for seed, degC in enumerate(warm)]
     t, y = since(data[0].time, data[0].drive), np.stack([x.response for x in data])
-    start = np.concatenate([START[:3], np.zeros(2 * logs)])
-    scale = np.concatenate([SCALE[:3], np.full(2 * logs, 0.1)])
+    start = np.concatenate([START[:3], [0.8 * K_T], np.zeros(2 * logs)])
+    scale = np.concatenate([SCALE[:3], [10.0], np.full(2 * logs, 0.1)])
+
+    def of(p: np.ndarray, k: int) -> np.ndarray:
+        return np.array([*p[:2], p[2] + p[3] * (warm[k] - 24), *p[4 + 2 * k : 6 + 2 * k]])
 
     def model(p: np.ndarray) -> np.ndarray:
-        offsets = p[3::2] + 1j * p[4::2]
-        return (stepped(np.array([*p[:3], 0, 0]), t) + offsets[:, None]).ravel().view(float)
+        return np.concatenate([stepped(of(p, k), t) for k in range(logs)]).view(float)
 
     def derivative(p: np.ndarray) -> np.ndarray:
         jacobian = np.zeros((len(p), logs, length), complex)
-        jacobian[:3] = slopes(p[:5], t)[:3, None]
         for k in range(logs):
-            jacobian[3 + 2 * k, k], jacobian[4 + 2 * k, k] = 1.0, 1j
+            own = slopes(of(p, k), t)
+            jacobian[:3, k], jacobian[3, k] = own[:3], own[2] * (warm[k] - 24)
+            jacobian[4 + 2 * k : 6 + 2 * k, k] = own[3:]
         return jacobian.reshape(len(p), -1).view(float).T
 
     flat = y.ravel().view(float)
@@ -103,7 +107,7 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
     table = "\n".join(lines)
     return f"""## One joint fit
 
-{logs} logs, {2 * logs * length} residuals, {len(start)} parameters for scipy (start 20 % off); warm, with covariance.
+{logs} logs at as many temperatures, {2 * logs * length} residuals, {len(start)} parameters for scipy (start 20 % off); warm, with covariance.
 
 | | s: median (range) | over sysid |
 |---|---|---|
