@@ -216,8 +216,8 @@ def errors(c: dict[str, np.ndarray], by: Numbers = EXTENDED) -> dict[str, np.nda
     """(n,) of each function, the largest of its rows' or derivatives' errors, in units of eps (1 + |a| T)."""
     exact, found = truths(c, by), {}
     for name, (rows, slopes) in computed(c).items():
-        found[name] = _furthest(rows, exact[name], by)
-        found[f"{name}, derivatives"] = _furthest(slopes.reshape(len(slopes), -1), exact[f"{name}, derivatives"], by)
+        found[name] = furthest(rows, exact[name], by)
+        found[f"{name}, derivatives"] = furthest(slopes.reshape(len(slopes), -1), exact[f"{name}, derivatives"], by)
     return found
 
 
@@ -231,7 +231,7 @@ def transients(c: dict[str, np.ndarray]) -> np.ndarray:
     return np.array(found)
 
 
-def _furthest(values: np.ndarray, truth: list[tuple[Any, Any]], by: Numbers) -> np.ndarray:
+def furthest(values: np.ndarray, truth: list[tuple[Any, Any]], by: Numbers) -> np.ndarray:
     """(n,) the largest error of values (n, m), in units of eps."""
     apart = []
     for value, (exact, unit) in zip(values.T, truth, strict=True):
@@ -269,7 +269,7 @@ def main() -> None:
             for name, of in errors(c).items():
                 found.setdefault(name, []).append(of)
         c = corners(given.sample, given.seed)
-        public = np.max(_furthest(transients(c), truths(c, EXTENDED)["transient"], EXTENDED))
+        public = np.max(furthest(transients(c), truths(c, EXTENDED)["transient"], EXTENDED))
     lines = ["# Corners", "", f"Made by `python benchmarks/corners.py --corners {given.corners} --sample {given.sample} --seed {given.seed}`."]
     lines += ["", __doc__.partition("\n\n")[2].partition(" Writes")[0], ""]
     lines += ["| | corners | not finite | median error | 99 % | 99.99 % | largest | beyond 16 |", "|---|---|---|---|---|---|---|---|"]

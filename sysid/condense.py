@@ -35,7 +35,9 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     edges = _edges(hold)
     count = np.diff(np.append(edges, n)).astype(float)
     elapsed = _mean(hold.elapsed, edges, count)
-    spread = np.maximum(_mean(hold.elapsed**2 + hold.spread, edges, count) - elapsed**2, 0.0)
+    square = np.square(hold.elapsed)
+    square += hold.spread
+    spread = np.maximum(_mean(square, edges, count) - elapsed**2, 0.0)
     spread = np.where(count > 1, spread, hold.spread[edges])
     hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
     return _means(log, edges), hold, count

@@ -120,7 +120,7 @@ def read_head(path: str, dialect: Dialect) -> Head:
 
 def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
     """The columns at `columns` as numbers and the one at `key` as text; every row must have its number of cells."""
-    blocks: dict[int, list[np.ndarray]] = {column: [] for column in columns}
+    joined: dict[int, np.ndarray] = {column: np.empty(0) for column in columns}
     keys: list[Any] = []
     blank_lines: list[int] = []
     line = head.first_line
@@ -133,13 +133,13 @@ def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
             blank_lines += blank
             if rows := count - len(blank):
                 numbers, texts = _parse(head, block, line, rows, columns, key)
-                for column in columns:
-                    blocks[column].append(numbers[column])
+                for column, known in joined.items():  # longer in place: the numbers are in memory once
+                    known.resize(len(known) + rows, refcheck=False)
+                    known[-rows:] = numbers[column]
                 keys.append(texts)
             line += count
     if not keys:
         raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
-    joined = {column: np.concatenate(blocks.pop(column)) for column in columns}
     return Body(joined, np.concatenate(keys) if key is not None else None, digest, blank_lines)
 
 

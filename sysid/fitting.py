@@ -11,7 +11,7 @@ from sysid.condense import taken
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
-from sysid.minimise import Minimiser, State
+from sysid.minimise import Minimiser, State, shares
 from sysid.misfit import Found, misfits
 from sysid.noise import Level
 from sysid.plant import Plant
@@ -244,10 +244,8 @@ def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
     found = _mode_values(fit, name)
     if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
         return ()
-    weight = np.exp(-np.array([s.cost for s in fit.modes]) + fit.modes[0].cost)
-    return tuple(
-        {"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weight / weight.sum(), strict=True)
-    )
+    weights = shares(fit.modes)
+    return tuple({"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weights, strict=True))
 
 
 def _units(log: Log) -> dict[str, str]:

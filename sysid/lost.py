@@ -12,6 +12,7 @@ from sysid.log import Log
 
 BESIDE = 8  # rows on each side that are looked at
 FAR = 10.0  # times the finest step, above which the typical one of them lies
+LEVELS = 100_000  # rows of which the finest step is taken
 MOST = 0.5  # of the rows; where more are zero, it is the rest that is strange
 
 
@@ -21,7 +22,8 @@ def lost(log: Log) -> np.ndarray:
     zero, found = size == 0, np.zeros(len(log), bool)
     if not 0 < np.sum(zero) <= MOST * len(log):
         return found
-    levels = np.unique(np.concatenate([[0.0], log.response.real, log.response.imag]))
+    few = log.response[:: len(log) // LEVELS + 1]
+    levels = np.unique(np.concatenate([[0.0], few.real, few.imag]))
     finest, signal = np.min(np.diff(levels)), np.flatnonzero(~zero)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]).astype(int)))
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

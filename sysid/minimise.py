@@ -1,5 +1,6 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -40,10 +41,24 @@ class State:
     trials: tuple[Trial, ...]
     models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
     cost: float
+    volume: float  # of the logs' nuisances, as `sysid.likelihood.Residual` has it
     converged: bool
     low_q: bool  # with the ripple of the fast mode
     alone: np.ndarray = field(repr=False)  # the covariance of the logs alone, without the prior
     prior: Prior = field(default=FLAT, repr=False)
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of how much of the posterior is about this minimum, up to a constant of the logs (Laplace)."""
+        bounded = np.diag(self.covariance) > 0
+        return 0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1]) - self.volume - self.cost
+
+
+def shares(states: Sequence[State]) -> np.ndarray:
+    """(n,) of the posterior, about each of its minima."""
+    evidence = np.array([s.evidence for s in states])
+    weight = np.exp(evidence - evidence.max())
+    return weight / weight.sum()
 
 
 class _Look(NamedTuple):
@@ -246,12 +261,13 @@ class Minimiser:
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams, members, strict=False)])  # the prior's is the last
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
         count = np.concatenate([x.freedom[: len(logs)] for x, logs in zip(arrays, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)
         told = _informed(*shares, inverse)
         covariance, alone = (directions @ _invert(t) @ directions.T for t in (told + self._held(directions), told))
-        return State(theta, covariance, trials, models, float(cost), converged, low_q, alone, self.prior)
+        volume = _volume(found, members)
+        return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
 
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
         """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
@@ -263,7 +279,8 @@ class Minimiser:
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         held = np.eye(directions.shape[1]) / RUNAWAY**2
         alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))
-        return State(theta, covariance, trials, models, cost if np.isfinite(cost) else 0.0, True, low_q, alone, self.prior)
+        cost = cost if np.isfinite(cost) else 0.0
+        return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3), what each falls short by, and the least residual sum of each log."""
@@ -353,6 +370,11 @@ def _log_gains(search: Search, points: np.ndarray) -> list[float]:
 
 def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
     return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
+
+
+def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:
+    """Of the nuisances of all logs; behind each group's logs stands its padding."""
+    return float(sum(np.sum(x.volume[: len(logs)]) for x, logs in zip(found, members, strict=True)))
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:

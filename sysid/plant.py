@@ -20,6 +20,7 @@ Everything here is a pure function of JAX arrays: differentiable, any time grid,
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -364,25 +365,30 @@ def hold_inputs(
     `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time.
     `theta` (rad): the carrier's phase at each row's time.
     """
-    inputs = _inputs(len(time), drive, frequency, temperature, contact)
+    columns, last = _columns(len(time), drive, frequency, temperature, contact), len(time) - 1
+    changed = np.zeros(len(time), bool)  # from the row before
+    for c in columns:
+        changed[1:] |= (c[1:] != c[:-1]) & ~(np.isnan(c[1:]) & np.isnan(c[:-1]))
     if settled:  # the inputs of row k have held since row k-1
-        inputs = np.concatenate([inputs[:, 1:], inputs[:, -1:]], axis=1)
-    if at_rest:
+        changed = np.append(changed[1:], False)
+    changed[0] = True
+    first = np.flatnonzero(changed)  # rows at which an interval begins
+    inputs = np.stack([c[np.minimum(first + settled, last)] for c in columns])
+    held = np.cumsum(changed, dtype=np.int32) - changed  # of each row, how many begin before it
+    if at_rest and inputs[0, 0] != 0:
         before = np.array([[0.0], [1.0], [1.0], [1.0]]) * inputs[:, :1]
-        inputs, time = np.concatenate([before, inputs], axis=1), np.append(time[:1], time)
-    same = (inputs[:, 1:] == inputs[:, :-1]) | (np.isnan(inputs[:, 1:]) & np.isnan(inputs[:, :-1]))
-    first = np.flatnonzero(np.append(True, ~same.all(axis=0)))  # rows at which an interval begins
-    row = np.searchsorted(first, np.arange(len(time)), side="left") - 1  # of the interval that ends at or after the row
-    begin, read = time[first], time[at_rest:] - delay
-    row = np.searchsorted(begin, read) - 1 if delay else row[at_rest:]
-    row = np.maximum(row, 0)
+        first, inputs = np.append(0, first), np.concatenate([before, inputs], axis=1)
+        held += 1
+    begin = time[first]
+    read = time - delay if delay else time
+    row = np.maximum((np.searchsorted(begin, read) if delay else held) - 1, 0)  # of the interval that ends at or after the row
     return Hold(
         duration=np.diff(np.append(begin, time[-1])),
         interval=row.astype(np.int32),
         elapsed=np.maximum(read - begin[row], 0.0),
         spread=np.zeros(len(row)),
-        turn=np.zeros(len(first), complex) if theta is None else np.exp(-2j * np.asarray(theta)[np.maximum(first - at_rest, 0)]),
-        **_offsets(inputs[:, first], reference),
+        turn=np.zeros(len(first), complex) if theta is None else np.exp(-2j * np.asarray(theta)[first]),
+        **_offsets(inputs, reference),
     )
 
 
@@ -390,17 +396,17 @@ def settled_points(drive, frequency=None, temperature=None, contact=None, *, ref
     """Settled points (n,) as a `Hold`: each is an interval of its own; without a frequency: at resonance."""
     n = len(drive)
     zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
-    inputs = _offsets(_inputs(n, drive, frequency, temperature, contact), reference)
+    inputs = _offsets(_columns(n, drive, frequency, temperature, contact), reference)
     return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, **inputs)
 
 
-def _inputs(n: int, drive, frequency, temperature, contact) -> np.ndarray:
-    """(4, n) drive, frequency, temperature, contact; NaN where there is none."""
+def _columns(n: int, drive, frequency, temperature, contact) -> list[np.ndarray]:
+    """Drive, frequency, temperature and contact, (n,) each; NaN where there is none."""
     columns = (np.nan if column is None else column for column in (drive, frequency, temperature, contact))
-    return np.stack([np.broadcast_to(np.asarray(column, float), n) for column in columns])
+    return [np.broadcast_to(np.asarray(column, float), n) for column in columns]
 
 
-def _offsets(inputs: np.ndarray, reference: tuple[float, float]) -> dict[str, np.ndarray]:
+def _offsets(inputs: Iterable[np.ndarray], reference: tuple[float, float]) -> dict[str, np.ndarray]:
     drive, frequency, temperature, contact = inputs
     return {
         "drive": drive,

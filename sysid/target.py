@@ -10,6 +10,7 @@ from sysid.experiment import group
 from sysid.extra import asked
 from sysid.fitting import Fit
 from sysid.identify import limits
+from sysid.minimise import shares
 from sysid.mixture import Mixture
 from sysid.perturbed import Course
 from sysid.prior import NAMES
@@ -82,7 +83,7 @@ class Target:
         best, index = fit.modes[0], self.index
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in fit.modes]
         scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in fit.modes]
-        weights = np.exp(-np.array([s.cost for s in fit.modes]) + best.cost) + 0.02
+        weights = shares(fit.modes) + 0.02  # one that is next to nothing is proposed too
         return Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 
     def __call__(self, z: np.ndarray) -> np.ndarray:

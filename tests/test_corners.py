@@ -53,7 +53,7 @@ def test_a_drive_far_above_the_resonance_costs_no_digits(study):
     corners = {name: np.array(values) for name, values in FAR_ABOVE.items()}
     with jax.enable_x64(True), mpmath.workdps(60):
         exact = study.truths(corners, study.SIXTY)["transient"]
-        error = study._furthest(study.transients(corners), exact, study.SIXTY)
+        error = study.furthest(study.transients(corners), exact, study.SIXTY)
     assert error[0] < ROUNDINGS
 
 
