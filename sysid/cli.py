@@ -58,7 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _identify(arguments: argparse.Namespace) -> int:
     from sysid.clock import Budget, BudgetError, Stages
 
-    begun, stages = time.perf_counter(), Stages()
+    started = time.process_time() if arguments.alone else 0.0  # what the interpreter took to come here
+    begun, stages = time.perf_counter() - started, Stages()
     try:
         with Budget(arguments.budget, begun, stages, _cache() / "seconds.json") as budget:
             return _run(arguments, stages, budget)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 GRACE = 1.2  # times the budget, which no run takes
-STOP = 1.15  # times the budget, when it is stopped: the rest is the interpreter's own start and end, which it does not see
+STOP = 1.15  # times the budget, when it is stopped: the rest is the process's own end
 RUNS = 5  # that are remembered
 FILES = ("compare", "report")  # stages after the posterior
 

@@ -23,10 +23,11 @@ def group(
     rows = _sizes([len(k) + SPARE for k in kept], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
     intervals = FEW if most <= FEW else _bucket(most, 64)
+    swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
     for i, trial in enumerate(trials):
         size = (rows[i], rows[i] if trial.steady else intervals)
-        layout, x = _experiment(trial, trial.hold(reference), kept[i], size, low_q, search)
+        layout, x = _experiment(trial, trial.hold(reference), kept[i], size, low_q, search, swept)
         stacks.setdefault(layout, []).append((i, x))
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
@@ -84,7 +85,7 @@ FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
 def _experiment(
-    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool
+    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool, swept: bool
 ) -> tuple[Layout, Experiment]:
     rows, intervals = size
     amplitude = not trial.signed
@@ -96,9 +97,10 @@ def _experiment(
     both, order = moving and low_q and not carrier, 0 if search else trial.smoothing[1]
     if search:
         trial = replace(trial, noise_time=0.0, levels=(), kept=None)
-    apart = bool(trial.levels)
+    apart, toward = bool(trial.levels), trial.turn / (abs(trial.turn) or 1.0)
     extra = [] if search else [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
-    flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, order, len(extra), trial.steady)
+    split = apart or (late and swept and not amplitude)
+    flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
     layout = Layout(*flags, rows, intervals)
     used = keep[: len(keep) - trial.left_out]
     now, before = trial.whitening(used)
@@ -117,6 +119,7 @@ def _experiment(
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),
+        toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
         start=np.asarray(complex(trial.start)),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),

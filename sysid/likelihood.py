@@ -10,12 +10,13 @@ complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_
 Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
 plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has
 a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where
-that is longer; it enters as one more row and keeps columns apart that a log cannot separate (where a lone step cannot, the priors
-of feedthrough and lateness are narrower: `sysid/coincidence.py`). An amplitude log,
+that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
+log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `sysid/coincidence.py`). An
+amplitude log,
 w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
-real ones, two for each: the same shapes, and j times them.
+real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
 
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
 log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B of their coefficients,
@@ -32,8 +33,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from sysid.plant import Hold, Leaf, Response, respond, steady
-from sysid.span import Span, best_turn, paired, times, turn_towards
+from sysid.span import Span, best_turn, times, turn_towards
 
+LATE = 1  # of the columns that depend on the plant, which is the lateness
 OWN = 5  # rows of an experiment, its last, for the priors of what depends on the plant
 
 
@@ -47,6 +49,7 @@ class Layout(NamedTuple):
     late: bool  # a transient, by an unknown time
     touched: bool  # a finger's force is recorded
     apart: bool  # the noise of d and q differs
+    split: bool  # real and imaginary parts of coefficients are apart: where the noise is, or a swept log may be late
     order: int  # poles of the lock-in's filter
     extra: int  # shapes of the log's own
     steady: bool  # settled points
@@ -63,9 +66,10 @@ class Experiment(NamedTuple):
     complex: real parts act on d, imaginary ones on q. `tightness`: one over the standard deviation of
     the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
     `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
-    over that of the other nuisances; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3,
-    `start_free` the prior of the start over that of the other nuisances, `floor_free` 1, when they are to be found. `extra`
-    (E, N): shapes of the log's own, held at a plate.
+    over that of the other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that
+    each may have; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3, `start_free` the prior of the
+    start over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes of the log's own,
+    held at a plate.
     """
 
     hold: Hold
@@ -78,6 +82,7 @@ class Experiment(NamedTuple):
     rounding: Leaf
     rotated: Leaf
     lateness: Leaf
+    toward: Leaf
     start: Leaf
     floor: Leaf
     late: Leaf
@@ -201,11 +206,11 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     coefficients are cos phi and sin phi."""
     span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
     white = _off(_whiten(shapes.forced, x), x)
-    white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.apart else 1j * white
+    white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
     left, shape = span.off(x.response), span.off(white)
-    ahead = span.off(white_ahead) if layout.apart else 1j * shape
-    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead) if layout.apart else turn_towards(left, shape), 1.0)
-    weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, layout)
+    ahead = span.off(white_ahead) if layout.split else 1j * shape
+    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape), 1.0)
+    weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, x, layout)
     nuisances = (turn, *_filled(weights, layout))
     phase = turn.real * ahead - turn.imag * shape  # what a little more rotation adds
     share = x.rotated / jnp.maximum(jnp.sum(phase.real**2 + phase.imag**2), 1e-300)
@@ -224,7 +229,7 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
     span = _span((shapes.forced, *_own(shapes, layout), *_extra(x, layout)), x, layout)
-    weights = _weights(span, x.response, layout)
+    weights = _weights(span, x.response, x, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     gain = jnp.abs(weights[0])
@@ -264,15 +269,23 @@ def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
 
 
 def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
-    """What columns can make, with complex coefficients; where d and q are apart, with real ones of each and of j times it."""
-    if layout.apart:
-        return Span([_held(turn * c, i, x, turn) for i, c in enumerate(columns) for turn in (1.0, 1j)], real=True)
-    return Span([_held(c, i, x) for i, c in enumerate(columns)])
+    """What columns can make, with complex coefficients; where these are split, with real ones of each and of j times it."""
+    if not layout.split:
+        return Span([_held(c, i, x) for i, c in enumerate(columns)])
+    turns = _turns(len(columns), x, layout)
+    return Span([_held(turns[i, k] * c, i, x, (1.0, 1j)[k]) for i, c in enumerate(columns) for k in range(2)], real=True)
 
 
-def _weights(span: Span, v: Array, layout: Layout) -> Array:
+def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
+    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of."""
+    turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
+    return turns.at[LATE].set(x.toward) if layout.late else turns
+
+
+def _weights(span: Span, v: Array, x: Experiment, layout: Layout) -> Array:
     """Complex coefficients of the columns of `_span` in `v`."""
-    return paired(span.weights(v)) if layout.apart else span.weights(v)
+    found = span.weights(v)
+    return jnp.sum(found.reshape(-1, 2) * _turns(len(found) // 2, x, layout), axis=1) if layout.split else found
 
 
 def _whiten(v: Array, x: Experiment) -> Array:

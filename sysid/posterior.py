@@ -42,7 +42,8 @@ class Posterior:
     """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature.
 
     `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
-    approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one.
+    approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one;
+    `exact` for one without a polynomial of the residual.
     """
 
     fit: Fit
@@ -58,6 +59,7 @@ class Posterior:
     evaluations: int
     seconds: float
     pace: float
+    exact: float
     below: "Posterior | None" = field(repr=False)
 
     def summary(self) -> dict[str, Parameter]:
@@ -94,7 +96,7 @@ class Posterior:
         kept, rows = sum(len(t.log) for t in trials), sum(int(t.count.sum()) for t in trials)
         seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
         if rung.every_row and rows > kept:
-            seconds += ROWS * self.pace * rows / kept
+            seconds += ROWS * self.exact * rows / kept
             return Offer(rung.name, seconds, f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means")
         if self.below is None:
             return Offer(rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}")
@@ -130,8 +132,11 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
         chain = chain or Chain(target, target.normal().heavy(), seed)
         if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
             break
-        whole = Target(fit, every_row=True) if rung.every_row and any(t.whole for t in fit.modes[0].trials) else None
-        posterior = _drawn(chain, whole, posterior, rung, begun)
+        whole = Target(fit, every_row=True, until=until) if rung.every_row and any(t.whole for t in fit.modes[0].trials) else None
+        try:
+            posterior = _drawn(chain, whole, posterior, rung, begun)
+        except TimeoutError:
+            break
     return posterior
 
 
@@ -148,7 +153,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     evaluations, pace = target.evaluations, target.pace if fit.result.bounded else 0.0
     result, spent = _judged(fit, fit.result, estimates), perf_counter() - begun
     had = (fit, draws, effective, agreed, method, result, seed, rung.name, estimates, errors)
-    return Posterior(*had, evaluations, spent, pace, None)
+    return Posterior(*had, evaluations, spent, pace, target.density.pace, None)
 
 
 def _off(target: Target, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
@@ -186,7 +191,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
         method += f", with the density of all {whole.rows} rows at {whole.evaluations} points"
     result, spent = _judged(fit, result, estimates), perf_counter() - begun
     had = (fit, draws, chain.ess, chain.rhat, method, result, below.seed, rung.name, estimates, errors)
-    return Posterior(*had, target.evaluations, spent, target.pace, below)
+    return Posterior(*had, target.evaluations, spent, target.pace, target.density.pace, below)
 
 
 def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

@@ -59,11 +59,6 @@ class Span:
         return along.real if self.real else along
 
 
-def paired(weights: Array) -> Array:
-    """Complex coefficients of the real ones that belong to columns c and j c, in turn."""
-    return jax.lax.complex(weights[::2], weights[1::2])
-
-
 def turn_towards(left: Array, shape: Array) -> Array:
     """e^{j phi} that makes |left - e^{j phi} shape|^2 smallest; 1 where they have nothing in common."""
     overlap = jnp.vdot(shape, left)

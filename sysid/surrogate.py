@@ -9,6 +9,7 @@ evaluated exactly, and where the polynomial is not FAITHFUL at other points, all
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 from math import comb
+from time import perf_counter
 
 import jax
 import numpy as np
@@ -55,11 +56,12 @@ def _batch(groups: Groups) -> int:
 class Density:
     """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 6) of them.
 
-    `smooth`: whether the polynomial is used; `error` its largest deviation where it was checked.
+    `smooth`: whether the polynomial is used; `error` its largest deviation where it was checked. `pace`: seconds that a point
+    takes which is evaluated exactly. After `until` (perf_counter) no further one is: TimeoutError.
     """
 
-    def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool):
-        self.theta, self.smooth, self.error = theta, smooth, 0.0
+    def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf):
+        self.theta, self.smooth, self.error, self.until, self.pace = theta, smooth, 0.0, until, 0.0
         self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
         self.volumes: list[np.ndarray] = []  # (coefficients, logs) of each group
@@ -124,7 +126,10 @@ class Density:
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
         for part in full.reshape(-1, self.batch, full.shape[1]):
+            if (begun := perf_counter()) > self.until:
+                raise TimeoutError
             yield [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
+            self.pace = (perf_counter() - begun) / self.batch  # the last is right: the first also loads the program
 
     def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
         return _finite(density(squares, volumes, [x for _, x in self.groups], np))

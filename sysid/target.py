@@ -27,7 +27,7 @@ class Target:
     those of `sysid.surrogate` where there is one minimum; `pace` is the seconds that one takes once the programs are there.
     """
 
-    def __init__(self, fit: Fit, every_row: bool = False):
+    def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf):
         self.fit, self.names = fit, _bounded(fit)
         best = fit.modes[0]
         self.index = [NAMES.index(n) for n in self.names]
@@ -42,7 +42,7 @@ class Target:
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
         smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
-        self.density, self.rows = Density(self.theta, groups, smooth), sum(len(t.log) for t in trials)
+        self.density, self.rows = Density(self.theta, groups, smooth, until), sum(len(t.log) for t in trials)
         self.evaluations, self._warm, self._seconds = 0, 0, 0.0
 
     def _whole(self, trial: Trial) -> Trial:

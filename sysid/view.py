@@ -73,6 +73,7 @@ class View:
         shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
         parts = (("d", 1.0), ("q", 1j))
         columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
+        columns = [c._replace(prior=c.prior * trial.sideways) if c.name == "late_q" else c for c in columns]
         found = self._fitted(columns, trial.log.response - forced)
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
         value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))

@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,3 +65,15 @@ def test_noise_and_fit_come_to_rest(study, name):
     case = next(case for case in study.every_case() if case.name == name)
     for seed in UNSTEADY[name]:
         assert study.outcome(case, seed).result == "successful", seed
+
+
+@pytest.mark.parametrize("rotation", [0.0, 1.9])
+def test_a_hurried_sweep_tells_as_much_as_the_bound_allows(study, rotation):
+    """A response that is late has no imaginary part worth speaking of: with one as free, G and tau would be seven times wider."""
+    case = next(case for case in study.every_case() if case.name.startswith("hurried"))
+    case = replace(case, benches=(replace(case.benches[0], rotation=rotation),))
+    outcomes, bound = [study.outcome(case, seed) for seed in range(6)], study.bounds(case)
+    for name in ("G", "tau", "f0"):
+        # The bound is where nothing is late; a lateness of half a row, which noise may look like, is taken to first order.
+        assert 0.8 < np.median([o.stds[name] for o in outcomes]) / bound[-1, name] < 1.3
+        assert max(abs(o.scores[name]) for o in outcomes) < 4

@@ -1,5 +1,6 @@
 """The fit: bundled logs against their truth, against an independent least squares, and what it says when logs cannot tell."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -10,6 +11,7 @@ from scipy.stats import chi2
 
 import sysid
 from sysid import Result
+from sysid.minimise import shares
 
 FAR = 4.5  # standard deviations: seen once in 150 000 normal numbers, and there are about fifty here
 # Logs fitted alone: no two share a row, so that their errors are independent of each other.
@@ -247,6 +249,15 @@ def test_the_amplitude_of_a_step_beside_resonance_has_two_solutions(bench):
     assert above == pytest.approx(32300, abs=10)
     assert sum(mode["weight"] for mode in f0.modes) == pytest.approx(1)
     assert fit.parameters["tau"].determined
+
+
+def test_a_mode_weighs_as_much_as_the_posterior_about_it(bench):
+    fit = sysid.fit([bench.sweep()])
+    best, p = fit.modes[0], len(fit.names)
+    # Twice as wide in p directions a normal density holds 2^p times as much; nuisances that are half as free halve it.
+    wide = replace(best, covariance=4 * best.covariance, cost=best.cost + p * np.log(2))
+    assert shares([best, wide]) == pytest.approx([0.5, 0.5])
+    assert shares([best, replace(best, volume=best.volume + np.log(3))]) == pytest.approx([0.75, 0.25])
 
 
 def test_without_a_drive_there_is_no_gain(bench):
