@@ -158,7 +158,8 @@ def _fault_of_refusal(error: LogError) -> str | None:
 def _fault_of_logs(logs: list[Log], table: bytes) -> str | None:
     """Against Python's own reading, where the header is the one of the first seed."""
     head, found, rows = table.partition(HEADER + b"\n")
-    if not found or any(line.strip() and not line.startswith(b"#") for line in head.split(b"\n")) or len(logs) != 1:
+    above = head.split(b"\n")
+    if not found or above[-1] or any(line.strip() and not line.startswith(b"#") for line in above) or len(logs) != 1:
         return None
     try:
         lines = [line.decode("utf-8", errors="replace") for line in rows.split(b"\n") if line.strip(b"\r")]

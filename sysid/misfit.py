@@ -18,7 +18,7 @@ from sysid.coincidence import cancelling
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
-from sysid.terms import LATE, Term, own, terms, times
+from sysid.terms import LATE, SHIFTED, Term, one_way, own, terms, times
 from sysid.view import View
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
@@ -28,6 +28,7 @@ ROUGH = 5.0  # by which a residual is larger than the noise between its neighbou
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
+MOSTLY = 0.5  # of what is known of f0, from one log
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -71,6 +72,7 @@ def misfits(
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
+    doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
 
 
@@ -89,6 +91,18 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
         moves = {"tau": np.inf}
     found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
+
+
+def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
+    """What a sweep of one direction cannot tell from a lateness of a row, where that may be and no other log tells f0: each row
+    shows what the one before it should, as if the resonance were a step of the sweep away."""
+    if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
+        return None
+    f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
+    share = fit.share(i)[f0, f0]
+    if share < MOSTLY or share * step < MOVES * fit.std[f0]:
+        return None
+    return SHIFTED.format(view.trial.log.name, step, share * step / fit.std[f0])
 
 
 def _error_of_lateness(view: View, fit: "_Linear") -> float:
@@ -149,6 +163,10 @@ class _Linear:
         """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
         shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
         return dict(zip(self.names, -shift, strict=True))
+
+    def share(self, i: int) -> np.ndarray:
+        """(p, p) by how much the parameters move with those that the i-th log would have."""
+        return self.reported @ self.inverse @ self.jacobians[i].T @ self.jacobians[i]
 
     def gained(self, i: int, shape: np.ndarray) -> float:
         """What it is worth, in log-likelihood, when the i-th log holds `shape`, with no unknown, and the parameters follow."""

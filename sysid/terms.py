@@ -19,6 +19,10 @@ HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
     " would move {{}}; sweep back as well, or record the temperature of every row"
 )
+SHIFTED = (
+    "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
+    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late), or let every point settle"
+)
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
     " delay_s, or lockin_tau_s and lockin_order"
@@ -123,11 +127,17 @@ def _lag(i: int, view: View) -> Iterator[Term]:
 def _slow_one_way(view: View) -> bool:
     """A sweep in one direction that lasts long, at a temperature that is not recorded or does not change."""
     log = view.trial.log
-    if view.trial.steady or len(log) < 8 or (log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING):
+    if not one_way(view) or (log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING):
         return False
-    turns = np.sign(np.diff(log.frequency))
-    one_way = np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0))
-    return bool(one_way and log.time[-1] - log.time[0] > SLOW * view.course.tau)
+    return bool(log.time[-1] - log.time[0] > SLOW * view.course.tau)
+
+
+def one_way(view: View) -> bool:
+    """A sweep with its times whose frequency only rises, or only falls."""
+    if view.trial.steady or not view.trial.resonant or len(view.trial.log) < 8:
+        return False
+    turns = np.sign(np.diff(view.trial.log.frequency))
+    return bool(np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0)))
 
 
 def _too_fast(i: int, view: View) -> Iterator[Term]:

@@ -142,7 +142,8 @@ def _parse(unit: str) -> Any:
     if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit):
         return None
     try:
-        return _registry().parse_units(_ALIASES.get(unit, unit))
+        parsed = _registry().parse_units(_ALIASES.get(unit, unit))
+        return parsed if parsed.dimensionality is not None else None  # of nepers times kelvin there is none: it raises
     except Exception:  # pint answers odd text with AttributeError, ValueError, AssertionError and tokenizer errors
         return None
 

@@ -177,3 +177,32 @@ def test_a_delay_within_a_row_is_covered(bench):
             assert abs(p.value - getattr(scene.plant, name)) < 4 * p.std
     # beside a sweep the lateness is known, and without it G would be off by half a row's share of tau, 3 %, in 0.2 % of error
     assert fit.parameters["G"].std < 0.01 * scene.plant.G
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(late):
+    """A response that is late by a row shows at each frequency what belongs to the one before: by the log alone the resonance is
+    a step of the sweep away, with as good a fit."""
+    plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)
+    up = plant.f0 + np.linspace(-500, 500, 101)
+
+    def swept(f, held, **bench):
+        time = plant.tau * np.arange(len(f))
+        begun = np.append(-40 * plant.tau, time[1:])  # settled at the first row
+        noise = 2e-4 * np.random.default_rng(3).standard_normal((2, len(f))).T @ [1, 1j]
+        rows = reference.ringing(plant, begun, np.ones(len(f)), held, np.full(len(f), 24.0)) + noise
+        return sysid.Log("swept", rows, time=time, drive=np.ones(len(f)), frequency=f, kind="transient", bench=bench)
+
+    def said(found):
+        return any("late by a row" in w and "10 Hz away" in w and "delay_s" in w for w in found.warnings)
+
+    if late:
+        found = sysid.fit([swept(up, np.append(up[0], up[:-1]))])
+        f0 = found.parameters["f0"]
+        assert f0.value - plant.f0 == pytest.approx(10.0, abs=4 * f0.std) and f0.std < 5
+        assert said(found)
+        return
+    assert not said(sysid.fit([swept(up, up, delay_s=0.0)]))
+    both = np.concatenate([up, up[::-1]])
+    found = sysid.fit([swept(both, both)])
+    assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std

@@ -81,6 +81,7 @@ def test_other_conversions(unit, to, value, expected):
         ("w", "foo", ["'foo'"]),
         ("wd", "dBm", ["decibels", "mapping file"]),
         ("w", "__import__('os')", ["unit of w"]),
+        ("force", "Np–K", ["'Np–K'", "unit of force"]),
     ],
 )
 def test_a_wrong_unit_says_what_was_expected(quantity, unit, words):
