@@ -20,24 +20,26 @@ MOST = 100  # draws for an effective one: a chain that takes more is stuck, and 
 
 class _Independence(emcee.moves.Move):
     """Independence Metropolis of all walkers: what is proposed does not depend on where they are, so that the proposals of many
-    steps are evaluated together beforehand, and kept."""
+    steps are evaluated together beforehand, and kept: z, the target's log density and the proposal's."""
 
     def __init__(self, proposal: Mixture, target: Target, rng: np.random.Generator):
         self.proposal, self.target, self.rng = proposal, target, rng
-        self.ahead: Iterator[tuple[np.ndarray, np.ndarray]] = iter(())
-        self.seen: list[tuple[np.ndarray, np.ndarray]] = []
+        self.ahead: Iterator[tuple[np.ndarray, ...]] = iter(())
+        self.seen: list[tuple[np.ndarray, ...]] = []
+        self.now: np.ndarray | None = None  # of each walker, the proposal's log density where it is
 
     def prepare(self, steps: int) -> None:
         """Draw and evaluate what the next `steps` will propose."""
         z = self.proposal.draw(steps * WALKERS, self.rng)
-        log_density = self.target(z)
-        self.seen.append((z, log_density))
-        self.ahead = zip(z.reshape(steps, WALKERS, -1), log_density.reshape(steps, WALKERS), strict=True)
+        self.seen.append((z, self.target(z), self.proposal.log_density(z)))
+        self.ahead = zip(*(x.reshape(steps, WALKERS, *x.shape[1:]) for x in self.seen[-1]), strict=True)
 
     def propose(self, model, state):
-        z, log_density = next(self.ahead)
-        rise = log_density - state.log_prob + self.proposal.log_density(state.coords) - self.proposal.log_density(z)
+        z, log_density, proposed = next(self.ahead)
+        now = self.proposal.log_density(state.coords) if self.now is None else self.now
+        rise = log_density - state.log_prob + now - proposed
         accepted = np.log(model.random.rand(WALKERS)) < rise
+        self.now = np.where(accepted, proposed, now)
         return self.update(state, emcee.State(z, log_prob=log_density), accepted), accepted
 
 
@@ -83,8 +85,8 @@ class Chain:
 
     def proposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All proposals z (n, p), the target's log density and the proposal's at them."""
-        z, density = (np.concatenate(part) for part in zip(*self._move.seen, strict=True))
-        return z, density, self._move.proposal.log_density(z)
+        z, density, proposed = (np.concatenate(part) for part in zip(*self._move.seen, strict=True))
+        return z, density, proposed
 
     @property
     def acceptance(self) -> float:
