@@ -28,7 +28,6 @@ ROUGH = 5.0  # by which a residual is larger than the noise between its neighbou
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
-MOSTLY = 0.5  # of what is known of f0, from one log
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -94,13 +93,14 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
 
 
 def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
-    """What a sweep of one direction cannot tell from a lateness of a row, where that may be and no other log tells f0: each row
-    shows what the one before it should, as if the resonance were a step of the sweep away."""
+    """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
+    it should, as if the resonance were a step of the sweep away."""
     if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
         return None
     f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
-    share = fit.share(i)[f0, f0]
-    if share < MOSTLY or share * step < MOVES * fit.std[f0]:
+    share = min(fit.share(i)[f0, f0], 1.0)
+    contradicted = step * np.sqrt(1 - share) > FARAWAY * fit.std[f0]  # by what the other logs tell of f0
+    if contradicted or share * step < MOVES * fit.std[f0]:
         return None
     return SHIFTED.format(view.trial.log.name, step, share * step / fit.std[f0])
 
