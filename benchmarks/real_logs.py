@@ -93,11 +93,15 @@ def main(folder: str) -> None:
         both = float(np.hypot(std, error or 0.0))
         away = "" if name == "misfit" or not both else f"{(mine - value) / both:+.1f}"
         stated = f"{value:.7g}" + (f" ± {error:.2g}" if error else "")
-        found = fits[key].result.name if name == "misfit" else f"{mine:.7g} ± {std:.2g}"
-        row = (path.name, name, "not a good fit" if name == "misfit" else stated, case.source, found, away, case.remark)
+        found = "" if name == "misfit" else f"{mine:.7g} ± {std:.2g}"
+        said = "".join(fits[key].warnings[-1:]).removeprefix(f"{path.name}: ")
+        ended = fits[key].result.name
+        wanted = "not a good fit" if name == "misfit" else stated
+        row = (path.name, name, wanted, case.source, found, away, ended, said, case.remark)
         rows.append("| " + " | ".join(row) + " |")
         print(rows[-1], flush=True)
-    head = "| log | | reference | whose | here | difference, in both errors | assumption that differs |\n|---|---|---|---|---|---|---|"
+    head = "| log | | reference | whose | here | difference, in both errors | ends | says | assumption that differs |"
+    head += "\n|---|---|---|---|---|---|---|---|---|"
     text = "# Real logs beside their reference answers\n\nMade by `python benchmarks/real_logs.py FOLDER`.\n\n"
     Path(__file__).with_suffix(".md").write_text(text + "\n".join([head, *rows]) + "\n")
 

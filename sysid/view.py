@@ -103,13 +103,13 @@ class View:
         if not columns:
             return np.zeros(0)
         rows = self.weighted(columns)
-        size = np.linalg.norm(rows, axis=0)
+        size = _sizes(rows)
         return np.linalg.lstsq(rows / size, self.rows(target, len(columns)), rcond=1e-12)[0] / size
 
     def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
         """Of the columns' coefficients, with the plant's parameters of the covariance `plant` of theta, or held."""
         a = self.weighted(self.columns)
-        size = np.linalg.norm(a, axis=0)
+        size = _sizes(a)
         found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
         if plant is not None:
             by_theta = found @ (a / size).T @ self.rows(self.derivatives.T).T
@@ -140,3 +140,9 @@ class View:
             return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
         left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
         return log_likelihood(left, clock, dof)
+
+
+def _sizes(columns: np.ndarray) -> np.ndarray:
+    """Of each column; 1 of one that is zero throughout and has no prior, as the turn of a response that vanished."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size > 0, size, 1.0)
