@@ -159,8 +159,8 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     parameters = {n: parameter(fitted, n, *estimates.get(n, (np.nan, np.inf))) for n in named}
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
-    if described and result in (Result.successful, Result.not_converged):
-        result = Result.misfit
+    if described and (result is not Result.undetermined or any(parameters[n].determined for n in PLANT)):
+        result = Result.misfit  # a value from logs that the model does not describe is none
     return replace(fitted, parameters=parameters, result=result)
 
 

@@ -14,7 +14,7 @@ CHOSEN = (
     "clipped on one side", "20 % outliers, sweep", "drop-out in the rise", "drop-out that holds", "three levels",
     "constant", "zeros", "noise alone", "noise that remembers", "demodulator that turns", "a cell without a number",
     "window of 0.05 tau",
-    "window of 100 tau", "rows 10 tau apart", "one row", "three rows", "all rows at one time", "drive of zero",
+    "window of 100 tau", "rows 10 tau apart", "one row", "two rows", "three rows", "sweep with a drop-out", "all rows at one time", "drive of zero",
     "far beside the peak", "half a peak", "one frequency while the plate warms", "two peaks", "two peaks in one",
     "resonance that softens", "finger, not recorded", "two plates, far apart", "two plates, named", "filter of half a tau",
     "amplifier clips the larger steps", "gain that changes between logs", "sign of q, sweep", "sign of q, in one of two",
