@@ -211,7 +211,8 @@ def assumptions(trial: Trial) -> list[str]:
     """What had to be taken for granted to read a log at all, and what of it could not be read."""
     log, found = trial.log, []
     if trial.lost:
-        found.append(f"{trial.lost} of {len(log)} rows read exactly zero amid a response: the signal was lost; they are left out")
+        gone = f"{trial.lost} of {len(log)} rows read exactly zero, or what the row before them reads, amid a response that moves"
+        found.append(f"{gone}: the signal was lost; they are left out")
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:

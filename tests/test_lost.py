@@ -38,7 +38,8 @@ def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left():
         found = sysid.fit([log])
         assert found.result is sysid.Result.successful, found.warnings
         assert found.warnings[0] == (
-            f"step: {gone.sum()} of {ROWS} rows read exactly zero amid a response: the signal was lost; they are left out"
+            f"step: {gone.sum()} of {ROWS} rows read exactly zero, or what the row before them reads, amid a response that moves:"
+            " the signal was lost; they are left out"
         )
         assert len(found.logs[0].residual) == ROWS - gone.sum() and found.logs[0].rows == ROWS
         assert np.std(found.logs[0].residual) < 2 * STD
@@ -47,6 +48,36 @@ def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left():
         )
     for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):  # G's interval is wider by what could be late
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
+
+
+def test_a_recorder_that_goes_on_with_its_last_reading_is_seen():
+    """Rows of which Wd and Wq both repeat the row before; a fit is as good as that of the others."""
+    scores = []
+    for seed in range(24):
+        log, rng = recorded(seed)
+        y, begins = log.response.copy(), [rng.integers(10, 30), rng.integers(50, 70), rng.integers(101, 115)]
+        gone = np.zeros(len(log), bool)
+        for begin in begins:
+            y[begin + 1 : begin + 13], gone[begin + 1 : begin + 13] = y[begin], True
+        log = replace(log, response=y)
+        assert np.array_equal(lost(log), gone)
+        found = sysid.fit([log])
+        assert found.result is sysid.Result.successful and "what the row before them reads" in found.warnings[0]
+        scores.append([(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined])
+    for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):
+        assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
+
+
+def test_rows_that_a_sound_log_repeats_are_kept():
+    """One that is asked more often than it measures, an amplitude that is clipped, a coarse recorder, a rest that reads zero."""
+    noisy, _ = recorded(1)
+    often = replace(noisy, response=np.repeat(noisy.response[::6], 6))
+    clipped = replace(noisy, response=np.minimum(np.abs(noisy.response), 1.0))
+    rough = replace(noisy, response=0.1 * (np.round(noisy.response.real / 0.1) + 1j * np.round(noisy.response.imag / 0.1)))
+    exact = replace(recorded(0, std=0.0)[0], response=np.round(recorded(0, std=0.0)[0].response, 2))
+    for log in (often, clipped, rough, exact):
+        assert not np.any(lost(log)), log.name
+        assert np.sum(np.diff(log.response) == 0) > 20
 
 
 def test_zeros_that_a_sound_log_holds_are_kept():
