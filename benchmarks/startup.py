@@ -28,8 +28,9 @@ def section(repeat: int) -> str:
         floor()  # files of the libraries into memory
         imports = seconds(floor)
         first = seconds(whole)
+        compiling = stages(folder)
         _, took = in_turns({"floor": floor, "help": runs([*IDENTIFY, "--help"]), "whole": whole}, repeat)
-        stages = json.loads(Path(folder, "identified", "fit.json").read_text(encoding="utf-8"))["cost"]["stages"]
+        loading = stages(folder)
     imports = float(np.median([imports, *took["floor"]]))
     ratio = {name: float(np.median(took[name] / took["floor"])) for name in ("help", "whole")}
     return f"""## The command
@@ -43,5 +44,12 @@ def section(repeat: int) -> str:
 | later runs | {spread(took["whole"])} | {reached(ratio["whole"], 2, at_most=True)} |
 | `identify --help` | {spread(took["help"])} | {reached(ratio["help"], 0.3, at_most=True)} |
 
-Stages of the last run: {", ".join(f"{row['stage']} {row['seconds']:.2f} s" for row in stages)}.
+Stages of the first run, of which fit and sample wait for compilers on two threads: {compiling}. Of the last: {loading}.
 """
+
+
+def stages(folder: str) -> str:
+    """Seconds of each stage of the run that wrote into the folder."""
+    cost = json.loads(Path(folder, "identified", "fit.json").read_text(encoding="utf-8"))["cost"]
+    return ", ".join(f"{row['stage']} {row['seconds']:.2f} s" for row in cost["stages"])
+

@@ -56,7 +56,8 @@ def shares(runs: list[list[sysid.Log]]) -> str:
     for logs in runs:
         sysid.fit(logs)
     profile.disable()
-    found = pstats.Stats(profile).stats
+    known = pstats.Stats(profile)
+    found = known.stats
     total = max(v[3] for v in found.values())
     of = {name: sum(v[3] for k, v in found.items() if k[2] == name and "sysid" in k[0]) for name in PARTS}
     programs = sum(
@@ -64,7 +65,7 @@ def shares(runs: list[list[sysid.Log]]) -> str:
     )
     said = ", ".join(f"`{name}` {100 * t / total:.0f} %" for name, t in of.items())
     return f"""Of the time of such a fit (cProfile; each with all that it calls): {said}; compiled programs, with their results' way to
-numpy, {100 * programs / total:.0f} %. What is left is numpy on arrays of so few rows, a microsecond and more for each operation."""
+numpy, {100 * programs / total:.0f} %. What is left is numpy, in {known.total_calls / len(runs):.0f} calls of functions for one fit: a microsecond and more for each."""
 
 
 def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
@@ -90,6 +91,9 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
         return jacobian.reshape(len(p), -1).view(float).T
 
     flat = y.ravel().view(float)
+    def once() -> None:
+        model(start), derivative(start)
+
     # curve_fit's Levenberg-Marquardt knows no scales: it is given parameters of about one.
     ways = {
         "sysid.fit": partial(sysid.fit, data),
@@ -99,7 +103,8 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
         ),
     }
     _, took = in_turns(ways, repeat)
-    ours = took["sysid.fit"]
+    ours, floor = took["sysid.fit"], min(seconds(once) for _ in range(5))
+    most = float(np.median(took["scipy `least_squares`, default Jacobian"])) / 10
     wanted = {"scipy `least_squares`, default Jacobian": 10, "scipy `curve_fit`, analytic Jacobian": 1}
     lines = [
         f"| {n} | {spread(x)} | {reached(float(np.median(x / ours)), wanted[n]) if n in wanted else 1} |" for n, x in took.items()
@@ -113,7 +118,7 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
 |---|---|---|
 {table}
 
-{shares([data])}
+What is wanted, {1e3 * most:.2g} ms, is {most / floor:.2g} evaluations of residuals and Jacobian in numpy ({1e3 * floor:.2g} ms each), start and noise known. {shares([data])}
 
 {large(repeat)}"""
 
