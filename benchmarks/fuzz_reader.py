@@ -7,7 +7,8 @@ takes SLOW seconds of the processor, a number that is not finite, and numbers th
 
 Found so, and mended: a header that is blank to Python but not to the reader, or without a name (IndexError); a control character
 of a header in a comment of the mapping file to start from, which TOML forbids; a warning where a velocity is divided by 0 Hz; a
-unit that pint takes apart and then does not know, nepers times kelvin (UndefinedUnitError).
+unit that pint takes apart and then does not know, nepers times kelvin (UndefinedUnitError); a quote over lines that hold no number
+(AttributeError).
 
 It begins with the corpus of earlier runs, fuzz_corpus.txt beside this file (an input a line), and writes there the fewest of the
 shortest inputs that run through all of the pairs of lines that it saw.

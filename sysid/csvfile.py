@@ -327,10 +327,11 @@ def _parse(head: Head, block: bytes, line: int, rows: int, columns: list[int], k
             frame = pd.read_csv(io.BytesIO(block), dtype=str, **options)
         except ValueError as error:
             raise _not_a_row_a_line(head, block, line, str(error)) from None
-        for column in columns:
-            frame[column] = [to_number(cell, str(head.dialect.decimal)) for cell in frame[column]]
-    if len(frame) != rows:
+    if len(frame) != rows or not wanted.keys() <= set(frame):
         raise _not_a_row_a_line(head, block, line, f"{len(frame)} rows on {rows} lines")
+    for column in columns:
+        if frame[column].dtype != np.float64:
+            frame[column] = [to_number(cell, str(head.dialect.decimal)) for cell in frame[column].fillna("")]
     texts = frame[key].str.strip().to_numpy(object) if key is not None else None
     return {column: frame[column].to_numpy(np.float64) for column in columns}, texts
 

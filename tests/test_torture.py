@@ -197,6 +197,7 @@ REFUSED = {
     "quote over two lines": ('time_s,w_um,note\n0,1,"a\nb"\n1,2,c\n', ""),
     "quote that swallows rows": ('time_s,w_um,note\n0,1,"5 plate\n1,2,c\n2,3,"6 plate\n3,4,d\n', "line 2: found a quote"),
     "quote that is not closed": (TEXT + '0.3,5,1,0,"1\n', "line 5: found a quote"),
+    "field over two lines, of no numbers": ('t_s,f[Hz],w_mpp,e\n",,,\n,,",\n,,,\n', "line 2: found a quote"),
     "field over two lines": ('time_s,w_um,note\n0,1,"a\n1,2,b"\n2,3,c\n', "line 2: found a quote"),
     "thousands, decimal comma": (SEMICOLONS + "0;5;32.300;0,25;1\n1;5;32.300;0,5;2\n", "'32.300'"),
     "thousands, decimal point": (SEMICOLONS + "0;5;32,300;0.25;1\n1;5;32,300;0.5;2\n", "'32,300'"),
