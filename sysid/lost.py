@@ -50,8 +50,9 @@ def _held(log: Log) -> np.ndarray:
         return found
     finest = _finest(log)
     for begin, end in _runs(still):
-        sides = moves[max(begin - BESIDE, 1) : begin], moves[end : end + BESIDE]
-        moving = all(len(side) >= HELD and np.median(side) > FAR * finest for side in sides)
+        sides = moves[max(begin - BESIDE, 1) : begin][::-1], moves[end : end + BESIDE]
+        # What comes to rest without noise moves less and less before it stands still.
+        moving = all(len(side) >= HELD and min(np.median(side), *side[:2]) > FAR * finest for side in sides)
         found[begin:end] = end - begin >= HELD and moving
     return found
 
@@ -59,7 +60,7 @@ def _held(log: Log) -> np.ndarray:
 def _finest(log: Log) -> float:
     """The recorder's finest step."""
     few = log.response[:: len(log) // LEVELS + 1]
-    return float(np.min(np.diff(np.unique(np.concatenate([[0.0], few.real, few.imag])))))
+    return float(np.min(np.diff(np.unique(np.concatenate([[0.0], few.real, few.imag]))), initial=np.inf))
 
 
 def _runs(chosen: np.ndarray) -> zip:

@@ -128,8 +128,9 @@ class Density:
         for part in full.reshape(-1, self.batch, full.shape[1]):
             if (begun := perf_counter()) > self.until:
                 raise TimeoutError
-            yield [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
+            found = [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
             self.pace = (perf_counter() - begun) / self.batch  # the last is right: the first also loads the program
+            yield found
 
     def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
         return _finite(density(squares, volumes, [x for _, x in self.groups], np))

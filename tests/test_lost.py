@@ -69,13 +69,17 @@ def test_a_recorder_that_goes_on_with_its_last_reading_is_seen():
 
 
 def test_rows_that_a_sound_log_repeats_are_kept():
-    """One that is asked more often than it measures, an amplitude that is clipped, a coarse recorder, a rest that reads zero."""
+    """One that is asked more often than it measures, an amplitude that is clipped, a coarse recorder, a rest that reads zero,
+    stairs without noise."""
     noisy, _ = recorded(1)
     often = replace(noisy, response=np.repeat(noisy.response[::6], 6))
     clipped = replace(noisy, response=np.minimum(np.abs(noisy.response), 1.0))
     rough = replace(noisy, response=0.1 * (np.round(noisy.response.real / 0.1) + 1j * np.round(noisy.response.imag / 0.1)))
     exact = replace(recorded(0, std=0.0)[0], response=np.round(recorded(0, std=0.0)[0].response, 2))
-    for log in (often, clipped, rough, exact):
+    time, levels = 2e-3 * np.arange(90), np.repeat([0.0, 100.0, 40.0, 80.0], [5, 30, 30, 25])  # comes to rest within a few rows
+    drives = reference.ringing(PLANT, time, levels, np.full(90, PLANT.f0), np.full(90, reference.REFERENCE_TEMPERATURE))
+    stairs = sysid.Log("stairs", np.round(drives, 4), time=time, drive=levels, frequency=np.full(90, PLANT.f0), kind="transient")
+    for log in (often, clipped, rough, exact, stairs):
         assert not np.any(lost(log)), log.name
         assert np.sum(np.diff(log.response) == 0) > 20
 
