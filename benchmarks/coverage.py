@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import track
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path.append(str(HERE))  # at its end: a package is called coverage too
 
 from coverage_cases import NAMES, PLANT, Case, bounds, every_case, reference, response  # noqa: E402
 

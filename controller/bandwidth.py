@@ -135,6 +135,7 @@ def unkept(asked: Asked, bandwidth: float) -> str:
         least, most = asked.ranged.warming
 
         def warmed(share: float) -> Asked:
+            """With a share of the range of temperatures."""
             return asked.over((share * least, share * most))
 
         furthest = float(np.max(np.abs(asked.plants.detuning)))

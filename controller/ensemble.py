@@ -30,6 +30,7 @@ class Ensemble(NamedTuple):
         k = np.zeros(1) if alone else np.arange(COUNT)
 
         def drawn(name: str) -> np.ndarray:
+            """Its draws, or its mean as often."""
             return draws.get(name, np.full(len(k), means.get(name) or 0.0))
 
         # Two fractions that fill the square evenly (Kronecker sequence of the plastic number), stretched to reach its edges.

@@ -139,6 +139,7 @@ class _Run:
 
     @classmethod
     def of(cls, loop: Any, scene: Scene, reference: Any) -> "_Run":
+        """A loop in a scene, asked for `reference`."""
         Ts = loop.sample_time
         late = delay.time if (delay := scene.find(Delay)) else 0.0
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
@@ -195,6 +196,7 @@ class _Run:
         return profile.at(self.time)
 
     def trace(self, rows: tuple) -> Trace:
+        """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
         reference = self._asked(self.scene._inputs(self.time)["drive"])
         return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured)

@@ -83,6 +83,7 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
     sent = len(control.delay) + 1
 
     def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
+        """One step of the observer and its law, without limits."""
         d, now, *voltages = state
         before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(voltages), (zero,) * sent)
         after, command, _ = free.step(before, 1.0, W, None, np)
@@ -131,6 +132,7 @@ def differences(step: Any, state: tuple, W: Any, size: float) -> tuple[np.ndarra
     scale = [np.maximum(np.abs(s), 1e-3) * size for s in state]
 
     def moved(k: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
+        """State and voltage after a step, the k-th number of what goes in (the last: W) shifted."""
         where = tuple(s + sign * scale[k] if i == k else s for i, s in enumerate(state))
         seen = W + sign * size if k == count else W
         after, V = step(where, seen)

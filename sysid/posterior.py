@@ -43,7 +43,7 @@ class Posterior:
 
     `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
     approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one;
-    `exact` for one without a polynomial of the residual.
+    `exact_pace` for one without a polynomial of the residual.
     """
 
     fit: Fit
@@ -59,7 +59,7 @@ class Posterior:
     evaluations: int
     seconds: float
     pace: float
-    exact: float
+    exact_pace: float
     below: "Posterior | None" = field(repr=False)
 
     def summary(self) -> dict[str, Parameter]:
@@ -96,7 +96,7 @@ class Posterior:
         kept, rows = sum(len(t.log) for t in trials), sum(int(t.count.sum()) for t in trials)
         seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
         if rung.every_row and rows > kept:
-            seconds += ROWS * self.exact * rows / kept
+            seconds += ROWS * self.exact_pace * rows / kept
             return Offer(rung.name, seconds, f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means")
         if self.below is None:
             return Offer(rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}")

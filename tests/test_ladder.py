@@ -24,6 +24,7 @@ from sysid.estimate import Estimate
 from sysid.mixture import Mixture
 from sysid.report import costs
 from sysid.result import Result
+from sysid.target import Target
 from sysid.trial import Trial
 
 SWEEP = Path(__file__).parents[1] / "data" / "synthetic" / "sweep_24C.csv"
@@ -153,6 +154,24 @@ def test_a_condensed_log_has_its_rows_back():
     assert len(trial.log) < 5000 and len(whole.log) == 30_000 and whole.count.sum() == trial.count.sum() == 30_000
     np.testing.assert_array_equal(whole.log.response, log.response)
     assert whole.uncondensed() is whole and Trial.of(whole.log, "transient", ()).whole is not None
+
+
+def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatch):
+    time_s, frequency = 1e-6 * np.arange(20_000), np.full(20_000, 3e4)
+    drive, noise = np.where(time_s < 2e-3, 0.0, 100.0), np.random.default_rng(0).normal(size=(2, 20_000))
+    response = 2 * -np.expm1(-np.maximum(time_s - 2e-3, 0) / 1.5e-3) + 0.02 * (noise[0] + 1j * noise[1])
+    given = {"time": time_s, "drive": drive, "frequency": frequency, "kind": "transient", "sampling": "instant"}
+    fit = sysid.fit([sysid.Log("long", response, **given)])
+    first = sysid.sample(fit, accuracy="quick")
+    # every row is dearer than means of rows
+    assert sysid.sample(fit, accuracy="standard").offer().seconds > module.ROWS * first.exact_pace
+
+    def late(fit, every_row=False, until=np.inf):
+        return Target(fit, every_row, 0.0 if every_row else until)
+
+    monkeypatch.setattr(module, "Target", late)
+    left = sysid.sample(fit, accuracy="exact")
+    assert left.accuracy == "standard" and left.result is fit.result
 
 
 # --- the budget of a run --------------------------------------------------------------------------------------------------
