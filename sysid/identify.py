@@ -45,6 +45,11 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
     return causes.get(name, _why_finger)(trials, tau, free)
 
 
+def shows_transient(trials: Sequence[Trial]) -> bool:
+    """Whether a log shows part of a transient: else what a fit says of a tau that it does not determine is a guess."""
+    return not _one_frequency(trials) and any(not (t.steady or _settles_between(t) or _buried(t)) for t in trials)
+
+
 def _one_frequency(trials: Sequence[Trial]) -> bool:
     """All that has a frequency was recorded at the same one, settled: a level, and no transient."""
     resonant = [t for t in trials if t.resonant]

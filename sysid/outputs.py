@@ -129,6 +129,7 @@ def _advice(a: "Advice | Raised") -> dict[str, Any]:
     experiment |= {"temperature_degC": e.temperature, "record_s": e.record}
     if isinstance(a, Advice):
         found = {"parameter": a.parameter, "std_before": a.before, "std_after": a.after, "unit": a.unit}
+        found |= {"std_after_between": a.between}
     else:
         found = {"promise": a.parameter, "before": a.before, "after": a.after, "exactly_known": a.best, "unit": a.unit}
     return {"sentence": str(a), **found, "seconds": a.seconds, "experiment": experiment}

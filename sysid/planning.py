@@ -14,8 +14,9 @@ import numpy as np
 from sysid.coincidence import loosened
 from sysid.fitting import Fit
 from sysid.foreseen import PROMISES, Design, Raised, promised
-from sysid.identify import limits, seconds
+from sysid.identify import RELATIVE, limits, seconds, shows_transient
 from sysid.log import Log
+from sysid.mixture import Mixture
 from sysid.noise import Level
 from sysid.perturbed import Course
 from sysid.prior import NAMES, PLANT
@@ -24,8 +25,10 @@ from sysid.view import View
 
 UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
 KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
-ROUGH = 0.1  # of the same: beyond, what an experiment brings is a guess, as it goes with a power of tau
-ASTRAY = 0.3  # of a half bandwidth, by which the resonance may be elsewhere than an experiment is laid out for: a guess too
+PLATES = 32  # that the logs leave possible, for each of which an experiment is foreseen
+ASIDE = 2.0  # the same of where the resonance is, to foresee what an experiment laid out for another place brings
+BETWEEN = (0.05, 0.5, 0.95)  # quantiles of what it leaves of an error
+SAME = 1.2  # ratio of the outer two below which they are one number
 AWAY = 10.0  # degC, to another temperature
 FINE = 20  # rows per tau, where the logs do not say what the bench can do
 MOST = 4000  # rows of a step
@@ -76,8 +79,8 @@ class Experiment:
 @dataclass(frozen=True)
 class Advice:
     """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
-    the largest standard deviation that counts as determined. `rough`: tau is hardly known, or where the resonance will be, and so
-    is what is left after it."""
+    the largest standard deviation that counts as determined. What is left after it depends on the plate, of which the logs leave
+    several possible: `after` is the median over them, `between` the 5 and 95 % quantiles."""
 
     experiment: Experiment
     parameter: str
@@ -86,12 +89,19 @@ class Advice:
     seconds: float
     limit: float
     unit: str
-    rough: bool = False
+    between: tuple[float, float]
 
     def __str__(self) -> str:
         before = "what the logs do not tell" if self.before > 0.9 * UNKNOWN * self.limit else f"± {self.before:.2g}"
-        after = f"{'about ' if self.rough else ''}± {self.after:.2g} {self.unit}"
-        return f"{self.experiment}: {self.parameter} from {before} to {after}, in {self.seconds:.3g} s"
+        low, high = self.between
+        after = f"between ± {low:.2g} and ± {high:.2g}" if self.rough else f"± {self.after:.2g}"
+        return f"{self.experiment}: {self.parameter} from {before} to {after} {self.unit}, in {self.seconds:.3g} s"
+
+    @property
+    def rough(self) -> bool:
+        """Whether the logs leave open what it brings."""
+        low, high = self.between
+        return high > SAME * low
 
     @property
     def rate(self) -> float:
@@ -129,7 +139,7 @@ def advise(
 
     `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default the logs' own and
     AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at the logs' temperature. Noise is that
-    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is not known, or nothing helps.
+    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is a guess, or nothing helps.
     Raises ValueError for a parameter that there is not, for a promise without a design, and where the design refuses a plate that
     is known exactly.
     """
@@ -148,7 +158,15 @@ def advise(
         found = min((judge(e, b.after(e), took) for b, judge in zip(benches, judges, strict=True)), key=_merit)
         if found.worthwhile:
             best[key] = max(best.get(key, found), found, key=_merit)
-    return tuple(sorted(best.values(), key=_merit, reverse=True))
+    spread = [_spread(a, benches) if isinstance(a, Advice) else a for a in best.values()]
+    return tuple(sorted(spread, key=_merit, reverse=True))
+
+
+def _spread(advice: Advice, benches: "Sequence[_Bench]") -> Advice:
+    """What it brings, over the plates that the logs leave possible, whichever of the solutions is true."""
+    index = PLANT.index(advice.parameter)
+    low, after, high = np.quantile([e[index] for b in benches for e in b.foreseen(advice.experiment)], BETWEEN)
+    return replace(advice, after=float(after), between=(float(low), float(high)))
 
 
 def _merit(advice: Advice | Raised) -> tuple[bool, float]:
@@ -167,7 +185,8 @@ def _error(bench: "_Bench", parameter: str) -> Judge:
     before, limit = float(error[index]), float(bench.limits[index])
 
     def judge(e: Experiment, told: np.ndarray, took: float) -> Advice:
-        return Advice(e, chosen, before, float(bench.errors(told)[index]), took, limit, unit, bench.guessed(e))
+        after = float(bench.errors(told)[index])
+        return Advice(e, chosen, before, after, took, limit, unit, (after, after))
 
     return judge
 
@@ -212,7 +231,7 @@ class _Bench:
         """None where there is nothing to go by."""
         state = fit.modes[0]
         trials = tuple(t for t in state.trials if t.resonant and t.driven)
-        if not trials or np.sqrt(state.covariance[1, 1]) > KNOWN:
+        if not trials or np.sqrt(state.covariance[1, 1]) > (KNOWN if shows_transient(state.trials) else RELATIVE):
             return None
         alone, beside = (_information(t, fit) for t in (state.trials, [loosened(t) for t in state.trials]))
         G, tau = (float(x) for x in np.exp(state.theta[:2]))
@@ -220,30 +239,29 @@ class _Bench:
         units = np.array([G, tau, 1.0, 1.0, 1.0, 1.0])
         return cls(fit, trials, alone, beside, np.array([known[n] for n in NAMES]), units)
 
-    def covariance(self, information: np.ndarray) -> np.ndarray:
-        """(6, 6) of theta, with the little that is known of a parameter of which the logs say nothing."""
-        least = np.diag((self.units / (UNKNOWN * self.limits)) ** 2)
-        return np.linalg.inv(information + least)
+    def covariance(self, information: np.ndarray, aside: float = UNKNOWN) -> np.ndarray:
+        """(6, 6) of theta, with the little that is known of a parameter of which the logs say nothing; `aside` of f0 and k_T."""
+        unknown = np.where(np.isin(NAMES, ("f0", "k_T")), aside, UNKNOWN)
+        return np.linalg.inv(information + np.diag((self.units / (unknown * self.limits)) ** 2))
 
     def errors(self, information: np.ndarray) -> np.ndarray:
         """(6,) standard deviations of the parameters."""
         return self.units * np.sqrt(np.diag(self.covariance(information)))
 
-    def after(self, experiment: Experiment) -> np.ndarray:
-        """(6, 6) information of theta with a log of it beside those there are."""
-        return (self.beside if experiment.kind == "sweep" else self.information) + self.told_by(experiment)
+    def after(self, experiment: Experiment, theta: np.ndarray | None = None) -> np.ndarray:
+        """(6, 6) information of theta with a log of it, of the plate `theta` (the fitted one), beside those there are."""
+        return (self.beside if experiment.kind == "sweep" else self.information) + self.told_by(experiment, theta)
 
-    def guessed(self, experiment: Experiment) -> bool:
-        """Whether too little is known of tau, or of the resonance where the experiment is laid out, to say what it will tell."""
-        at, (_, degC) = experiment.temperature, self.fit.reference
-        place = np.array([0, 0, 1, 0.0 if at is None else at - degC, 0, 0])
-        astray = np.sqrt(place @ self.covariance(self.information) @ place)
-        half_bandwidth = 1 / (2 * np.pi * np.exp(self.fit.modes[0].theta[1]))
-        return bool(self.fit.modes[0].covariance[1, 1] > ROUGH**2 or astray > ASTRAY * half_bandwidth)
+    def foreseen(self, experiment: Experiment) -> Iterator[np.ndarray]:
+        """(6,) errors of the parameters after an experiment, for one plate after the other that the logs leave possible."""
+        scale = np.linalg.cholesky(self.covariance(self.information, ASIDE))
+        even = Mixture(self.fit.modes[0].theta[None], scale[None], np.ones(1)).spread(PLATES, np.random.default_rng(0))
+        return (self.errors(self.after(experiment, theta)) for theta in even)
 
-    def told_by(self, experiment: Experiment) -> np.ndarray:
+    def told_by(self, experiment: Experiment, theta: np.ndarray | None = None) -> np.ndarray:
         """(6, 6) information of theta that a log of it would hold."""
         state, reference = self.fit.modes[0], self.fit.reference
+        state = state if theta is None else replace(state, theta=theta)
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"
         silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)

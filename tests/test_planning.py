@@ -120,12 +120,39 @@ def test_of_two_solutions_whichever_is_true_is_settled(bench, side):
     log = recorded(bench, best.experiment, 7)
     found = sysid.fit([*logs, replace(log, response=np.abs(log.response))]).parameters["f0"]
     assert found.determined and abs(found.value - bench.plant.f0) < 4 * found.std
-    assert found.std < 1.3 * best.after  # a promise for the worse of the two may be kept with much to spare
+    low, high = best.between  # of either; one plate in ten is outside, and an error is known to 5 % where its noise is estimated
+    assert 0.8 * low < found.std < 1.2 * high
 
 
-def test_elsewhere_than_the_resonance_may_be_the_promise_is_about(bench):
-    """Nothing is known of k_T: ten degrees away the resonance may lie bandwidths beside what is driven."""
+def test_elsewhere_than_the_resonance_may_be_the_promise_is_two_numbers(bench):
+    """Nothing is known of k_T: ten degrees away the resonance may lie a bandwidth beside what is driven."""
     fit = sysid.fit([bench.sweep(), bench.transient()])
-    assert all(a.rough for a in sysid.advise(fit, "k_T", temperatures=[34.0]))
+    found = sysid.advise(fit, "k_T", temperatures=[34.0])
+    step = next(a for a in found if a.experiment.kind == "step")  # a sweep over five half bandwidths is as good anywhere
+    assert step.rough and step.between[0] < step.after < step.between[1]
+    assert "to between ± " in str(step) and " and ± " in str(step)
     warm = sysid.fit([bench.sweep(), bench.sweep(temperature=30.0), bench.transient()])
     assert not any(a.rough for a in sysid.advise(warm, "k_T", temperatures=[34.0]))
+
+
+@pytest.mark.parametrize("window", [0.2, 0.4])
+def test_where_tau_is_hardly_known_what_is_left_lies_between(bench, window):
+    """A window shorter than tau: what a longer one brings goes with a power of tau, which is known to 10 to 50 %."""
+    kept = []
+    for seed in range(SEEDS):
+        logs = [bench.transient(dt=window * bench.plant.tau / 220, seed=seed)]
+        fit = sysid.fit(logs)
+        best = sysid.advise(fit, "tau")[0]
+        std = sysid.fit([*logs, recorded(bench, best.experiment, 100 + seed)]).parameters["tau"].std
+        kept.append(0.8 * best.between[0] < std < 1.2 * best.between[1])
+    assert np.sum(kept) >= SEEDS - 2  # one in ten is outside: three of eight or more once in 26 times
+
+
+@pytest.mark.parametrize("log", ["buried", "coarse", "level"])
+def test_of_a_tau_that_is_a_guess_nothing_is_promised(bench, log):
+    made = {
+        "buried": lambda: bench.transient(noise=20.0),
+        "coarse": lambda: bench.transient(dt=20 * bench.plant.tau),
+        "level": lambda: bench.sweep(frequency=np.full(101, 32290.0)),
+    }
+    assert sysid.advise(sysid.fit([made[log]()]), "tau") == ()
