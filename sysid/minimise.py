@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -83,6 +84,7 @@ class _Search(NamedTuple):
     done: Array
 
 
+@partial(jax.jit, static_argnames="layouts")  # traced once: for its shapes, and in the loop
 def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
     def one(x, layout):
         found, change = linearised(theta, x, layout)

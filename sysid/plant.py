@@ -175,8 +175,8 @@ def expm1(z: Array) -> Array:
     """exp(z) - 1 of a complex z without cancellation in either part; its derivative is exp(z), which 1 + value is only to the
     rounding of a turn: over a long interval, times its length, that of a mode which has long died away would be seen."""
     grown = jnp.expm1(z.real)
-    half = jnp.sin(0.5 * z.imag)
-    return grown * jnp.cos(z.imag) - 2 * half**2 + 1j * ((1 + grown) * jnp.sin(z.imag))
+    s, c = jnp.sin(0.5 * z.imag), jnp.cos(0.5 * z.imag)  # each sine is much to compile
+    return grown - 2 * (1 + grown) * s**2 + 2j * ((1 + grown) * s * c)
 
 
 expm1.defjvps(lambda dz, value, z: jnp.exp(z) * dz)

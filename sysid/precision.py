@@ -31,18 +31,22 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def _options(level: int) -> dict[str, Any]:
-    """Compiler options. Without fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a program is as fast
-    and compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. The optimization barriers of
-    a program, which the CPU's compiler drops by itself, halve the time of the density."""
+def _options(seldom: bool, largest: int) -> dict[str, Any]:
+    """Compiler options, by whether a program is seldom called and the numbers of its largest array. Without fusion emitters the
+    fit compiles in two thirds of the time. At level 1 of 3 a program is as fast and compiles in three quarters of the time; at 0
+    it takes twice the time and compiles in a third. Sums in stages, which keep the rounding of long ones small, are half of what
+    there is to compile. The optimization barriers of a program, which the CPU's compiler drops by itself, halve the time of the
+    density."""
+    large = largest >= LARGE
     return {
         "xla_cpu_use_fusion_emitters": False,
-        "xla_backend_optimization_level": level,
-        "xla_disable_hlo_passes": "cse_barrier_expander",
+        "xla_cpu_parallel_codegen_split_count": min(os.cpu_count() or 1, 32),
+        "xla_backend_optimization_level": 0 if seldom and not large else 1,
+        "xla_disable_hlo_passes": "cse_barrier_expander" if large else "cse_barrier_expander,tree_reduction_rewriter",
     }
 
 
-LARGE = 1 << 16  # numbers in the largest array from which on a program that is seldom called is worth optimising
+LARGE = 1 << 16  # numbers in the largest array, from which on sums are long, and what is seldom called is worth optimising
 _traced: list[Path] = []  # the folder of traced programs, when there is one
 _all: list["compiled"] = []
 _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a process of one's own
@@ -120,7 +124,7 @@ class compiled:
         largest = max(math.prod(x.shape) for x in jax.tree.leaves(shapes))
         lowered = jax.jit(traced).lower(*shapes)
         try:
-            return lowered.compile(compiler_options=_options(0 if self.seldom and largest < LARGE else 1))
+            return lowered.compile(compiler_options=_options(self.seldom, largest))
         except jax.errors.JaxRuntimeError:  # an option that another version does not know is not worth a failure
             return lowered.compile()
 

@@ -10,6 +10,7 @@ from jax import Array
 from sysid.plant import Leaf
 
 ANGLES = 32  # at which a rotation is tried before Newton's method
+TRIED = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
 NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
 
 
@@ -67,15 +68,17 @@ def turn_towards(left: Array, shape: Array) -> Array:
 
 
 def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
-    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method."""
+    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method, whose
+    steps turn by 2 atan(step/2), so that no sine is compiled."""
     p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
     a, b, d = (jnp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
-    tried = 2 * jnp.pi * jnp.arange(ANGLES) / ANGLES
-    c, s = jnp.cos(tried), jnp.sin(tried)
-    phi = tried[jnp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)]
+    c, s = jnp.array(TRIED.real), jnp.array(TRIED.imag)
+    best = jnp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)
+    turn = jnp.array(TRIED)[best]
     for _ in range(NEWTON):
-        c, s = jnp.cos(phi), jnp.sin(phi)
+        c, s = turn.real, turn.imag
         slope = (d - a) * c * s + b * (c**2 - s**2) + p * s - q * c
         bend = (d - a) * (c**2 - s**2) - 4 * b * c * s + p * c + q * s
-        phi = phi - jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
-    return jax.lax.complex(jnp.cos(phi), jnp.sin(phi))
+        half = -0.5 * jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
+        turn = turn * jax.lax.complex(1 - half**2, 2 * half) / (1 + half**2)
+    return turn

@@ -4,8 +4,11 @@ import jax
 import numpy as np
 import pytest
 import reference
+from scipy.optimize import minimize_scalar
 
 import sysid
+from sysid.precision import float64
+from sysid.span import best_turn
 from sysid.target import Target
 
 ROWS, STEP = 80, 1e-3  # s; far longer than a radian of the carrier
@@ -51,3 +54,21 @@ def test_density_of_a_late_sweep_is_that_of_its_definition(late):
     expected = [log_density(found, (np.exp(t[0]), np.exp(t[1]), found.reference[0] + t[2])) for t in theta]
     # The log's own level is integrated out with the priors in its units: a hundredth of two rows in 160.
     assert np.ptp(value - expected) < 0.01 * np.ptp(expected)
+
+
+@float64
+@pytest.mark.parametrize("seed", range(20))
+def test_the_best_turn_is_that_of_a_search_over_all_angles(seed):
+    """|left - cos phi shape - sin phi ahead|^2 has up to two minima; a grid and a line search know no derivative."""
+    rng = np.random.default_rng(seed)
+    left, shape, ahead = rng.normal(size=(3, 4)) + 1j * rng.normal(size=(3, 4))
+
+    def cost(phi):
+        return np.sum(np.abs(left - np.cos(phi) * shape - np.sin(phi) * ahead) ** 2)
+
+    around = np.linspace(0, 2 * np.pi, 2000)
+    best = around[np.argmin([cost(phi) for phi in around])]
+    exact = minimize_scalar(cost, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-12}).x
+    turn = complex(best_turn(left, shape, ahead))
+    # a line search knows its minimum to the root of float64's rounding
+    assert abs(turn - np.exp(1j * exact)) < 1e-7 and abs(abs(turn) - 1) < 1e-14

@@ -50,7 +50,7 @@ def test_a_host_program_is_given_no_threads(program):
 
 @precision.float64
 def test_an_unknown_option_is_no_failure(program, monkeypatch):
-    monkeypatch.setattr(precision, "_options", lambda level: {"xla_no_such_option": True})
+    monkeypatch.setattr(precision, "_options", lambda seldom, largest: {"xla_no_such_option": True})
     assert program(np.ones(1), ("up",), (np.ones(1),)) == 2.0
 
 
