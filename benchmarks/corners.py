@@ -33,7 +33,8 @@ from rich.console import Console
 from rich.progress import track
 
 from sysid import Plant
-from sysid.plant import Hold, respond, steady
+from sysid.hold import Hold
+from sysid.plant import respond, steady
 
 HERE = Path(__file__).parent
 EPS = np.finfo(float).eps

@@ -22,8 +22,8 @@ from rich.progress import track
 from scipy.stats import chi2
 
 from sysid import Fit, Log, Plant, Profile, Result, Scene, fit, read_logs, write_log
+from sysid.hold import contact
 from sysid.minimise import FINGER
-from sysid.plant import contact
 from sysid.precision import keep_programs
 from sysid.scene import EFFECTS
 

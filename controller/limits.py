@@ -44,7 +44,7 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
 
 
 def _damping(plate: Plate, force: float) -> float:
-    from sysid.plant import contact
+    from sysid.hold import contact
 
     if plate.finger.value is None:
         raise ValueError(f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping itself")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid.hold import Hold, contact, hold_inputs, settled_points
 from sysid.log import Log
-from sysid.plant import Hold, contact, hold_inputs, settled_points
 
 LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed

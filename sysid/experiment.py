@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from sysid.hold import Hold
 from sysid.likelihood import OWN, Experiment, Groups, Layout
-from sysid.plant import Hold
 from sysid.trial import Trial, freedom, joined, whitened
 
 

@@ -11,7 +11,8 @@ from collections.abc import Collection, Mapping
 
 from sysid import units
 from sysid.csvfile import SHOWN, Dialect, Head, LogError, listed, read_head, to_number
-from sysid.mapping import Plan, Source, template
+from sysid.draft import template
+from sysid.mapping import Plan, Source
 
 DRIVES = ("voltage", "drive", "duty")
 INPUTS = ("time", "frequency", "temperature", "force")

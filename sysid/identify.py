@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.condense import OFFSET_UNITS
 from sysid.guess import phase_falls
-from sysid.plant import FULL_TOUCH, force_of
+from sysid.hold import FULL_TOUCH, force_of
 from sysid.trial import LEAST_WARMING, Trial
 
 RELATIVE = 0.2

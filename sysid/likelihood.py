@@ -32,7 +32,8 @@ import jax.export
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Hold, Leaf, Response, respond, steady
+from sysid.hold import Hold, Leaf
+from sysid.plant import Response, respond, steady
 from sysid.span import Span, best_turn, times, turn_towards
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness

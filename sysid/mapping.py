@@ -38,7 +38,6 @@ A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega 
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
 """
 
-import json
 import math
 import re
 import tomllib
@@ -55,7 +54,7 @@ from sysid.csvfile import Dialect, Head, LogError, listed, to_number
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
 _PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
-_ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
     "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
@@ -68,21 +67,6 @@ _WORDS: dict[str, tuple[Any, ...]] = {
     "quantity": ("displacement", "velocity", "charge", "current"),
     "phase_sign": (1, -1),
     "decimal": (".", ","),
-}
-_GUESSES: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit"),
-    "frequency": ("f", "freq", "frequency", "frequenz"),
-    "temperature": ("temp", "temperature", "t"),
-    "force": ("force",),
-    "duty": ("duty", "pwm"),
-    "voltage": ("v", "u", "voltage", "volt", "vin", "drive", "excitation"),
-    "wd": ("wd",),
-    "wq": ("wq",),
-    "x": ("x", "re", "real", "inphase", "in-phase", "u1", "g"),
-    "y": ("y", "im", "imag", "imaginary", "quadrature", "quad", "u2", "b"),
-    "magnitude": ("magnitude", "mag", "amplitude", "amp", "r", "power"),
-    "phase": ("phase", "phi", "theta", "arg"),
-    "w": ("w", "displacement", "velocity", "response"),
 }
 _NUMBER = (int, float)
 _COLUMN_KEYS = {"column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,)}
@@ -182,7 +166,7 @@ class MappingFile:
     def _check_unit(self, key: str, name: str, unit: str) -> None:
         if unit == "?":
             raise self.fail(key, 'found unit = "?", expected the unit')
-        if name == "phase" and unit not in _ANGLES:
+        if name == "phase" and unit not in ANGLES:
             raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
         if name == "phase" or (name in ("magnitude", "w") and is_decibel(unit)):
             return
@@ -231,46 +215,6 @@ def load_mapping(path: str | Path) -> MappingFile:
     return MappingFile(str(path), options, dialect)
 
 
-def template(head: Head) -> str:
-    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
-    guessed = _guess(head.names)
-    lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
-    if not head.dialect.header:
-        lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
-    lines += ['# kind = "steady"  # or "transient"']
-    lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
-    if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
-        quantity = _quantity(head, guessed)
-        lines += [f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"']
-        if "phase" in guessed or "magnitude" not in guessed:
-            lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
-    dialect = head.dialect
-    lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
-    lines += ['decimal = ","'] if dialect.decimal == "," else []
-    lines += [f"comment = {_quote(dialect.comment)}"] if dialect.comment != "#" else []
-    lines += ["", "[columns]"]
-    for name, index in guessed.items():
-        label = head.names[index]
-        unit = split_ending(label, False)[0]
-        column = _quote(label) if head.names.count(label) == 1 else str(index)
-        lines.append(f"{name} = {{ column = {column}, unit = {_quote(unit if _fits(name, unit) else '?')} }}")
-    missing = [name for name in ("time", "frequency", "voltage", "temperature") if name not in guessed]
-    missing += [] if guessed.keys() & {"x", "w", "wd", "magnitude"} else ["x", "y"]
-    example = _quote(head.names[0]) if head.names[0] else "0"
-    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
-    unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
-    lines += [f"# not used: {_in_comment(listed(unused))}"] if unused else []
-    return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
-
-
-def _quantity(head: Head, guessed: Mapping[str, int]) -> str:
-    """What a signal shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
-    index = guessed.get("x", guessed.get("magnitude"))
-    unit = split_ending(head.names[index], False)[0] if index is not None else ""
-    kinds = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A"}
-    return next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
-
-
 def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:
     """Row numbers that `rows` of a mapping file asks for, of `count` rows; None for all. Raises LogError."""
     ranges = rows.get(value) if isinstance(rows, dict) else rows
@@ -303,8 +247,8 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
     unit = source.unit
     if is_decibel(unit):
         values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
-    if unit in _ANGLES and _ANGLES[unit] != 1.0:
-        values = values * _ANGLES[unit]
+    if unit in ANGLES and ANGLES[unit] != 1.0:
+        values = values * ANGLES[unit]
     return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit
 
 
@@ -324,46 +268,6 @@ def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
         unit = ""  # the library would take S21_re for a temperature in degrees Réaumur
     unit, inner = units.split_amplitude(unit)
     return unit, inner or amplitude
-
-
-def _guess(names: tuple[str, ...]) -> dict[str, int]:
-    """Which column is probably which, from the first word of its name; a response only when it is whole."""
-    guessed: dict[str, int] = {}
-    for index, label in enumerate(names):
-        word = re.split(r"[\s_\[(]", label.strip().casefold(), maxsplit=1)[0]
-        ending = label.casefold().rpartition("_")[2]
-        word = ending if ending in ("re", "im") else "" if "_err" in label.casefold() else word
-        for name in (name for name, words in _GUESSES.items() if word in words and name not in guessed):
-            unit = split_ending(label, False)[0]
-            if _fits(name, unit) or not _is_unit(unit):
-                guessed[name] = index
-                break
-    whole = next((set(names) for names in RESPONSES if set(names) <= guessed.keys()), set())
-    spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - whole
-    return {name: index for name, index in guessed.items() if name not in spare}
-
-
-def _fits(name: str, unit: str) -> bool:
-    if name == "phase" or (is_decibel(unit) and name in ("magnitude", "w")):
-        return unit in _ANGLES or is_decibel(unit)
-    try:
-        units.check_unit(name, unit)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_unit(text: str) -> bool:
-    return text in _ANGLES or is_decibel(text) or _fits("w", text)
-
-
-def _quote(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # else a JSON text is a TOML text
-
-
-def _in_comment(text: str) -> str:
-    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least of all."""
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:

@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from sysid.plant import Hold, steady
+from sysid.hold import Hold
+from sysid.plant import steady
 from sysid.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding

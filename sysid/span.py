@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.plant import Leaf
+from sysid.hold import Leaf
 
 ANGLES = 32  # at which a rotation is tried before Newton's method
 TRIED = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)

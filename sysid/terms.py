@@ -7,8 +7,8 @@ from itertools import chain
 import numpy as np
 
 from sysid.extra import possible
+from sysid.hold import contact, force_of
 from sysid.perturbed import accumulated
-from sysid.plant import contact, force_of
 from sysid.prior import FINGER
 from sysid.trial import LEAST_WARMING
 from sysid.view import View

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import gammainc
 
 from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.hold import Hold
 from sysid.log import Log
 from sysid.lost import filled, lost
 from sysid.noise import Level
-from sysid.plant import Hold
 from sysid.span import times
 
 NUISANCES = ("rotation", "background", "offset", "start", "late")

@@ -7,7 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from sysid import Plant
-from sysid.plant import hold_inputs, poles, respond, steady
+from sysid.hold import hold_inputs
+from sysid.plant import poles, respond, steady
 
 PLATE = Plant(G=0.02, tau=5e-3 / np.log(20), f0=32300.0, k_T=-10.16)
 LOW_Q = Plant(G=0.5, tau=8 / (np.pi * 900), f0=900.0)

@@ -19,7 +19,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.plant import Leaf, Plant, carried, contact
+from sysid.hold import Leaf, contact
+from sysid.plant import Plant, carried
 
 T = TypeVar("T")
 

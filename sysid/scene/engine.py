@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.plant import Leaf, Plant, expm1, phis, poles, steady
+from sysid.hold import Leaf
+from sysid.plant import Plant, expm1, phis, poles, steady
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
 
 RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
