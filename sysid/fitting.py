@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sysid import identify
+from sysid import identify, wording
 from sysid.coincidence import hangs, tightened
 from sysid.condense import taken
 from sysid.extra import EXTRA
@@ -145,10 +145,10 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     described, doubts = _described(best, found, FINGER[0] in free)
     doubts = doubts if described else [*doubts, *unseen]
     if "late" in hangs(best, reference, free):
-        doubts = [*doubts, identify.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
-    if FINGER[0] in free and (carried := identify.extrapolated(best.trials)):
+        doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
+    if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, carried]
-    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := identify.coarse(t))]
+    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     warnings = warnings + coarse + doubts + described
     result = Result.successful if best.converged else Result.not_converged
     fitted = Fit(
@@ -265,9 +265,9 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         model = model.real if trial.log.amplitude_only else model
-        what = (None if fingered else identify.touched(trial)) or identify.clipped(trial)
+        what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
         if not what and not named & {i, None}:
-            what = identify.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
+            what = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
         likely = {f.name: f.sentence for f in reversed(best)}
@@ -301,8 +301,8 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
                 nrmse_percent=100 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(centred)), 1e-300),
                 noise_std=trial.noise_std,
                 noise_time=trial.noise_time,
-                description=identify.describe(trial),
-                noise=identify.noise(trial),
+                description=wording.describe(trial),
+                noise=wording.noise(trial),
                 levels=trial.levels,
             )
         )
@@ -324,7 +324,7 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
         if trial.start_free and not trial.signed:
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
-        warnings += [f"{log.name}: {note}" for note in identify.assumptions(trial)]
+        warnings += [f"{log.name}: {note}" for note in wording.assumptions(trial)]
     if any(t.touched for t in trials):
         unknown = [t.log.name for t in trials if t.log.force is None]
         warnings += [f"{name}: no force is recorded; taken as with nothing on the plate" for name in unknown]

@@ -42,6 +42,7 @@ ORDER = [
     "result",
     "start",
     "identify",
+    "wording",
     "minimise",
     "view",
     "coincidence",

@@ -1,0 +1,182 @@
+"""A log in words: what it was taken for, and what of it is odd enough to be said."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.condense import OFFSET_UNITS
+from sysid.guess import phase_falls
+from sysid.hold import FULL_TOUCH, force_of
+from sysid.identify import seconds
+from sysid.trial import Trial
+
+NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
+STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
+SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
+
+
+def assumptions(trial: Trial) -> list[str]:
+    """What had to be taken for granted to read a log at all, and what of it could not be read."""
+    log, found = trial.log, []
+    if trial.lost:
+        gone = f"{trial.lost} of {len(log)} rows read exactly zero, or what the row before them reads, amid a response that moves"
+        found.append(f"{gone}: the signal was lost; they are left out")
+    if trial.from_rest and log.response_unit not in OFFSET_UNITS:
+        found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
+    elif trial.from_rest:
+        found.append("taken as settled, with the drive at zero, before its first row")
+    if not trial.steady and log.sampling is None and trial.changes > 0.1 * len(log):
+        found.append(
+            "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling: instant"
+        )
+    if log.amplitude_only and trial.resonant and trial.driven:
+        found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
+    if not trial.resonant and not trial.steady:
+        found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
+    return found
+
+
+def hangs_on_lateness(error: float) -> str:
+    """For a G whose relative `error` is that of not knowing how late the response is."""
+    return (
+        f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"
+        " record a sweep beside it, or state delay_s (0 if nothing is late)"
+    )
+
+
+def describe(trial: Trial) -> str:
+    """What a log was taken for, in a few words."""
+    log = trial.log
+    shape = "settled points" if trial.steady else "transient"
+    if log.frequency is not None and np.ptp(log.frequency) > 0:
+        shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
+    elif not trial.steady and not trial.driven:
+        shape += ", undriven"
+    elif not trial.steady:
+        changes = np.count_nonzero(np.diff(trial.inputs.drive))
+        shape += f", drive changes {'once' if changes == 1 else f'{changes} times'}" if changes else ", one level"
+    shape += f", a finger of up to {np.max(np.abs(log.force)):.2g} N" if trial.touched else ""
+    shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
+    return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
+
+
+def noise(trial: Trial) -> str:
+    """What the noise of a log was taken for, in a few words."""
+    unit, parts = trial.log.response_unit, trial.parts
+    colours = [_colour(p) for p in parts]
+    said = colours[0]
+    if len(parts) == 2:
+        apart = [f"{p.noise_std:.3g} {unit} in {channel}" for p, channel in zip(parts, "dq", strict=True)]
+        if colours[0] == colours[1]:
+            said = f"{', '.join(apart)}, {colours[0]}"
+        else:
+            said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
+    if outliers := trial.left_out - trial.lost:
+        return f"{said}, {outliers} outliers left out"
+    return said if trial.tail is None else f"{said}, with outliers"
+
+
+def _colour(trial: Trial) -> str:
+    if trial.noise_time == 0:
+        return "white"
+    over = f"{trial.noise_time:.2g} rows" if trial.log.time is None else seconds(trial.noise_time)
+    return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
+
+
+def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> str | None:
+    """A sentence when the residual of a log holds more than noise, by an amount that could matter; else None."""
+    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
+    order = np.argsort(trial.log.frequency, kind="stable") if trial.steady and trial.resonant else slice(None)
+    part, chance = _structure(residual[order])
+    if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
+        return None
+    if not trial.steady and not _near_changes(trial, residual, tau):
+        return None
+    said = f"the residual holds {100 * part / size:.1f} % of the response that is not noise"
+    if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
+        return f"{said}: the phase rises through the resonance; if the demodulator's sign is the other one, say phase_sign = -1"
+    moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
+    what = "saturated, a second resonance, an interfering line, a background that is not a slope"
+    return f"{said}: {what}{moved}, or noise that many rows share"
+
+
+def _warm(trial: Trial) -> bool:
+    """Whether the log records its temperature."""
+    return trial.log.temperature is not None
+
+
+def clipped(trial: Trial) -> str | None:
+    """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
+    y = trial.log.response
+    channels = _channels(trial)
+    if np.all(trial.count > 1) or coarse(trial):
+        return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
+    for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
+        values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
+        beyond = values[-1] != 0 and count[-1] > max(CLIPPED * len(channel), 4)
+        if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
+            return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
+    return None
+
+
+def _channels(trial: Trial) -> list[np.ndarray]:
+    y = trial.log.response
+    return [y.real] if trial.log.amplitude_only else [y.real, y.imag]
+
+
+def coarse(trial: Trial) -> str | None:
+    """A sentence when a channel's values are steps of a recorder that are larger than its noise; else None."""
+    for channel in _channels(trial):
+        steps = np.diff(np.unique(np.round(channel / trial.scale, 9)))
+        least = float(np.min(steps, initial=np.inf))
+        on_grid = len(steps) > 1 and np.all(np.abs(steps / least - np.rint(steps / least)) < 1e-3)
+        if on_grid and trial.noise_std < 0.5 * least * trial.scale:
+            return (
+                f"recorded in steps of {least * trial.scale:.2g} {trial.log.response_unit}, larger than its noise, so that errors"
+                " are approximate; record it again at a finer range"
+            )
+    return None
+
+
+def touched(trial: Trial) -> str | None:
+    """A sentence when a force is recorded that is the same throughout all logs, so that what it does is not known; else None."""
+    if not trial.touched:
+        return None
+    return (
+        f"a force of {np.max(np.abs(trial.log.force)):.2g} N is recorded, and none without it: a finger lowers G and tau by one"
+        " factor, which is not known from these logs; add a log with nothing on the plate, or leave this one out"
+    )
+
+
+def extrapolated(trials: Sequence[Trial]) -> str | None:
+    """A sentence when no log holds a force near that of which the finger's parameters are told; else None."""
+    contacts = np.concatenate([t.inputs.contact for t in trials if t.touched])
+    nearest = contacts[np.argmin(np.abs(contacts - 1))]
+    if abs(nearest - 1) < NEAR_FULL:
+        return None
+    return (
+        f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by"
+        f" the law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
+    )
+
+
+def _structure(residual: np.ndarray) -> tuple[float, float]:
+    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
+    n = len(residual)
+    power = float(np.mean(np.abs(residual) ** 2))
+    if n < 8 or power == 0:
+        return 0.0, 0.0
+    shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
+    channels = 2 if np.iscomplexobj(residual) else 1
+    return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
+
+
+def _near_changes(trial: Trial, residual: np.ndarray, tau: float) -> bool:
+    """Whether the residual is larger after changes of the inputs than at rest: a misfit; coloured noise is everywhere."""
+    since = trial.since_change
+    near = since < 5 * tau
+    if near.sum() < 8 or (~near).sum() < 20:
+        return True
+    ratio = np.mean(np.abs(residual[near]) ** 2) / max(np.mean(np.abs(residual[~near]) ** 2), 1e-300)
+    return bool(ratio > 4)
