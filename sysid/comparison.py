@@ -92,7 +92,8 @@ class _Logs:
             views.append(self.view(i, kept))
             left.append(views[-1].off(_left(self.view(i, trial.nuisances), kept, physics)))
         jacobians = [v.jacobian[:, index] for v in views]
-        size = np.sqrt(sum(np.sum(j**2, axis=0) for j in jacobians)) + 1e-300
+        size = np.sqrt(sum(np.sum(j**2, axis=0) for j in jacobians))
+        size = np.where(size > 1e-150, size, 1.0)  # nothing depends on it, as where tau ran away
         jacobians = [j / size for j in jacobians]
         prior = self.state.prior
         held = prior.precision[np.ix_(index, index)] / np.outer(size, size)

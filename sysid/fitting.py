@@ -144,13 +144,13 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     found, unseen = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
     doubts = doubts if described else [*doubts, *unseen]
-    if "late" in hangs(best, reference, free):
+    if "late" in hangs(best, reference, free) and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, carried]
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     warnings = warnings + coarse + doubts + described
-    result = Result.successful if best.converged else Result.not_converged
+    result = Result.successful if best.converged or identify.hopeless(best.trials, free) else Result.not_converged
     fitted = Fit(
         plant, {}, free, covariance, result, at, _fitted(best), tuple(warnings), units, tuple(states), reference, stated
     )
@@ -177,7 +177,7 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
         said = identify.why(name, state.trials, tau, fit.names, 1)
         return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
     modes, limit = _modes(fit, name), identify.limits(G, tau)[name]
-    told = name in fit.names and (not fit.priors or _alone(fit, name)[1] <= limit)
+    told = name in fit.names and (not fit.priors or _alone(fit, name)[1] <= limit) and _shown(fit, name)
     if told and np.isfinite(value) and not modes and std <= limit:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
@@ -185,6 +185,15 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if name in fit.priors and not told:
         said = f"{said} (what is stated of it beforehand is not what the logs tell)"
     return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def _shown(fit: Fit, name: str) -> bool:
+    """Whether the logs show more than what chance makes of a few readings, or of noise with a tau that is anything."""
+    state = fit.modes[0]
+    if not fit.priors and identify.hopeless(state.trials, fit.names):
+        return False
+    known = name not in ("f0", "k_T") or np.sqrt(state.covariance[1, 1]) <= identify.RELATIVE
+    return known or not identify.buried(state.trials)
 
 
 def _alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
@@ -264,6 +273,8 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     named = {f.log for f in best} if harmful else set()
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
+        if trial.silent:
+            continue
         model = model.real if trial.log.amplitude_only else model
         what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
         if not what and not named & {i, None}:
@@ -290,7 +301,7 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
         rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
         log = taken(trial.log, rows) if trial.lost else trial.log
         model = (model.real if log.amplitude_only else model)[rows]
-        left, centred = log.response - model, log.response - np.mean(log.response)
+        left = log.response - model
         fitted.append(
             FittedLog(
                 log=log,
@@ -298,7 +309,7 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
                 rows=int(trial.count.sum()),
                 response=model,
                 residual=left,
-                nrmse_percent=100 * float(np.linalg.norm(left)) / max(float(np.linalg.norm(centred)), 1e-300),
+                nrmse_percent=_percent(left, log.response - np.mean(log.response)),
                 noise_std=trial.noise_std,
                 noise_time=trial.noise_time,
                 description=wording.describe(trial),
@@ -307,6 +318,11 @@ def _fitted(state: State) -> tuple[FittedLog, ...]:
             )
         )
     return tuple(fitted)
+
+
+def _percent(left: np.ndarray, moved: np.ndarray) -> float:
+    """Of what a response moves, the share that is left; NaN for one that does not."""
+    return 100 * float(np.linalg.norm(left) / np.linalg.norm(moved)) if np.any(moved) else float("nan")
 
 
 def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:

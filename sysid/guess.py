@@ -82,6 +82,8 @@ def _lorentzian(f: np.ndarray, w: np.ndarray) -> list[tuple[float, float]]:
     """1/w^2 is a parabola in f: its vertex the resonance, its width at twice the vertex the half bandwidth."""
     centre, half = f.mean(), max(np.ptp(f) / 2, 1e-300)
     u = (f - centre) / half
+    if not np.any(w):
+        return []
     w = np.maximum(np.abs(w), 1e-9 * np.max(np.abs(w)))
     weight = w**3
     c0, c1, c2 = np.linalg.lstsq(np.column_stack([np.ones(len(u)), u, u**2]) * weight[:, None], weight / w**2, rcond=None)[0]

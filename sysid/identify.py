@@ -12,10 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from sysid.trial import LEAST_WARMING, Trial
+from sysid.trial import LEAST_WARMING, Trial, numbers_left
 
 RELATIVE = 0.2
 WARMING = 10.0
+SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -28,6 +29,8 @@ def limits(G: float, tau: float) -> dict[str, float]:
 
 def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
     """One sentence: why `name` cannot be told from these logs, and what to record."""
+    if said := hopeless(trials, free):
+        return said
     if modes > 1:
         return _why_modes(trials)
     if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
@@ -37,6 +40,23 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
         )
     causes = {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}
     return causes.get(name, _why_finger)(trials, tau, free)
+
+
+def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
+    """A sentence when nothing at all can be told from these logs; else None."""
+    if all(t.silent for t in trials):
+        return "cannot tell, because the response is the same in every row; see whether the sensor and what reads it were on"
+    if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
+        return (
+            "cannot tell, because the readings are hardly more than the unknowns, so that their noise cannot be told; record"
+            " ten points or more"
+        )
+    return None
+
+
+def buried(trials: Sequence[Trial]) -> bool:
+    """Whether all that changes in the logs is noise, as far as neighbouring rows tell."""
+    return all(t.silent or _buried(t) for t in trials)
 
 
 def shows_transient(trials: Sequence[Trial]) -> bool:
@@ -161,6 +181,8 @@ def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance beside the drive look"
             " alike; record a sweep across the resonance"
         )
+    if buried(trials):
+        return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several logs"
     return f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz wide or more"
 
 

@@ -235,7 +235,7 @@ class Minimiser:
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
         steps, last, converged, begin = _Steps(), np.inf, False, theta
-        if all(np.all(t.log.response == t.log.response[0]) for t in trials):
+        if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
         k = 0
         for _ in range(2 * rounds):

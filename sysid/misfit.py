@@ -59,6 +59,8 @@ def misfits(
 ) -> tuple[list[Found], list[str]]:
     """What the logs hold that the model leaves out, the most significant first; and sentences on what could be there unseen and
     would move the parameters far. `at` (degC): where parameters are reported."""
+    if all(t.silent for t in state.trials):
+        return [], []
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     away = 0.0 if at is None else at - reference[1]
     fit = _Linear(views, state, [n for n in NAMES if n in free], away)
@@ -123,7 +125,7 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
 def _strange(i: int, view: View, alone: bool) -> Found | None:
     """A log of which the model leaves most, smooth as it is: beside others by what its own gain is off, if that is what it is."""
     y, left = view.trial.log.response, view.residual
-    if len(y) < 8 or view.trial.log.drive is None:
+    if len(y) < 8 or view.trial.log.drive is None or view.trial.silent:
         return None
     rough, total = np.sqrt(np.mean(np.abs(np.diff(left)) ** 2) / 2), np.sqrt(np.mean(np.abs(left) ** 2))
     if total < ROUGH * rough or total < MOST * np.std(y):

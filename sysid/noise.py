@@ -27,6 +27,8 @@ MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
 SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
 ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 ROUNDING = 1e-13  # of a sum of squares, by which it may be wrong, and less than nothing be left of it
+SHARES = np.append(0.0, 1 / (1 + np.geomspace(3.0, 1e-3, 16) ** 2))  # of the noise, proportional to the response, that are tried
+ALONE = 3.0  # standard deviations of a lag-one correlation, from which neighbours share what they hold
 TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
 
 
@@ -178,6 +180,28 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
     worth = sum(log_likelihood(v, clock, n) for v in channels) - log_likelihood(residual, clock, 2 * n) > WORTH + 1
     d, q = (_fitted(v, clock, n, None)[0] for v in channels)
     return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
+
+
+def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, known: bool) -> float:
+    """Share of the noise's variance, where the response is largest, that is proportional to the response: noise of `least` (n,)
+    times a level, and of `size` (n,), the response over its largest, times another. The likeliest of SHARES; unless it is `known`
+    to be, 0.0 where a level of its own, beside what outliers explain, is not worth it, or neighbours share what is left, as they
+    do of a wrong model at a peak."""
+    n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
+    square = np.abs(residual) ** 2
+    if n < 20 or not np.any(square):
+        return SHARES[-1] if known else 0.0
+    spread = np.sqrt((1 - SHARES[:, None]) * least**2 + SHARES[:, None] * size**2)
+    cost = channels * (0.5 * n * np.log(np.mean(square / spread**2, axis=1)) + np.sum(np.log(spread), axis=1))
+    best = int(np.argmin(cost))
+    if known:
+        return float(SHARES[best])
+    if cost[0] - cost[best] < WORTH:
+        return 0.0
+    robust = [_likeliest(square / spread[k] ** 2, channels)[0] + channels * np.sum(np.log(spread[k])) for k in (0, best)]
+    left = residual / spread[best]
+    shared = np.sum((left[1:] * left[:-1].conj()).real) / np.sum(np.abs(left) ** 2) * np.sqrt(n * channels)
+    return float(SHARES[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:

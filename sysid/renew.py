@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.extra import asked
-from sysid.noise import Level, apart, apart_in_colour, estimate, independent, rice_spread, spikes, tails
+from sysid.noise import Level, apart, apart_in_colour, estimate, independent, proportional, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
@@ -69,20 +69,31 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
     model = model.real if trial.log.amplitude_only else model
-    if trial.steady and not trial.signed:
-        trial = replace(trial, spread=rice_spread(model / np.sqrt(floor)))
+    if trial.steady or trial.log.relative_noise:
+        trial = _with_spread(trial, model, floor, round_)
     new = _with_noise_of(trial, model, lambda: course.design(model), round_)
     if new.noise_time > 0 and not new.signed:
         new = replace(new, efficiency=efficiency(new, course, model))
     new = replace(new, late=late * trial.lateness / trial.looseness, extra=asked(new, course))
-    if trial.log.relative_noise and round_ < HELD:
-        new = replace(new, level=np.abs(model))
     if trial.signed:
         return new
     # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
     free = new.floor_free and not trial.steady and floor > 0
-    held = new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
+    held = (1 - new.share) * new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
     return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))
+
+
+def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
+    """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
+    rice = np.ones(len(model)) if trial.signed or not trial.steady else rice_spread(model / np.sqrt(floor))
+    size, there, share = np.abs(model) / trial.scale, slice(None) if trial.there is None else trial.there, trial.share
+    if trial.steady and 0 < round_ < HELD and _is_noise(trial, model):
+        left = (trial.residual(model) * np.sqrt(trial.count))[there]
+        share = proportional(left, size[there], rice[there], trial.log.relative_noise)
+    if round_ >= HELD and trial.signed:
+        return trial
+    even = share == 0 and (trial.signed or not trial.steady)
+    return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * rice**2 + share * size**2))
 
 
 class _Residual(NamedTuple):

@@ -19,6 +19,7 @@ NUISANCES = ("rotation", "background", "offset", "start", "late")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
+DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
 
 
 class Extra(NamedTuple):
@@ -49,7 +50,7 @@ class Trial:
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
-    level: np.ndarray | None = field(default=None, repr=False)  # size of the response that a relative noise is a fraction of
+    share: float = 0.0  # of the noise's variance at the largest response, which is proportional to the response
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
@@ -64,7 +65,9 @@ class Trial:
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         whole = log if len(short) < len(log) else None
-        return cls(short, kind, inputs, count, nuisances, spacing, there=there, kept=there, whole=whole)
+        trial = cls(short, kind, inputs, count, nuisances, spacing, there=there, kept=there, whole=whole)
+        share = DECIBEL[kind] if log.relative_noise else 0.0
+        return replace(trial, share=share, spread=trial.uneven(share, short.response)) if share else trial
 
     def uncondensed(self) -> "Trial":
         """The trial over every row of the file, with what is known of its noise but the weights of single rows."""
@@ -75,7 +78,12 @@ class Trial:
         levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
         plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
-        return replace(plain, level=None, spread=None, tail=None, there=there, kept=there, efficiency=told, extra={})
+        spread = plain.uneven(self.share, log.response) if self.share else None
+        return replace(plain, spread=spread, tail=None, there=there, kept=there, efficiency=told, extra={})
+
+    def uneven(self, share: float, response: np.ndarray) -> np.ndarray:
+        """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response."""
+        return np.sqrt(1 - share + share * np.minimum(np.abs(response) / self.scale, 1.0) ** 2)
 
     @property
     def steady(self) -> bool:
@@ -90,6 +98,11 @@ class Trial:
     def rounding(self) -> float:
         """Square of the noise that float64 makes over the log's."""
         return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
+
+    @cached_property
+    def silent(self) -> bool:
+        """The response is the same in every row."""
+        return bool(np.all(self.log.response == self.log.response[0]))
 
     @cached_property
     def driven(self) -> bool:
@@ -155,18 +168,14 @@ class Trial:
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise is a fraction."""
+        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise goes with it."""
         weight = np.sqrt(self.count)
         if self.noise_time > 0 and np.any(self.count > 1):
             # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         weight = weight if self.spread is None else weight / self.spread
-        weight = weight if self.tail is None else weight * np.sqrt(self.tail)
-        if not self.log.relative_noise:
-            return weight
-        level = np.abs(self.log.response) if self.level is None else self.level
-        return weight * self.scale / np.maximum(level, 1e-4 * self.scale)
+        return weight if self.tail is None else weight * np.sqrt(self.tail)
 
     @property
     def parts(self) -> tuple["Trial", ...]:
@@ -348,13 +357,18 @@ def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 
 def freedom(trial: Trial) -> float:
-    """Degrees of freedom of a log's residual: real numbers in it less those of its nuisances."""
+    """Degrees of freedom of a log's residual, at least 1."""
+    return float(max(numbers_left(trial), 1))
+
+
+def numbers_left(trial: Trial) -> int:
+    """Real numbers in a log less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        return float(max(len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late, 1))
+        return len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
     columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
-    return float(max(2 * (len(trial.log) - trial.left_out) - taken, 1))
+    return 2 * (len(trial.log) - trial.left_out) - taken
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:

@@ -13,6 +13,7 @@ from sysid.trial import Trial
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -72,6 +73,10 @@ def noise(trial: Trial) -> str:
             said = f"{', '.join(apart)}, {colours[0]}"
         else:
             said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
+    if trial.share:
+        largest = f"{100 * trial.noise_std * np.sqrt(trial.share) / trial.scale:.2g} % of the response"
+        least = f" and {trial.noise_std * np.sqrt(1 - trial.share):.2g} {unit}" if trial.share < NEARLY_ALL else ""
+        said = f"{said}, {largest}{least}"
     if outliers := trial.left_out - trial.lost:
         return f"{said}, {outliers} outliers left out"
     return said if trial.tail is None else f"{said}, with outliers"

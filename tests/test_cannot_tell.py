@@ -2,9 +2,13 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import sysid
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "cannot_tell.py"
 
@@ -62,3 +66,46 @@ def test_the_record_that_is_asked_for_settles_it(study):
 def test_the_record_that_a_sentence_asks_for_is_read(study, sentence, before, unit, expected):
     found = study.asked(sentence, before, unit)
     assert found is None if expected is None else found == pytest.approx(expected, rel=1e-12)
+
+
+# --- nothing at all ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("points", [2, 3, 4])
+def test_as_many_unknowns_as_numbers_tell_nothing(bench, points):
+    """Of d and q at four points two numbers are left beside G, tau, f0, a rotation and a feedthrough."""
+    for seed in range(5):
+        found = sysid.fit([bench.sweep(seed=seed, frequency=np.linspace(32200, 32400, points))])
+        assert found.result.name == "undetermined" and not any(p.determined for p in found.parameters.values())
+        assert "hardly more than the unknowns" in found.parameters["tau"].why
+
+
+def test_few_points_that_tell_their_noise_are_fitted(bench):
+    z = []
+    for seed in range(40):
+        p = sysid.sample(sysid.fit([bench.sweep(seed=seed, frequency=np.linspace(32200, 32400, 8))])).summary()
+        z += [p[n].ci95[0] < getattr(bench.plant, n) < p[n].ci95[1] for n in ("tau", "f0") if p[n].determined]
+    assert np.mean(z) > 0.86 and len(z) > 60  # of 70 intervals 95 % +- 2.6 % hold the truth: less four of these in both
+
+
+@pytest.mark.parametrize("value", [0.0, 1.5 - 0.2j])
+@pytest.mark.parametrize("kind", ["sweep", "transient"])
+def test_a_response_that_is_the_same_in_every_row_is_called_that(bench, kind, value):
+    log = getattr(bench, kind)()
+    found = sysid.fit([replace(log, response=np.full(len(log), value, complex))])
+    assert found.result.name == "undetermined" and not any(p.determined for p in found.parameters.values())
+    assert "the same in every row" in found.parameters["G"].why
+    assert not any("phase" in w or "late" in w for w in found.warnings)
+    shown = sysid.sample(found).summary()
+    assert not any(p.determined for p in shown.values())
+
+
+@pytest.mark.parametrize("drive", [0.0, 100.0])
+def test_a_line_in_noise_is_no_resonance(bench, drive):
+    """White noise about a constant: some line of it fits a sharp resonance, whose f0 seems to be known."""
+    for seed in range(10):
+        rng, log = np.random.default_rng(seed), bench.transient()
+        noise = 1.0 + rng.standard_normal(len(log)) + 1j * rng.standard_normal(len(log))
+        found = sysid.fit([replace(log, response=noise, drive=np.full(len(log), drive))])
+        assert not found.parameters["f0"].determined or found.result.name == "misfit"
+        assert not found.parameters["tau"].determined

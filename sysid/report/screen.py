@@ -49,7 +49,8 @@ def _logs(logs: list[Mapping[str, Any]]) -> Table:
     table.columns[0].max_width = 30
     for log in logs:
         noise = number(log["noise_std"]) + ("" if log["noise"] == "white" else f", {log['noise']}")
-        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), f"{number(log['nrmse_percent'], '.2f')}%", noise)
+        left = "" if log["nrmse_percent"] is None else f"{log['nrmse_percent']:.2f}%"
+        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), left, noise)
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table
 
