@@ -283,7 +283,8 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     if harmful:
         likely = {f.name: f.sentence for f in reversed(best)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
-    return said, [f"{f.sentence} ({_unharmed(f)})" for f in best[:1]]
+    steps = {i for i, trial in enumerate(state.trials) if wording.coarse(trial)}  # which are no noise, and look like anything
+    return said, [f"{f.sentence} ({_unharmed(f)})" for f in best[:1] if f.log not in steps]
 
 
 def _unharmed(found: Found) -> str:

@@ -109,7 +109,7 @@ class Posterior:
 
 
 @float64
-@np.errstate(over="ignore", invalid="ignore")  # where the model does not describe the logs tau may be anything, its draws infinite
+@np.errstate(over="ignore", invalid="ignore")  # tau of logs that the model does not describe may be anything, draws infinite
 def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0) -> Posterior:
     """The posterior of `fit` at an accuracy: "quick" (its normal approximation, and how far off it is), "standard" (Markov chains
     until 1000 effective draws of each parameter and R-hat below 1.01) or "exact" (10 000, and the density of every row).

@@ -14,6 +14,7 @@ NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
+GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -33,9 +34,20 @@ def assumptions(trial: Trial) -> list[str]:
         )
     if log.amplitude_only and trial.resonant and trial.driven:
         found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
+    if log.drive is None and not trial.steady and _grows(np.abs(log.response)):
+        found.append(
+            "no drive is recorded, and the response grows: taken as one that rings freely, which does not; add a voltage_* or"
+            " drive_* column, with the step"
+        )
     if not trial.resonant and not trial.steady:
         found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
     return found
+
+
+def _grows(size: np.ndarray) -> bool:
+    """Whether a response is larger at its end than at its beginning."""
+    part = max(len(size) // 10, 1)
+    return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
 
 
 def hangs_on_lateness(error: float) -> str:

@@ -206,3 +206,23 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
     both = np.concatenate([up, up[::-1]])
     found = sysid.fit([swept(both, both)])
     assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std
+
+
+def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench):
+    """A plate that rings freely dies away; this response grows from rest."""
+    found = sysid.fit([bench.transient(drive=False)])
+    assert any("no drive is recorded, and the response grows" in w for w in found.warnings)
+    ringing = bench.transient(volts=np.repeat([100.0, 0.0], [60, 180]))
+    kept = {name: getattr(ringing, name)[70:] for name in ("response", "time", "frequency")}
+    free = sysid.fit([replace(ringing, **kept, drive=None, temperature=None)])
+    assert not any("grows" in w for w in free.warnings) and free.parameters["tau"].determined
+
+
+def test_steps_of_a_recorder_are_no_second_resonance(bench):
+    """A twentieth of the response: what it leaves looks like anything, and is named as what it is."""
+    for seed in range(10):
+        log = bench.transient(seed=seed, noise=0.001)
+        coarse = 0.1 * (np.round(log.response.real / 0.1) + 1j * np.round(log.response.imag / 0.1))
+        warnings = sysid.fit([replace(log, response=coarse)]).warnings
+        assert any("recorded in steps of 0.1 um" in w for w in warnings)
+        assert not any("resonance" in w for w in warnings)

@@ -9,7 +9,7 @@ import numpy as np
 PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 ADVICE = {
     "the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance",
-    "the model does not describe the logs": "leave out the logs that the warnings name, or record them again at a smaller drive",
+    "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they name",
     "the logs do not determine tau or G": "the parameters say what to record",
     "the sampler stopped before it reached its criteria": "record a voltage step and a sweep across the resonance",
 }
