@@ -5,7 +5,8 @@ import re
 from collections.abc import Mapping
 
 from sysid import units
-from sysid.csvfile import Head, listed
+from sysid.cells import listed
+from sysid.csvfile import Head
 from sysid.mapping import ANGLES, RESPONSES, is_decibel, split_ending
 
 _WORDS: dict[str, tuple[str, ...]] = {

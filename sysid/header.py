@@ -10,7 +10,8 @@ import math
 from collections.abc import Collection, Mapping
 
 from sysid import units
-from sysid.csvfile import SHOWN, Dialect, Head, LogError, listed, read_head, to_number
+from sysid.cells import SHOWN, Dialect, listed, to_number
+from sysid.csvfile import Head, LogError, read_head
 from sysid.draft import template
 from sysid.mapping import Plan, Source
 

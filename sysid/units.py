@@ -90,6 +90,11 @@ def check_unit(quantity: str, unit: str) -> None:
         raise ValueError(f"found the unit {unit!r}, {expected}{did_you_mean(unit, usual)}")
 
 
+def is_known(unit: str) -> bool:
+    """Whether a text is a unit, of whatever kind."""
+    return unit in _PLAIN or _parse(unit) is not None or re.fullmatch(r"dB\w{0,2}|deg|°", unit) is not None
+
+
 def same_kind(unit: str, other: str) -> bool:
     """Whether values in `unit` can be converted to `other`."""
     if unit == other:

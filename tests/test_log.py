@@ -210,6 +210,78 @@ def test_blocks_and_their_lines(save, monkeypatch):
     refused(save("\n".join(lines)), f"line {lines.index('62500') + 1}", "found 1 columns", "expected 2")
 
 
+# Lines above the header that carry no comment mark
+
+SETTINGS = "Model,MSO4034\nFirmware Version,2.93\n\ntemperature_degC: 80\nplate,B2\nSample Interval,1e-06,\n\nLabel,,\n"
+BARE = "time,voltage,frequency,wd,wq\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "lines"),
+    [
+        pytest.param(SETTINGS + HEADER + ROWS, "lines 1 to 8", id="settings"),
+        pytest.param(SETTINGS + BARE + "s,V,Hz,um,um\n" + ROWS, "lines 1 to 8", id="row of units"),
+        pytest.param(SETTINGS + HEADER.strip() + ",Comment,\n" + ROWS, "Comment", id="a name without a column"),
+        pytest.param("BEGIN CH1_DATA\n" + HEADER + "\n" + ROWS + "END\n\n", "line 1", id="BEGIN and END"),
+        pytest.param("BEGIN\n" + HEADER + ROWS + "END", "line 1", id="END without a line end"),
+        pytest.param((SETTINGS + HEADER + ROWS).replace("\n", "\r\n") + ",,,,\r\nEND\r\n", "lines 1 to 8", id="CR LF"),
+        pytest.param((SETTINGS + HEADER + ROWS).replace(",", "\t").replace(".", ","), "lines 1 to 8", id="decimal commas"),
+        pytest.param("***\nby hand\n" + (HEADER + ROWS).replace(",", "  "), "lines 1 to 2", id="blanks"),
+        pytest.param("sep=;\n" + (HEADER + ROWS).replace(",", ";"), "line 1", id="the word of a spreadsheet"),
+        pytest.param(gzip.compress((SETTINGS + HEADER + ROWS).encode(), mtime=0), "lines 1 to 8", id="gzip"),
+        pytest.param(SETTINGS.encode() + "Messung,größer\n".encode("cp1252") + (HEADER + ROWS).encode(), "1 to 9", id="cp1252"),
+        pytest.param("a,b,c\n" * 190 + HEADER + ROWS, "lines 1 to 190", id="long"),
+    ],
+)
+def test_a_preamble_is_left_out_and_noted(save, monkeypatch, content, lines):
+    for block in (csvfile.BLOCK, 37):
+        monkeypatch.setattr(csvfile, "BLOCK", block)
+        log = read_one(save(content))
+        check_usual(log)
+        assert lines in " ".join(log.notes)
+        assert (log.metadata, log.temperature) == ({}, None)  # what a preamble states changes no fit
+
+
+def test_comments_above_a_preamble_are_metadata(save):
+    log = read_one(save("# temperature_degC: 24\nBEGIN\n# force_N: 3\n" + HEADER + ROWS))
+    assert (log.temperature.tolist(), log.force) == ([24.0] * 3, None)
+
+
+def test_a_row_of_units_below_names_that_are_numbers(save, tmp_path):
+    """As an oscilloscope writes its channels."""
+    (tmp_path / "map.toml").write_text('[columns]\ntime = "x-axis_s"\nvoltage = "1_V"\nw = "2_V"\n')
+    log = read_one(save("x-axis,1,2\ns,V,V\n0,1,2\n1,3,4\n2,5,6\n"), columns=tmp_path / "map.toml")
+    assert (log.time.tolist(), log.drive.tolist(), log.response.tolist()) == ([0, 1, 2], [1, 3, 5], [2, 4, 6])
+
+
+def test_rows_below_a_preamble_are_as_strict(save):
+    text = "BEGIN\n" + HEADER + ROWS
+    refused(save(text + "0.3,5,1,x,0\n"), "line 6", "'wd_um'", "'x'")
+    refused(save(text + "0.3,5,1,0\n"), "line 6", "found 4 columns", "expected 5")
+    refused(save(text + "END\nBEGIN\n" + HEADER + ROWS), "line 6", "found 1 columns")
+    refused(save(text + "END\n" + ROWS), "line 6", "found 1 columns")
+    refused(save(text + "0.3,5,1,0,0,7\nEND\n"), "line 6", "found 6 columns")
+    refused(save(HEADER + ROWS + "END\n"), "line 5", "found 1 columns")  # without a preamble nothing ends
+    refused(save("a,b,c\n" * 200 + HEADER + ROWS), "no response")
+
+
+@pytest.mark.parametrize(
+    ("above", "words"),
+    [
+        (HEADER + "0.0,5.0,x,0.0,0.0\n", ["line 2", "'x'"]),
+        (HEADER + "OL,OL,OL,OL,OL\n", ["line 2", "'OL'"]),
+        (HEADER + "0.0,OL,OL,OL,OL\nOL,OL,OL,OL,OL\n", ["line 3", "'OL'"]),
+        (HEADER + "# voltage is rms\n", ["line 2", "found 1 columns"]),
+        (HEADER + "# s,V,Hz,um,um\n", ["line 2", "'# s'"]),
+        (HEADER + "s,V,Hz,um,um\n", ["line 2", "'s'"]),
+        (HEADER.replace("\n", ",note\n"), ["line 2", "found 5 columns"]),
+        (BARE + "s,V,Hz,um,um\nch1,ch2,ch3,ch4,ch5\n", ["line 3", "'ch1'"]),
+    ],
+)
+def test_a_bad_row_is_no_preamble(save, above, words):
+    refused(save(above + ROWS), *words)
+
+
 # Refusals of cells and rows
 
 

@@ -204,6 +204,10 @@ def test_rows_that_are_not_used_may_hold_anything(read, refused):
         ('delimiter = " "\n', TABLE.replace(",", "   ").replace("\n", " \n  ")),
         ('comment = "%"\n', "% Time: 12\n%\n" + TABLE),
         ("header = true\n", TABLE),
+        ("skip = 0\n", TABLE),
+        ("skip = 1\n", "# temperature_degC: 3\n" + TABLE),
+        ("skip = 3\n", "x: 1\n\x00\xff\n1,2,3,4,5\n# b: c\n" + TABLE),
+        ("", "x: 1\n\ny,2\n" + TABLE.replace(",a", ",0").replace(",b", ",0")),
     ],
 )
 def test_dialects(read, options, table):
@@ -216,6 +220,15 @@ def test_positions_without_header(read):
     table = TABLE.partition("\n")[2]
     near(read("header = false\n" + toml, table)[0], 1j * SIGNAL)
     near(read(toml, "# a comment\n" + table)[0], 1j * SIGNAL)
+
+
+def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
+    table = "# temperature_degC: 80\nx,y\n# plate: A7\n" + TABLE
+    (log,) = read("skip = 2\n" + XY, table)
+    assert (log.metadata, log.temperature) == ({"plate": "A7"}, None)
+    refused("skip = 2\n" + XY, "line 6", "'x'", table=table.replace("200,3", "200,x"))
+    refused("skip = 9\n" + XY, "found 7 lines", "9", table=table)
+    refused("skip = 0\n" + XY, "no column 'f_Hz'", table="BEGIN\n" + TABLE.replace("a", "1").replace("b", "1"))
 
 
 # Refusals
@@ -253,6 +266,9 @@ def test_positions_without_header(read):
         ("phase_sign", "rows = {a = [0, 1]}\nphase_sign", ["rows", "split_by"]),
         ("phase_sign", "split_by = 'sweep'\nrows = {a = 3}\nphase_sign", ["rows", "3", "[first, last]"]),
         ("phase_sign", "split_by = 'sweep'\nrows = {c = [0, 1]}\nphase_sign", ["experiment 'c'", "a, b"]),
+        ("phase_sign", "skip = -1\nphase_sign", ["skip", "-1", "0 or more"]),
+        ("phase_sign", "skip = 1.0\nphase_sign", ["skip", "1.0", "int"]),
+        ("phase_sign", "skip = true\nphase_sign", ["skip", "True"]),
         ("phase_sign", "phase_offset_deg = nan\nphase_sign", ["phase_offset_deg", "finite"]),
         ("phase_sign", 'delimiter = "\\n"\nphase_sign', ["delimiter", "one character"]),
         ("phase_sign", "delimiter = 'é'\nphase_sign", ["delimiter", "one character"]),
