@@ -98,7 +98,7 @@ def read_head(path: str, dialect: Dialect) -> Head:
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))
     start += sum(map(len, raws[:above]))
-    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), top is not None)
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), bool(top and top.names))
 
 
 def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:

@@ -263,14 +263,16 @@ def is_decibel(unit: str) -> bool:
 def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
     """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`, `X_V_rms`)."""
     if is_unit:
-        return units.split_amplitude(text)
+        unit, amplitude = units.split_amplitude(text)
+        return units.short(unit), amplitude
     stem, unit, amplitude = units.split_unit(text)
     if not unit:
         stem, amplitude = units.split_amplitude(stem)
         unit = stem.rpartition("_")[2] if "_" in stem else ""
-    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(units.split_amplitude(unit)[0]):
-        unit = ""  # the library would take S21_re for a temperature in degrees Réaumur
     unit, inner = units.split_amplitude(unit)
+    unit = units.short(unit)
+    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(unit):
+        return "", inner or amplitude  # the library would take S21_re for a temperature in degrees Réaumur
     return unit, inner or amplitude
 
 

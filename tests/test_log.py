@@ -249,8 +249,8 @@ def test_comments_above_a_preamble_are_metadata(save):
 
 def test_a_row_of_units_below_names_that_are_numbers(save, tmp_path):
     """As an oscilloscope writes its channels."""
-    (tmp_path / "map.toml").write_text('[columns]\ntime = "x-axis_s"\nvoltage = "1_V"\nw = "2_V"\n')
-    log = read_one(save("x-axis,1,2\ns,V,V\n0,1,2\n1,3,4\n2,5,6\n"), columns=tmp_path / "map.toml")
+    (tmp_path / "map.toml").write_text('[columns]\ntime = "x-axis_second"\nvoltage = "1_Volt"\nw = "2_Volt"\n')
+    log = read_one(save("x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n"), columns=tmp_path / "map.toml")
     assert (log.time.tolist(), log.drive.tolist(), log.response.tolist()) == ([0, 1, 2], [1, 3, 5], [2, 4, 6])
 
 
@@ -303,6 +303,29 @@ def test_a_row_with_the_wrong_number_of_cells_is_named(save):
 def test_decreasing_time_is_named_and_equal_times_are_not(save):
     refused(save("time_s,w_um\n0,1\n\n2,1\n1,1\n"), "line 5", "'time_s'", "'1'", "not below the one before")
     assert read_one(save("time_s,w_um\n0,1\n1,1\n1,1\n")).time.tolist() == [0, 1, 1]
+
+
+# Units written out
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time (sec),Voltage (Volts),Frequency (Hertz),Wd (micron),Wq (microns)",
+        "time_seconds,voltage_Volt,frequency_hertz,wd_Micrometers,wq_micrometres",
+        "TIME [Second],VOLTAGE [VOLTS] peak,FREQUENCY [Hertz],WD [MicroMeter],WQ [um]",
+        "t (Sec),Volts (Volt),freq_HERTZ,wd_Microns,wq_micron",
+    ],
+)
+def test_units_written_out_are_their_signs(save, header):
+    check_usual(read_one(save(header + "\n" + ROWS)))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kilohertz", 1e3), ("Megahertz", 1e6), ("MHz", 1e6), ("mHz", 1e-3)])
+def test_a_unit_written_out_has_its_prefix(save, unit, factor):
+    log = read_one(save(f"# temperature_Kelvin: 273.15\nfrequency_{unit},w_Volts_rms\n2,1\n"))
+    assert log.frequency[0] == pytest.approx(2 * factor, rel=1e-15)  # one product
+    assert (log.temperature[0], log.response[0], log.response_unit) == (0.0, math.sqrt(2), "V")
 
 
 # Refusals of headers and metadata
