@@ -464,6 +464,10 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
     refused(path, "map.toml", "amplitude", "'?'", columns=tmp_path / "map.toml")
 
 
+SAMPLES = ['kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w']
+KINDS = '  # what the signal shows: "displacement", "velocity", "charge" or "current"'
+
+
 @pytest.mark.parametrize(
     ("content", "lines"),
     [
@@ -479,11 +483,45 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
         ("t\tmag\tphase\n1\t2\t3\n", [
             'delimiter = "\\t"', 'time = { column = "t", unit = "?" }', 'phase = { column = "phase", unit = "?" }',
         ]),
+        ("BEGIN CH1_DATA\nFreq(Hz),S21 Log Mag(dB),S21 Phase(deg)\n1,2,3\n2,3,4\n3,4,5\nEND\n", [
+            'frequency = { column = "Freq(Hz)", unit = "Hz" }', 'magnitude = { column = "S21 Log Mag(dB)", unit = "dB" }',
+            'phase = { column = "S21 Phase(deg)", unit = "deg" }', '# temperature = { column = "?", unit = "?" }',
+        ]),
+        ("x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n", [
+            *SAMPLES, 'time = { column = "x-axis_second", unit = "s" }', 'drive = { column = "1_Volt", unit = "V" }',
+            'response = { column = "2_Volt", unit = "V" }', 'quantity = "?"' + KINDS,
+            '# temperature = { column = "?", unit = "?" }',
+        ]),
+        ("X,CH1,CH2,Start,Increment,,\nSequence,Volt,Volt,-2e-3,1e-6,\n0,1,2,\n1,3,4,\n2,5,6,\n", [
+            *SAMPLES, 'drive = { column = "CH1_Volt", unit = "V" }', "# sample_rate_Hz = 1e6", "# not used: X_Sequence",
+        ]),
+        ("Model,A,B,C\nTIME,CH1,CH2\n0,1,2\n1e-6,3,4\n2e-6,5,6\n", [
+            *SAMPLES, 'time = { column = "TIME", unit = "?" }', 'drive = { column = "CH1", unit = "?" }',
+            'response = { column = "CH2", unit = "?" }',
+        ]),
+        ("Time (us),Velocity [mm/s],Volts\n0,1,2\n1,3,4\n2,5,6\n", [
+            *SAMPLES, 'drive = { column = "Volts", unit = "?" }', 'quantity = "velocity"' + KINDS,
+            'response = { column = "Velocity [mm/s]", unit = "mm/s" }',
+        ]),
+        ("Time (s),a,b\n0,1,2\n1e-3,3,4\n2e-3,5,6\n", ['# x = { column = "a", unit = "?" }']),
     ],
 )  # fmt: skip
 def test_what_a_mapping_is_guessed_from(save, content, lines):
-    text = refused(save(content), "no response").mapping
+    text = refused(save(content)).mapping
     assert not set(lines) - set(text.splitlines()), text
+
+
+def test_the_mapping_of_an_oscilloscope_s_record_reads_it(save, tmp_path):
+    """Once the reader has said what the signal shows."""
+    t = np.arange(4000) * 1e-6
+    drive = np.sin(2 * np.pi * 40e3 * t)
+    rows = "".join(f"{a!r},{b!r},{c!r}\n" for a, b, c in np.transpose([t, drive, 0.1 * drive]).tolist())
+    path = save("x-axis,1,2\nsecond,Volt,Volt\n" + rows)
+    text = refused(path, "no response").mapping
+    assert "phase_sign" not in text and "x =" not in text
+    (tmp_path / "map.toml").write_text(text.replace('quantity = "?"', 'quantity = "displacement"'))
+    log = read_one(path, columns=tmp_path / "map.toml")
+    assert log.frequency[0] == pytest.approx(40e3, rel=1e-6)  # of 160 periods, free of noise
 
 
 def test_a_file_without_header_brings_a_mapping_by_position(save, tmp_path):
