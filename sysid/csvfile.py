@@ -301,9 +301,10 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
         if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):
             unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
             last_line = " (the last line, without a line end: was the file still being written?)" if unfinished else ""
+            model = "the header" if head.dialect.header else f"the first row, line {head.first_line}"
             raise LogError(
                 f"{head.path}, line {line + index}: found {len(cells)} columns{last_line}, "
-                f"expected {len(head.names)} as in the {'header' if head.dialect.header else 'first row'}"
+                f"expected {len(head.names)} as in {model}"
             )
     return [int(line + index) for index in np.flatnonzero(blank)], len(ends)
 

@@ -222,6 +222,13 @@ def test_positions_without_header(read):
     near(read(toml, "# a comment\n" + table)[0], 1j * SIGNAL)
 
 
+def test_a_first_row_of_another_width_is_named(refused):
+    """As where a line of another comment mark stands above the rows."""
+    toml = 'comment = "!"\nheader = false\n[columns]\nfrequency = {column = 0, unit = "Hz"}\nw = {column = 1, unit = "V"}\n'
+    table = "! Keysight\n# HZ S DB R 50\n1 2 3\n2 3 4\n"
+    refused(toml, "line 3: found 3 columns", "expected 6 as in the first row, line 2", table=table)
+
+
 def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
     table = "# temperature_degC: 80\nx,y\n# plate: A7\n" + TABLE
     (log,) = read("skip = 2\n" + XY, table)
