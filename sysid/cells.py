@@ -53,6 +53,11 @@ def is_number(text: str) -> bool:
     return "_" not in text
 
 
+def is_date(text: str) -> bool:
+    """Whether a cell is a day of a calendar, with a time of day or without."""
+    return re.match(r"\d{4}[-/.]\d\d?[-/.]\d\d?(?!\d)", text.strip()) is not None
+
+
 def listed(names: Sequence[str]) -> str:
     """Names in a message: the first of them, where a file has thousands."""
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 
-from sysid.cells import GROUPED, WHITESPACE, Dialect, find_delimiter, is_number, split_line, to_number, with_unit_cells
+from sysid.cells import GROUPED, WHITESPACE, Dialect, find_delimiter, is_date, is_number, split_line, to_number, with_unit_cells
 from sysid.preamble import DEEPEST, find_top, header_line, is_table, left_out
 from sysid.textfile import LogError, open_text, read_line, refuse_binary
 
@@ -133,7 +133,9 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
     with open_text(head.path) as file:
         text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
     cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
-    found = repr(cell) if cell else "an empty cell"
+    found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
+    if is_date(cell):
+        expected += "; of a time, write the seconds since the first row"
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
     raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}{mark}")

@@ -300,6 +300,14 @@ def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
 
 
+@pytest.mark.parametrize("name", ["time", "time_s", "timestamp_s", "Time [s]", "time_date"])
+@pytest.mark.parametrize("date", ["2024-03-01T12:00:00.0001", "2024-03-01 12:00:00Z", "2024-03-01", "2024/3/1 12:00"])
+def test_a_date_for_a_time_is_called_one(save, name, date):
+    path = save(HEADER.replace("time_s", name) + ROWS.replace("0.0,5.0", f"{date},5.0"))
+    error = refused(path, f"column {name!r}", f"found a date {date!r}", "expected", "seconds since the first row")
+    assert error.mapping is None  # which would not help
+
+
 def test_decreasing_time_is_named_and_equal_times_are_not(save):
     refused(save("time_s,w_um\n0,1\n\n2,1\n1,1\n"), "line 5", "'time_s'", "'1'", "not below the one before")
     assert read_one(save("time_s,w_um\n0,1\n1,1\n1,1\n")).time.tolist() == [0, 1, 1]

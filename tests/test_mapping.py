@@ -193,6 +193,11 @@ def test_rows_that_are_not_used_may_hold_anything(read, refused):
     refused("rows = [1, 3]\n" + XY, "line 3", "'X_V'", "'overload'", table=broken)
 
 
+def test_a_date_for_a_time_is_called_one(refused):
+    toml = '[columns]\ntime = {column = "f_Hz", unit = "s"}\nw = "X_V"'
+    refused(toml, "line 3", "a date '2024-03-01T12:00'", "the seconds since", table=TABLE.replace("\n200", "\n2024-03-01T12:00"))
+
+
 # How the file is written
 
 
