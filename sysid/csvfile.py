@@ -134,10 +134,12 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
         text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
     cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
-    if is_date(cell):
-        expected += "; of a time, write the seconds since the first row"
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
+    if is_date(cell):
+        mark += "; of a time, write the seconds since the first row"
+    elif expected == "a finite number":  # of an experiment's rows the numbers are its own
+        mark += _without(row, len(body) if body.keys is None else 0)
     raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}{mark}")
 
 
@@ -241,6 +243,13 @@ def _with_units(line: str, units: str, dialect: Dialect) -> str:
     return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)
 
 
+def _without(row: int, count: int) -> str:
+    """How to do without one row of so many; 0: a mapping file counts them otherwise."""
+    ranges = [edges for edges in ([0, row], [row + 1, count]) if edges[0] < edges[1]]
+    others = f", or read the others by rows = {ranges} in a mapping file" if row < count and ranges else ""
+    return f"; leave the row out of the file{others}"
+
+
 def _blocks(file: BinaryIO, whitespace: bool) -> Iterator[bytes]:
     """The rest of the file in pieces that end at a line end."""
     rest = b""
@@ -304,11 +313,17 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
             unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
             last_line = " (the last line, without a line end: was the file still being written?)" if unfinished else ""
             model = "the header" if head.dialect.header else f"the first row, line {head.first_line}"
+            remark = "; leave it out of the file if it is a remark" if _is_remark(row, cells, head) else ""
             raise LogError(
                 f"{head.path}, line {line + index}: found {len(cells)} columns{last_line}, "
-                f"expected {len(head.names)} as in {model}"
+                f"expected {len(head.names)} as in {model}{remark}"
             )
     return [int(line + index) for index in np.flatnonzero(blank)], len(ends)
+
+
+def _is_remark(row: str, cells: list[str], head: Head) -> bool:
+    """Whether a line among the rows looks like words, not like a row."""
+    return row.startswith(head.dialect.comment) or (len(cells) == 1 and not is_number(cells[0]))
 
 
 def _parse(head: Head, block: bytes, line: int, rows: int, columns: list[int], key: int | None) -> tuple[dict[int, Any], Any]:

@@ -292,6 +292,27 @@ def test_a_bad_cell_is_named(save, cell):
     refused(path, path, "line 4", "'wd_um'", repr(cell) if cell else "an empty cell", "expected a finite number")
 
 
+def test_a_refusal_names_the_way_out(save, tmp_path):
+    rows = "".join(f"{k},{k * k}\n" for k in range(9))
+    table = ("time_s,w_um\n" + rows).replace("\n5,25\n", "\n\n5,nan\n")
+    path = save(table)
+    refused(path, "line 8", "leave the row out of the file, or read the others by rows = [[0, 5], [6, 9]] in a mapping file")
+    (tmp_path / "map.toml").write_text('rows = [[0, 5], [6, 9]]\namplitude = "peak"\n[columns]\ntime = "time_s"\nw = "w_um"\n')
+    assert read_one(path, columns=tmp_path / "map.toml").time.tolist() == [0, 1, 2, 3, 4, 6, 7, 8]
+    refused(save(table.replace("nan", "25").replace("8,64", "8,OL")), "rows = [[0, 8]] in")
+    refused(save(table.replace("nan", "25").replace("0,0", "0,OL")), "rows = [[1, 9]] in")
+    refused(save("time_s,w_um\n0,x\n"), "leave the row out of the file")
+    split = save("time_s,w_um,log\n0,1,a\n1,x,a\n")
+    assert "rows =" not in str(refused(split, "leave the row out of the file"))  # which are counted in each experiment
+    assert "leave the row" not in str(refused(save("time_s,w_um\n2,1\n1,1\n"), "not below"))
+
+
+@pytest.mark.parametrize("remark", ["# pause", "# a,b,c,d,e,f", "pause"])
+def test_a_remark_among_the_rows_is_to_be_left_out(save, remark):
+    refused(save(HEADER + ROWS + remark + "\n" + ROWS), "line 5", "expected 5 as in the header; leave it out of the file")
+    assert "leave it" not in str(refused(save(HEADER + ROWS + "1,2,3,4\n"), "line 5"))
+
+
 def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,")), "line 3", "found 4 columns", "expected 5")
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,5,5,")), "line 3", "found 6 columns", "expected 5")
