@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.csvfile import Dialect, LogError, read_body, read_head
+from sysid.cells import Dialect
+from sysid.csvfile import LogError, read_body, read_head
 from sysid.units import convert
 
 LEAST = 3  # rows

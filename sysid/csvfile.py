@@ -1,38 +1,27 @@
-"""A text table as it lies on the disk: preamble, header, dialect and numbers. It knows lines and cells, no physics.
+"""A text table as it lies on the disk: comments, header, dialect and numbers. It knows lines and cells, no physics.
 
 `read_head` reads down to the first row, `read_body` then the wanted columns, in blocks, so that memory is bounded by
 the numbers themselves. What cannot be read ends in a `LogError` that names the file, the line and the column.
 """
 
-import csv
 import hashlib
 import io
 import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 import numpy as np
 
+from sysid.cells import GROUPED, WHITESPACE, Dialect, find_delimiter, is_date, is_number, split_line, to_number, with_unit_cells
+from sysid.preamble import DEEPEST, find_top, header_line, is_table, left_out
 from sysid.textfile import LogError, open_text, read_line, refuse_binary
 
 BLOCK = 1 << 24  # bytes parsed at a time
-WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
-SHOWN = 20  # names in a message, of files that have thousands
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """How a table is written; None means: see from the file."""
-
-    delimiter: str | None = None
-    comment: str = "#"
-    decimal: str | None = None
-    header: bool | None = None
+SAMPLE = 50  # lines below the header that tell how the numbers are written
 
 
 @dataclass(frozen=True)
@@ -48,6 +37,7 @@ class Head:
     first_line: int  # line number of that byte, counted from 1
     sample: tuple[tuple[str, ...], ...]  # the first rows as text
     notes: tuple[str, ...] = ()
+    preamble: bool = False  # whether lines without a comment mark stand above the header
 
     @property
     def name(self) -> str:
@@ -76,35 +66,27 @@ class Body:
 
 def read_head(path: str, dialect: Dialect) -> Head:
     """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
-    comments, line, offset, number = [], "", 0, 0
-    encoding, notes = "utf-8-sig", []
+    notes: list[str] = []
     with open_text(path) as file:
-        while raw := read_line(path, file, number + 1):
-            offset, number = offset + len(raw), number + 1
-            refuse_binary(path, raw, number)
-            try:
-                line = raw.decode(encoding)
-            except UnicodeDecodeError:
-                encoding = "cp1252"
-                line = raw.decode(encoding, errors="replace")
-                notes.append(f"line {number} is not UTF-8: read as Windows-1252")
-            encoding = encoding.removesuffix("-sig")
-            if line.startswith(dialect.comment):
-                comments.append(line[len(dialect.comment) :].strip())
-            elif line.replace(",", "").replace(";", "").strip():
-                break
-        else:
-            raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
-        below = list(itertools.takewhile(bool, (read_line(path, file, number + k) for k in range(1, 51))))
-    following = [text.decode("utf-8", errors="replace") for text in below]
-    if dialect.header is False or (dialect.header is None and _holds_numbers(line, dialect)):
-        offset, number, following = offset - len(raw), number - 1, [line, *following]
-        line, comments = _header_in_comments(comments, following[0], dialect)
-    elif dialect.header is None and _is_unit_row(line, following, dialect):
-        line, offset, number = _with_units(line, following[0], dialect), offset + len(below[0]), number + 1
-        following = following[1:]
-    delimiter = dialect.delimiter or _find_delimiter(line.strip() or following[0])
-    rows = tuple(tuple(split_line(text, delimiter)) for text in following if text.strip())
+        comments, line, raw, number, encoding = _read_comments(path, file, dialect, notes)
+        start = file.tell() - len(raw)
+        raws = [raw, *_read_lines(path, file, number, SAMPLE)]
+        lines = [line, *(text.decode("utf-8", errors="replace") for text in raws[1:])]
+        top = None
+        if dialect.skip is None and dialect.header is not False and not is_table(lines, dialect):
+            raws += _read_lines(path, file, number + SAMPLE, DEEPEST - SAMPLE)
+            lines += [text.decode("utf-8", errors="replace") for text in raws[len(lines) :]]
+            top = find_top(lines, dialect)
+    if top:
+        if top.names:
+            lines[top.names] = _decoded(raws[top.names], encoding, number + top.names, notes)[0]
+        notes += left_out(lines, number, top)
+        line, above = header_line(lines, top), top.names + top.units + 1
+        dialect = replace(dialect, delimiter=top.delimiter)
+    else:
+        line, above, comments = _usual_header(lines, comments, dialect)
+    delimiter = dialect.delimiter or find_delimiter(line.strip() or lines[above])
+    rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
     if not rows:
         raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
@@ -115,7 +97,8 @@ def read_head(path: str, dialect: Dialect) -> Head:
     metadata, repeated = _metadata(comments)
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))
-    return Head(path, metadata, repeated, names, known, offset, number + 1, rows, tuple(notes))
+    start += sum(map(len, raws[:above]))
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), bool(top and top.names))
 
 
 def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
@@ -128,7 +111,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None) -> Body:
         digest = hashlib.file_digest(raw, "sha256").hexdigest()
     with open_text(head.path) as file:
         file.seek(head.start)
-        for block in _blocks(file, head.dialect.delimiter == WHITESPACE):
+        for block in _without_end(_blocks(file, head.dialect.delimiter == WHITESPACE), head):
             blank, count = _check_counts(head, block, line)
             blank_lines += blank
             if rows := count - len(blank):
@@ -150,46 +133,59 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
     with open_text(head.path) as file:
         text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
     cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
-    found = repr(cell) if cell else "an empty cell"
+    found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
+    if is_date(cell):
+        mark += "; of a time, write the seconds since the first row"
+    elif expected == "a finite number":  # of an experiment's rows the numbers are its own
+        mark += _without(row, len(body) if body.keys is None else 0)
     raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}{mark}")
 
 
-def split_line(text: str, delimiter: str) -> list[str]:
-    """The cells of one line; quotes are understood."""
-    if delimiter == WHITESPACE:
-        text = " ".join(text.split())
-    text = text.rstrip("\r\n").replace("\r", " ")
-    if '"' not in text:  # the library takes no cell of more than 131072 characters
-        return [cell.lstrip(" ") for cell in text.split(delimiter)] if text else []
-    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+def _read_comments(path: str, file: BinaryIO, dialect: Dialect, notes: list[str]) -> tuple[list[str], str, bytes, int, str]:
+    """The comments at the top; the first line below them as text, as bytes and by its number; the encoding of those below it."""
+    comments: list[str] = []
+    number, skip, encoding = 0, dialect.skip or 0, "utf-8-sig"
+    while raw := read_line(path, file, number + 1):
+        number += 1
+        if number <= skip:
+            continue
+        refuse_binary(path, raw, number)
+        line, encoding = _decoded(raw, encoding, number, notes)
+        if line.startswith(dialect.comment):
+            comments.append(line[len(dialect.comment) :].strip())
+        elif line.replace(",", "").replace(";", "").strip():
+            return comments, line, raw, number, encoding
+    if skip and number:
+        raise LogError(f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows")
+    raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
 
 
-def to_number(text: str, decimal: str = ".") -> float:
-    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands."""
-    text = text.strip()
-    if "_" in text or (decimal == "," and "." in text and _GROUPED.fullmatch(text)):
-        return math.nan
+def _read_lines(path: str, file: BinaryIO, number: int, count: int) -> list[bytes]:
+    """The lines below line `number`, where the file stands: `count` of them, or fewer at its end."""
+    return list(itertools.takewhile(bool, (read_line(path, file, number + k) for k in range(1, count + 1))))
+
+
+def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[str, str]:
+    """A line as text, and the encoding of the lines below it; `notes` gets one where that is not UTF-8."""
     try:
-        return float(text.replace(decimal, "."))
-    except ValueError:
-        return math.nan
+        line = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "cp1252"
+        line = raw.decode(encoding, errors="replace")
+        notes.append(f"line {number} is not UTF-8: read as Windows-1252")
+    return line, encoding.removesuffix("-sig")
 
 
-def is_number(text: str) -> bool:
-    """Whether a cell is a number (nan and inf included), whichever its decimal mark."""
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return "_" not in text
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names in a message: the first of them, where a file has thousands."""
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return ", ".join(names[:SHOWN]) + more
+def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tuple[str, int, list[str]]:
+    """The header of a table that begins with the first line ("": none), how many lines are above its rows, and the comments."""
+    if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
+        line, comments = _header_in_comments(comments, lines[0], dialect)
+        return line, 0, comments
+    if dialect.header is None and _is_unit_row(lines[0], lines[1:], dialect):
+        return _with_units(lines[0], lines[1], dialect), 2, comments
+    return lines[0], 1, comments
 
 
 def _metadata(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
@@ -203,20 +199,12 @@ def _metadata(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
     return found, frozenset(key for key in found if len(values[key.casefold()]) > 1)
 
 
-def _find_delimiter(line: str) -> str:
-    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab, else blanks."""
-    for mark in ",;\t ":
-        if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
-            return mark
-    return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
-
-
 def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
     """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns."""
     if delimiter == ",":
         return "."
     commas = [cell.strip() for row in rows for cell in row if "," in cell and not math.isnan(to_number(cell, ","))]
-    if commas and all(map(_GROUPED.fullmatch, commas)):
+    if commas and all(map(GROUPED.fullmatch, commas)):
         raise LogError(
             f"{path}: found {commas[0]!r}, which is {commas[0].replace(',', '.')} with a decimal comma and"
             f" {commas[0].replace(',', '')} otherwise; expected that a mapping file says decimal = ',' or '.'"
@@ -226,13 +214,13 @@ def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) 
 
 def _holds_numbers(line: str, dialect: Dialect) -> bool:
     """Whether a line is a row, not a header: no name is a number."""
-    return any(map(is_number, split_line(line, dialect.delimiter or _find_delimiter(line))))
+    return any(map(is_number, split_line(line, dialect.delimiter or find_delimiter(line))))
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
     """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it so)."""
     if comments and dialect.header is None:
-        delimiter = dialect.delimiter or _find_delimiter(row)
+        delimiter = dialect.delimiter or find_delimiter(row)
         width = len(split_line(row, delimiter))
         if width > 1 and len(split_line(comments[-1], delimiter)) == width:
             return comments[-1], comments[:-1]
@@ -243,7 +231,7 @@ def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     """Whether the line below the header holds units: short texts and no number, where the header has names alone."""
     if not following:
         return False
-    delimiter = dialect.delimiter or _find_delimiter(line)
+    delimiter = dialect.delimiter or find_delimiter(line)
     names, units = split_line(line, delimiter), split_line(following[0], delimiter)
     bare = not any(re.search(r"[_\[(]", name) for name in names)
     texts = [unit.strip() for unit in units if unit.strip()]
@@ -251,13 +239,15 @@ def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
 
 
 def _with_units(line: str, units: str, dialect: Dialect) -> str:
-    delimiter = dialect.delimiter or _find_delimiter(line)
-    pairs = zip(split_line(line, delimiter), split_line(units, delimiter), strict=True)
-    named = io.StringIO()
-    csv.writer(named, delimiter=delimiter).writerow(
-        [f"{name.strip()}_{unit.strip(' []()')}" if unit.strip() else name for name, unit in pairs]
-    )
-    return named.getvalue().strip()
+    delimiter = dialect.delimiter or find_delimiter(line)
+    return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)
+
+
+def _without(row: int, count: int) -> str:
+    """How to do without one row of so many; 0: a mapping file counts them otherwise."""
+    ranges = [edges for edges in ([0, row], [row + 1, count]) if edges[0] < edges[1]]
+    others = f", or read the others by rows = {ranges} in a mapping file" if row < count and ranges else ""
+    return f"; leave the row out of the file{others}"
 
 
 def _blocks(file: BinaryIO, whitespace: bool) -> Iterator[bytes]:
@@ -271,6 +261,29 @@ def _blocks(file: BinaryIO, whitespace: bool) -> Iterator[bytes]:
             rest = whole + rest
     if rest:
         yield _single_blanks(rest) if whitespace else rest
+
+
+def _without_end(blocks: Iterator[bytes], head: Head) -> Iterator[bytes]:
+    """The blocks without what is no row below the last one: delimiters and blanks alone, and the END that a preamble began."""
+    nothing = f" \t\r\n{head.dialect.delimiter}".encode()
+    held = b""  # until something follows: only the file's end tells which row is the last
+    for block in blocks:
+        if held and block.strip(nothing):
+            yield held
+            held = block
+        else:
+            held += block
+    held = held[: _end_of_line(held, len(held.rstrip(nothing)))]
+    above, _, last = held.rstrip().rpartition(b"\n")
+    if head.preamble and re.fullmatch(rb"[A-Za-z][\w ]*", last):
+        held = above[: len(above.rstrip(nothing))] + b"\n"
+    if held.strip(nothing):
+        yield held
+
+
+def _end_of_line(block: bytes, place: int) -> int:
+    """Where the line that holds the byte before `place` ends."""
+    return (block.find(b"\n", place) + 1 or len(block)) if place else 0
 
 
 def _single_blanks(block: bytes) -> bytes:
@@ -299,11 +312,18 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
         if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):
             unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
             last_line = " (the last line, without a line end: was the file still being written?)" if unfinished else ""
+            model = "the header" if head.dialect.header else f"the first row, line {head.first_line}"
+            remark = "; leave it out of the file if it is a remark" if _is_remark(row, cells, head) else ""
             raise LogError(
                 f"{head.path}, line {line + index}: found {len(cells)} columns{last_line}, "
-                f"expected {len(head.names)} as in the {'header' if head.dialect.header else 'first row'}"
+                f"expected {len(head.names)} as in {model}{remark}"
             )
     return [int(line + index) for index in np.flatnonzero(blank)], len(ends)
+
+
+def _is_remark(row: str, cells: list[str], head: Head) -> bool:
+    """Whether a line among the rows looks like words, not like a row."""
+    return row.startswith(head.dialect.comment) or (len(cells) == 1 and not is_number(cells[0]))
 
 
 def _parse(head: Head, block: bytes, line: int, rows: int, columns: list[int], key: int | None) -> tuple[dict[int, Any], Any]:

@@ -3,13 +3,17 @@
 import json
 import re
 from collections.abc import Mapping
+from itertools import pairwise
+from statistics import median
 
 from sysid import units
-from sysid.csvfile import Head, listed
+from sysid.cells import listed, to_number
+from sysid.csvfile import Head
 from sysid.mapping import ANGLES, RESPONSES, is_decibel, split_ending
 
+QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 _WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit"),
+    "time": ("t", "time", "timestamp", "zeit", "x-axis"),
     "frequency": ("f", "freq", "frequency", "frequenz"),
     "temperature": ("temp", "temperature", "t"),
     "force": ("force",),
@@ -28,48 +32,106 @@ _WORDS: dict[str, tuple[str, ...]] = {
 def template(head: Head) -> str:
     """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
     guessed = _guess(head.names)
+    waveform = _waveform(head, guessed)
     lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
     if not head.dialect.header:
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
-    lines += ['# kind = "steady"  # or "transient"']
-    lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
-    if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
-        quantity = _quantity(head, guessed)
-        lines += [f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"']
-        if "phase" in guessed or "magnitude" not in guessed:
-            lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
+    lines += _of_samples(head, waveform) if waveform else _of_rows(head, guessed)
     dialect = head.dialect
     lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
     lines += ['decimal = ","'] if dialect.decimal == "," else []
     lines += [f"comment = {_quote(dialect.comment)}"] if dialect.comment != "#" else []
     lines += ["", "[columns]"]
-    for name, index in guessed.items():
-        label = head.names[index]
-        unit = split_ending(label, False)[0]
-        column = _quote(label) if head.names.count(label) == 1 else str(index)
-        lines.append(f"{name} = {{ column = {column}, unit = {_quote(unit if _fits(name, unit) else '?')} }}")
-    missing = [name for name in ("time", "frequency", "voltage", "temperature") if name not in guessed]
-    missing += [] if guessed.keys() & {"x", "w", "wd", "magnitude"} else ["x", "y"]
-    example = _quote(head.names[0]) if head.names[0] else "0"
-    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
-    unused = [name or str(index) for index, name in enumerate(head.names) if index not in guessed.values()]
-    lines += [f"# not used: {_in_comment(listed(unused))}"] if unused else []
-    return "\n".join([*lines, "", "# [constants]", '# voltage = "1 V"', '# temperature = "20 degC"', ""])
+    found = waveform or guessed
+    lines += [_column(head, name, index) for name, index in found.items()]
+    unused = [index for index in range(len(head.names)) if index not in found.values()]
+    example = _place(head, unused[0]) if unused else '"?"'
+    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in _missing(found)]
+    lines += [f"# not used: {_in_comment(listed([head.names[index] or str(index) for index in unused]))}"] if unused else []
+    lines += ["", "# [constants]"] + ([] if waveform else ['# voltage = "1 V"']) + ['# temperature = "20 degC"']
+    lines += ["", "# [metadata]", "# sample_rate_Hz = 1e6"] if waveform and "time" not in waveform else []
+    return "\n".join([*lines, ""])
 
 
-def _quantity(head: Head, guessed: Mapping[str, int]) -> str:
-    """What a signal shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
-    index = guessed.get("x", guessed.get("magnitude"))
+def _of_rows(head: Head, guessed: Mapping[str, int]) -> list[str]:
+    """What is to be said of rows of amplitudes."""
+    lines = ['# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier']
+    lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
+    if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
+        lines += [_quantity(head, guessed.get("x", guessed.get("magnitude")))]
+        if "phase" in guessed or "magnitude" not in guessed:
+            lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
+    return lines
+
+
+def _of_samples(head: Head, waveform: Mapping[str, int]) -> list[str]:
+    """What is to be said of raw samples."""
+    kind = 'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
+    return [
+        kind,
+        _quantity(head, waveform["response"]),
+        "# which of the columns is the drive, and which the response, is a guess",
+    ]
+
+
+def _column(head: Head, name: str, index: int) -> str:
+    unit = split_ending(head.names[index], False)[0]
+    return f"{name} = {{ column = {_place(head, index)}, unit = {_quote(unit if _fits(name, unit) else '?')} }}"
+
+
+def _place(head: Head, index: int) -> str:
+    """A column by its name, or by its position where the name does not tell."""
+    label = head.names[index]
+    return _quote(label) if label and head.names.count(label) == 1 else str(index)
+
+
+def _missing(found: Mapping[str, int]) -> list[str]:
+    if "response" in found:
+        return [name for name in ("time", "frequency", "temperature") if name not in found]
+    missing = [name for name in ("time", "frequency", "voltage", "temperature") if name not in found]
+    return missing + ([] if found.keys() & {"x", "w", "wd", "magnitude"} else ["x", "y"])
+
+
+def _waveform(head: Head, guessed: Mapping[str, int]) -> dict[str, int]:
+    """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes, or a column
+    beside two of volts. Empty for any other file."""
+    time = guessed.get("time")
+    others = [index for index in range(len(head.names)) if index != time]
+    volts = [index for index in others if _fits("voltage", split_ending(head.names[index], False)[0])]
+    pair = len(head.names) == 3 and len(volts) == 2
+    quick = time is not None and 0 < _step(head, time) < QUICK
+    if guessed.keys() & {"wd", "x", "magnitude", "frequency"} or len(others) < 2 or not (pair or quick):
+        return {}
+    others = volts if pair else others
+    drive = guessed.get("voltage", next(index for index in others if index != guessed.get("w")))
+    response = guessed.get("w", next(index for index in others if index != drive))
+    return ({} if time is None else {"time": time}) | {"drive": drive, "response": response}
+
+
+def _step(head: Head, time: int) -> float:
+    """Seconds between the first rows; of a column that does not say its unit, as if it held seconds."""
+    numbers = [to_number(row[time], str(head.dialect.decimal)) for row in head.sample if len(row) > time]
+    unit = split_ending(head.names[time], False)[0]
+    steps = [after - before for before, after in pairwise(numbers)]
+    return float(units.convert(median(steps), unit if _fits("time", unit) else "s", "s")) if steps else 0.0
+
+
+def _quantity(head: Head, index: int | None) -> str:
+    """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
     unit = split_ending(head.names[index], False)[0] if index is not None else ""
     kinds = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A"}
-    return next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
+    quantity = next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
+    return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"'
 
 
 def _guess(names: tuple[str, ...]) -> dict[str, int]:
     """Which column is probably which, from the first word of its name; a response only when it is whole."""
     guessed: dict[str, int] = {}
+    polar = {*_WORDS["magnitude"], *_WORDS["phase"]}  # often behind the name of a channel or a parameter
+    known = {word for words in _WORDS.values() for word in words}
     for index, label in enumerate(names):
-        word = re.split(r"[\s_\[(]", label.strip().casefold(), maxsplit=1)[0]
+        words = re.split(r"[\s_\[(]", label.strip().casefold())
+        word = next((later for later in words if words[0] not in known and later in polar), words[0])
         ending = label.casefold().rpartition("_")[2]
         word = ending if ending in ("re", "im") else "" if "_err" in label.casefold() else word
         for name in (name for name, words in _WORDS.items() if word in words and name not in guessed):

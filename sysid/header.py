@@ -10,7 +10,8 @@ import math
 from collections.abc import Collection, Mapping
 
 from sysid import units
-from sysid.csvfile import SHOWN, Dialect, Head, LogError, listed, read_head, to_number
+from sysid.cells import SHOWN, Dialect, is_date, listed, to_number
+from sysid.csvfile import Head, LogError, read_head
 from sysid.draft import template
 from sysid.mapping import Plan, Source
 
@@ -101,6 +102,10 @@ def _add_source(head: Head, sources: dict[str, Source], label: str, source: Sour
     try:
         units.check_unit(name.quantity, name.unit)
     except ValueError as error:
+        first = head.sample[0][source.column].strip() if source.column is not None and source.column < len(head.sample[0]) else ""
+        if name.quantity == "time" and is_date(first):
+            expected = "seconds; write the seconds since the first row, and call the column time_s"
+            raise LogError(f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}") from None
         raise LogError(f"{head.path}, column {label!r}: {error}", template(head)) from None
     same = DRIVES if name.quantity in DRIVES else (name.quantity,)
     if double := next((sources[quantity] for quantity in same if quantity in sources), None):

@@ -24,7 +24,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from sysid import units
-from sysid.csvfile import Body, Dialect, Head, LogError, listed, read_body, read_head, refuse_cell
+from sysid.cells import Dialect, listed
+from sysid.csvfile import Body, Head, LogError, read_body, read_head, refuse_cell
 from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, refuse_repeated, stated
 from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
 from sysid.textfile import unchanged

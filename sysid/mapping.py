@@ -11,6 +11,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     decimal = ","                       # left out: seen from the first rows
     comment = "%"                       # lines above the header that begin so are metadata; "#" unless stated
     header = true                       # false: the first line holds numbers already; left out: seen from it
+    skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
 
@@ -49,7 +50,8 @@ from typing import Any
 import numpy as np
 
 from sysid import units
-from sysid.csvfile import Dialect, Head, LogError, listed, to_number
+from sysid.cells import Dialect, listed, to_number
+from sysid.csvfile import Head, LogError
 
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
@@ -58,7 +60,7 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
     "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
-    "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
+    "skip": (int,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
 }  # fmt: skip
 _WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
@@ -128,7 +130,7 @@ class MappingFile:
             self.options.get("quantity", "displacement"),
             self.options.get("phase_sign", 1),
             math.radians(self.options.get("phase_offset_deg", 0.0)),
-            self._notes(sources),
+            (*head.notes, *self._notes(sources)),
         )
 
     def _position(self, key: str, column: str | int, head: Head) -> int:
@@ -211,7 +213,9 @@ def load_mapping(path: str | Path) -> MappingFile:
     delimiter = options.get("delimiter")
     if (delimiter is not None and not re.fullmatch(r"[ -~\t]", delimiter)) or delimiter in ('"', "."):
         raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character such as ; or a tab")
-    dialect = Dialect(delimiter, options.get("comment", "#"), options.get("decimal"), options.get("header"))
+    if options.get("skip", 0) < 0:
+        raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
+    dialect = Dialect(delimiter, options.get("comment", "#"), *(options.get(key) for key in ("decimal", "header", "skip")))
     return MappingFile(str(path), options, dialect)
 
 
@@ -259,14 +263,16 @@ def is_decibel(unit: str) -> bool:
 def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
     """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`, `X_V_rms`)."""
     if is_unit:
-        return units.split_amplitude(text)
+        unit, amplitude = units.split_amplitude(text)
+        return units.short(unit), amplitude
     stem, unit, amplitude = units.split_unit(text)
     if not unit:
         stem, amplitude = units.split_amplitude(stem)
         unit = stem.rpartition("_")[2] if "_" in stem else ""
-    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(units.split_amplitude(unit)[0]):
-        unit = ""  # the library would take S21_re for a temperature in degrees Réaumur
     unit, inner = units.split_amplitude(unit)
+    unit = units.short(unit)
+    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(unit):
+        return "", inner or amplitude  # the library would take S21_re for a temperature in degrees Réaumur
     return unit, inner or amplitude
 
 

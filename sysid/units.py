@@ -30,6 +30,14 @@ _PLAIN = ("um", "nm", "mm", "m", "m/s", "mm/s", "um/s", "V", "mV", "uV", "A", "m
 LONGEST = 60  # characters in a unit
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
 _ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF", "Ω": "ohm"}
+# Units written out, in one or more, with or without a capital, and their signs.
+_FULL = {
+    "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um", "newton": "N",
+    "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad", "percent": "%",
+    "minute": "min", "hour": "h",
+}  # fmt: skip
+_PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
+_WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
 _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
 _AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
 
@@ -49,11 +57,11 @@ def parse_name(label: str) -> Name | None:
     if quantity not in QUANTITIES:
         return None
     if quantity == "duty":
-        return Name(quantity, unit or "1", "peak")
+        return Name(quantity, short(unit) or "1", "peak")
     if quantity in AMPLITUDES:
         unit, stated = split_amplitude(unit)
         amplitude = stated or amplitude
-    return Name(quantity, unit, amplitude or "peak")
+    return Name(quantity, short(unit), amplitude or "peak")
 
 
 def split_unit(label: str) -> tuple[str, str, str]:
@@ -74,6 +82,12 @@ def split_amplitude(unit: str) -> tuple[str, str]:
     return (found["unit"], found["amplitude"].lower()) if found else (unit, "")
 
 
+def short(unit: str) -> str:
+    """The sign of a unit that is written out: `Volts` is `V`, `kilohertz` is `kHz`. Any other text as it is."""
+    found = _WRITTEN.fullmatch(unit)
+    return _PREFIXES[found[1].casefold()] + _FULL[found[2].casefold()] if found else unit
+
+
 def check_unit(quantity: str, unit: str) -> None:
     """Raise ValueError when `unit` is unknown or of the wrong kind for `quantity`, with what was expected."""
     reference = REFERENCE.get(quantity)
@@ -88,6 +102,11 @@ def check_unit(quantity: str, unit: str) -> None:
     parsed = _parse(unit)
     if parsed is None or (reference and parsed.dimensionality != _parse(reference).dimensionality):
         raise ValueError(f"found the unit {unit!r}, {expected}{did_you_mean(unit, usual)}")
+
+
+def is_known(unit: str) -> bool:
+    """Whether a text is a unit, of whatever kind."""
+    return unit in _PLAIN or _parse(unit) is not None or re.fullmatch(r"dB\w{0,2}|deg|°", unit) is not None
 
 
 def same_kind(unit: str, other: str) -> bool:
@@ -142,7 +161,7 @@ def _parse(unit: str) -> Any:
     if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit):
         return None
     try:
-        parsed = _registry().parse_units(_ALIASES.get(unit, unit))
+        parsed = _registry().parse_units(_ALIASES.get(unit) or short(unit))
         return parsed if parsed.dimensionality is not None else None  # of nepers times kelvin there is none: it raises
     except Exception:  # pint answers odd text with AttributeError, ValueError, AssertionError and tokenizer errors
         return None

@@ -16,6 +16,8 @@ ORDER = [
     "precision",
     "units",
     "textfile",
+    "cells",
+    "preamble",
     "csvfile",
     "mapping",
     "draft",

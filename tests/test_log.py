@@ -210,6 +210,78 @@ def test_blocks_and_their_lines(save, monkeypatch):
     refused(save("\n".join(lines)), f"line {lines.index('62500') + 1}", "found 1 columns", "expected 2")
 
 
+# Lines above the header that carry no comment mark
+
+SETTINGS = "Model,MSO4034\nFirmware Version,2.93\n\ntemperature_degC: 80\nplate,B2\nSample Interval,1e-06,\n\nLabel,,\n"
+BARE = "time,voltage,frequency,wd,wq\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "lines"),
+    [
+        pytest.param(SETTINGS + HEADER + ROWS, "lines 1 to 8", id="settings"),
+        pytest.param(SETTINGS + BARE + "s,V,Hz,um,um\n" + ROWS, "lines 1 to 8", id="row of units"),
+        pytest.param(SETTINGS + HEADER.strip() + ",Comment,\n" + ROWS, "Comment", id="a name without a column"),
+        pytest.param("BEGIN CH1_DATA\n" + HEADER + "\n" + ROWS + "END\n\n", "line 1", id="BEGIN and END"),
+        pytest.param("BEGIN\n" + HEADER + ROWS + "END", "line 1", id="END without a line end"),
+        pytest.param((SETTINGS + HEADER + ROWS).replace("\n", "\r\n") + ",,,,\r\nEND\r\n", "lines 1 to 8", id="CR LF"),
+        pytest.param((SETTINGS + HEADER + ROWS).replace(",", "\t").replace(".", ","), "lines 1 to 8", id="decimal commas"),
+        pytest.param("***\nby hand\n" + (HEADER + ROWS).replace(",", "  "), "lines 1 to 2", id="blanks"),
+        pytest.param("sep=;\n" + (HEADER + ROWS).replace(",", ";"), "line 1", id="the word of a spreadsheet"),
+        pytest.param(gzip.compress((SETTINGS + HEADER + ROWS).encode(), mtime=0), "lines 1 to 8", id="gzip"),
+        pytest.param(SETTINGS.encode() + "Messung,größer\n".encode("cp1252") + (HEADER + ROWS).encode(), "1 to 9", id="cp1252"),
+        pytest.param("a,b,c\n" * 190 + HEADER + ROWS, "lines 1 to 190", id="long"),
+    ],
+)
+def test_a_preamble_is_left_out_and_noted(save, monkeypatch, content, lines):
+    for block in (csvfile.BLOCK, 37):
+        monkeypatch.setattr(csvfile, "BLOCK", block)
+        log = read_one(save(content))
+        check_usual(log)
+        assert lines in " ".join(log.notes)
+        assert (log.metadata, log.temperature) == ({}, None)  # what a preamble states changes no fit
+
+
+def test_comments_above_a_preamble_are_metadata(save):
+    log = read_one(save("# temperature_degC: 24\nBEGIN\n# force_N: 3\n" + HEADER + ROWS))
+    assert (log.temperature.tolist(), log.force) == ([24.0] * 3, None)
+
+
+def test_a_row_of_units_below_names_that_are_numbers(save, tmp_path):
+    """As an oscilloscope writes its channels."""
+    (tmp_path / "map.toml").write_text('[columns]\ntime = "x-axis_second"\nvoltage = "1_Volt"\nw = "2_Volt"\n')
+    log = read_one(save("x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n"), columns=tmp_path / "map.toml")
+    assert (log.time.tolist(), log.drive.tolist(), log.response.tolist()) == ([0, 1, 2], [1, 3, 5], [2, 4, 6])
+
+
+def test_rows_below_a_preamble_are_as_strict(save):
+    text = "BEGIN\n" + HEADER + ROWS
+    refused(save(text + "0.3,5,1,x,0\n"), "line 6", "'wd_um'", "'x'")
+    refused(save(text + "0.3,5,1,0\n"), "line 6", "found 4 columns", "expected 5")
+    refused(save(text + "END\nBEGIN\n" + HEADER + ROWS), "line 6", "found 1 columns")
+    refused(save(text + "END\n" + ROWS), "line 6", "found 1 columns")
+    refused(save(text + "0.3,5,1,0,0,7\nEND\n"), "line 6", "found 6 columns")
+    refused(save(HEADER + ROWS + "END\n"), "line 5", "found 1 columns")  # without a preamble nothing ends
+    refused(save("a,b,c\n" * 200 + HEADER + ROWS), "no response")
+
+
+@pytest.mark.parametrize(
+    ("above", "words"),
+    [
+        (HEADER + "0.0,5.0,x,0.0,0.0\n", ["line 2", "'x'"]),
+        (HEADER + "OL,OL,OL,OL,OL\n", ["line 2", "'OL'"]),
+        (HEADER + "0.0,OL,OL,OL,OL\nOL,OL,OL,OL,OL\n", ["line 3", "'OL'"]),
+        (HEADER + "# voltage is rms\n", ["line 2", "found 1 columns"]),
+        (HEADER + "# s,V,Hz,um,um\n", ["line 2", "'# s'"]),
+        (HEADER + "s,V,Hz,um,um\n", ["line 2", "'s'"]),
+        (HEADER.replace("\n", ",note\n"), ["line 2", "found 5 columns"]),
+        (BARE + "s,V,Hz,um,um\nch1,ch2,ch3,ch4,ch5\n", ["line 3", "'ch1'"]),
+    ],
+)
+def test_a_bad_row_is_no_preamble(save, above, words):
+    refused(save(above + ROWS), *words)
+
+
 # Refusals of cells and rows
 
 
@@ -220,6 +292,27 @@ def test_a_bad_cell_is_named(save, cell):
     refused(path, path, "line 4", "'wd_um'", repr(cell) if cell else "an empty cell", "expected a finite number")
 
 
+def test_a_refusal_names_the_way_out(save, tmp_path):
+    rows = "".join(f"{k},{k * k}\n" for k in range(9))
+    table = ("time_s,w_um\n" + rows).replace("\n5,25\n", "\n\n5,nan\n")
+    path = save(table)
+    refused(path, "line 8", "leave the row out of the file, or read the others by rows = [[0, 5], [6, 9]] in a mapping file")
+    (tmp_path / "map.toml").write_text('rows = [[0, 5], [6, 9]]\namplitude = "peak"\n[columns]\ntime = "time_s"\nw = "w_um"\n')
+    assert read_one(path, columns=tmp_path / "map.toml").time.tolist() == [0, 1, 2, 3, 4, 6, 7, 8]
+    refused(save(table.replace("nan", "25").replace("8,64", "8,OL")), "rows = [[0, 8]] in")
+    refused(save(table.replace("nan", "25").replace("0,0", "0,OL")), "rows = [[1, 9]] in")
+    refused(save("time_s,w_um\n0,x\n"), "leave the row out of the file")
+    split = save("time_s,w_um,log\n0,1,a\n1,x,a\n")
+    assert "rows =" not in str(refused(split, "leave the row out of the file"))  # which are counted in each experiment
+    assert "leave the row" not in str(refused(save("time_s,w_um\n2,1\n1,1\n"), "not below"))
+
+
+@pytest.mark.parametrize("remark", ["# pause", "# a,b,c,d,e,f", "pause"])
+def test_a_remark_among_the_rows_is_to_be_left_out(save, remark):
+    refused(save(HEADER + ROWS + remark + "\n" + ROWS), "line 5", "expected 5 as in the header; leave it out of the file")
+    assert "leave it" not in str(refused(save(HEADER + ROWS + "1,2,3,4\n"), "line 5"))
+
+
 def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,")), "line 3", "found 4 columns", "expected 5")
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,5,5,")), "line 3", "found 6 columns", "expected 5")
@@ -228,9 +321,40 @@ def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
 
 
+@pytest.mark.parametrize("name", ["time", "time_s", "timestamp_s", "Time [s]", "time_date"])
+@pytest.mark.parametrize("date", ["2024-03-01T12:00:00.0001", "2024-03-01 12:00:00Z", "2024-03-01", "2024/3/1 12:00"])
+def test_a_date_for_a_time_is_called_one(save, name, date):
+    path = save(HEADER.replace("time_s", name) + ROWS.replace("0.0,5.0", f"{date},5.0"))
+    error = refused(path, f"column {name!r}", f"found a date {date!r}", "expected", "seconds since the first row")
+    assert error.mapping is None  # which would not help
+
+
 def test_decreasing_time_is_named_and_equal_times_are_not(save):
     refused(save("time_s,w_um\n0,1\n\n2,1\n1,1\n"), "line 5", "'time_s'", "'1'", "not below the one before")
     assert read_one(save("time_s,w_um\n0,1\n1,1\n1,1\n")).time.tolist() == [0, 1, 1]
+
+
+# Units written out
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Time (sec),Voltage (Volts),Frequency (Hertz),Wd (micron),Wq (microns)",
+        "time_seconds,voltage_Volt,frequency_hertz,wd_Micrometers,wq_micrometres",
+        "TIME [Second],VOLTAGE [VOLTS] peak,FREQUENCY [Hertz],WD [MicroMeter],WQ [um]",
+        "t (Sec),Volts (Volt),freq_HERTZ,wd_Microns,wq_micron",
+    ],
+)
+def test_units_written_out_are_their_signs(save, header):
+    check_usual(read_one(save(header + "\n" + ROWS)))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kilohertz", 1e3), ("Megahertz", 1e6), ("MHz", 1e6), ("mHz", 1e-3)])
+def test_a_unit_written_out_has_its_prefix(save, unit, factor):
+    log = read_one(save(f"# temperature_Kelvin: 273.15\nfrequency_{unit},w_Volts_rms\n2,1\n"))
+    assert log.frequency[0] == pytest.approx(2 * factor, rel=1e-15)  # one product
+    assert (log.temperature[0], log.response[0], log.response_unit) == (0.0, math.sqrt(2), "V")
 
 
 # Refusals of headers and metadata
@@ -369,6 +493,10 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
     refused(path, "map.toml", "amplitude", "'?'", columns=tmp_path / "map.toml")
 
 
+SAMPLES = ['kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w']
+KINDS = '  # what the signal shows: "displacement", "velocity", "charge" or "current"'
+
+
 @pytest.mark.parametrize(
     ("content", "lines"),
     [
@@ -384,11 +512,45 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
         ("t\tmag\tphase\n1\t2\t3\n", [
             'delimiter = "\\t"', 'time = { column = "t", unit = "?" }', 'phase = { column = "phase", unit = "?" }',
         ]),
+        ("BEGIN CH1_DATA\nFreq(Hz),S21 Log Mag(dB),S21 Phase(deg)\n1,2,3\n2,3,4\n3,4,5\nEND\n", [
+            'frequency = { column = "Freq(Hz)", unit = "Hz" }', 'magnitude = { column = "S21 Log Mag(dB)", unit = "dB" }',
+            'phase = { column = "S21 Phase(deg)", unit = "deg" }', '# temperature = { column = "?", unit = "?" }',
+        ]),
+        ("x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n", [
+            *SAMPLES, 'time = { column = "x-axis_second", unit = "s" }', 'drive = { column = "1_Volt", unit = "V" }',
+            'response = { column = "2_Volt", unit = "V" }', 'quantity = "?"' + KINDS,
+            '# temperature = { column = "?", unit = "?" }',
+        ]),
+        ("X,CH1,CH2,Start,Increment,,\nSequence,Volt,Volt,-2e-3,1e-6,\n0,1,2,\n1,3,4,\n2,5,6,\n", [
+            *SAMPLES, 'drive = { column = "CH1_Volt", unit = "V" }', "# sample_rate_Hz = 1e6", "# not used: X_Sequence",
+        ]),
+        ("Model,A,B,C\nTIME,CH1,CH2\n0,1,2\n1e-6,3,4\n2e-6,5,6\n", [
+            *SAMPLES, 'time = { column = "TIME", unit = "?" }', 'drive = { column = "CH1", unit = "?" }',
+            'response = { column = "CH2", unit = "?" }',
+        ]),
+        ("Time (us),Velocity [mm/s],Volts\n0,1,2\n1,3,4\n2,5,6\n", [
+            *SAMPLES, 'drive = { column = "Volts", unit = "?" }', 'quantity = "velocity"' + KINDS,
+            'response = { column = "Velocity [mm/s]", unit = "mm/s" }',
+        ]),
+        ("Time (s),a,b\n0,1,2\n1e-3,3,4\n2e-3,5,6\n", ['# x = { column = "a", unit = "?" }']),
     ],
 )  # fmt: skip
 def test_what_a_mapping_is_guessed_from(save, content, lines):
-    text = refused(save(content), "no response").mapping
+    text = refused(save(content)).mapping
     assert not set(lines) - set(text.splitlines()), text
+
+
+def test_the_mapping_of_an_oscilloscope_s_record_reads_it(save, tmp_path):
+    """Once the reader has said what the signal shows."""
+    t = np.arange(4000) * 1e-6
+    drive = np.sin(2 * np.pi * 40e3 * t)
+    rows = "".join(f"{a!r},{b!r},{c!r}\n" for a, b, c in np.transpose([t, drive, 0.1 * drive]).tolist())
+    path = save("x-axis,1,2\nsecond,Volt,Volt\n" + rows)
+    text = refused(path, "no response").mapping
+    assert "phase_sign" not in text and "x =" not in text
+    (tmp_path / "map.toml").write_text(text.replace('quantity = "?"', 'quantity = "displacement"'))
+    log = read_one(path, columns=tmp_path / "map.toml")
+    assert log.frequency[0] == pytest.approx(40e3, rel=1e-6)  # of 160 periods, free of noise
 
 
 def test_a_file_without_header_brings_a_mapping_by_position(save, tmp_path):

@@ -193,6 +193,11 @@ def test_rows_that_are_not_used_may_hold_anything(read, refused):
     refused("rows = [1, 3]\n" + XY, "line 3", "'X_V'", "'overload'", table=broken)
 
 
+def test_a_date_for_a_time_is_called_one(refused):
+    toml = '[columns]\ntime = {column = "f_Hz", unit = "s"}\nw = "X_V"'
+    refused(toml, "line 3", "a date '2024-03-01T12:00'", "the seconds since", table=TABLE.replace("\n200", "\n2024-03-01T12:00"))
+
+
 # How the file is written
 
 
@@ -204,6 +209,10 @@ def test_rows_that_are_not_used_may_hold_anything(read, refused):
         ('delimiter = " "\n', TABLE.replace(",", "   ").replace("\n", " \n  ")),
         ('comment = "%"\n', "% Time: 12\n%\n" + TABLE),
         ("header = true\n", TABLE),
+        ("skip = 0\n", TABLE),
+        ("skip = 1\n", "# temperature_degC: 3\n" + TABLE),
+        ("skip = 3\n", "x: 1\n\x00\xff\n1,2,3,4,5\n# b: c\n" + TABLE),
+        ("", "x: 1\n\ny,2\n" + TABLE.replace(",a", ",0").replace(",b", ",0")),
     ],
 )
 def test_dialects(read, options, table):
@@ -216,6 +225,22 @@ def test_positions_without_header(read):
     table = TABLE.partition("\n")[2]
     near(read("header = false\n" + toml, table)[0], 1j * SIGNAL)
     near(read(toml, "# a comment\n" + table)[0], 1j * SIGNAL)
+
+
+def test_a_first_row_of_another_width_is_named(refused):
+    """As where a line of another comment mark stands above the rows."""
+    toml = 'comment = "!"\nheader = false\n[columns]\nfrequency = {column = 0, unit = "Hz"}\nw = {column = 1, unit = "V"}\n'
+    table = "! Keysight\n# HZ S DB R 50\n1 2 3\n2 3 4\n"
+    refused(toml, "line 3: found 3 columns", "expected 6 as in the first row, line 2", table=table)
+
+
+def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
+    table = "# temperature_degC: 80\nx,y\n# plate: A7\n" + TABLE
+    (log,) = read("skip = 2\n" + XY, table)
+    assert (log.metadata, log.temperature) == ({"plate": "A7"}, None)
+    refused("skip = 2\n" + XY, "line 6", "'x'", table=table.replace("200,3", "200,x"))
+    refused("skip = 9\n" + XY, "found 7 lines", "9", table=table)
+    refused("skip = 0\n" + XY, "no column 'f_Hz'", table="BEGIN\n" + TABLE.replace("a", "1").replace("b", "1"))
 
 
 # Refusals
@@ -253,6 +278,9 @@ def test_positions_without_header(read):
         ("phase_sign", "rows = {a = [0, 1]}\nphase_sign", ["rows", "split_by"]),
         ("phase_sign", "split_by = 'sweep'\nrows = {a = 3}\nphase_sign", ["rows", "3", "[first, last]"]),
         ("phase_sign", "split_by = 'sweep'\nrows = {c = [0, 1]}\nphase_sign", ["experiment 'c'", "a, b"]),
+        ("phase_sign", "skip = -1\nphase_sign", ["skip", "-1", "0 or more"]),
+        ("phase_sign", "skip = 1.0\nphase_sign", ["skip", "1.0", "int"]),
+        ("phase_sign", "skip = true\nphase_sign", ["skip", "True"]),
         ("phase_sign", "phase_offset_deg = nan\nphase_sign", ["phase_offset_deg", "finite"]),
         ("phase_sign", 'delimiter = "\\n"\nphase_sign', ["delimiter", "one character"]),
         ("phase_sign", "delimiter = 'é'\nphase_sign", ["delimiter", "one character"]),

@@ -180,7 +180,7 @@ REFUSED = {
     "long row": (TEXT + "0.3,5,1,0,0,7\n", "line 5"),
     "cut-off row": (TEXT + "0.3,5.0,32", "still being written"),
     "cut-off number": (TEXT + "0.3,5.0,1,0.1,1e-", "still being written"),
-    "commas in place of a row": (TEXT + ",,,,\n", "line 5"),
+    "commas in place of a row": (TEXT + ",,,,\n0.3,5,1,0,0\n", "line 5"),
     "blanks in place of a row": (HEADER + "   \n" + TEXT[len(HEADER) :], "line 2"),
     "comment among the rows": (TEXT + "# pause\n" + TEXT[len(HEADER) :], "line 5"),
     "comment with commas": (TEXT + "# a,b,c,d,e\n", "line 5"),
@@ -193,7 +193,6 @@ REFUSED = {
     "commas above, semicolons below": (TEXT.replace(",", ";").replace(SEMICOLONS, HEADER), "line 2"),
     "vertical bars": (TEXT.replace(",", "|"), "no response"),
     "full-width commas": (TEXT.replace(",", "，"), "no response"),
-    "a spreadsheet's sep=": ("sep=,\n" + TEXT, "no response"),
     "quote over two lines": ('time_s,w_um,note\n0,1,"a\nb"\n1,2,c\n', ""),
     "quote that swallows rows": ('time_s,w_um,note\n0,1,"5 plate\n1,2,c\n2,3,"6 plate\n3,4,d\n', "line 2: found a quote"),
     "quote that is not closed": (TEXT + '0.3,5,1,0,"1\n', "line 5: found a quote"),
@@ -244,6 +243,9 @@ def test_files_that_are_refused_by_name(path, name):
 # --- odd files that are read ------------------------------------------------------------------------------------------------
 
 READ = {
+    "a spreadsheet's sep=": "sep=,\n" + TEXT,
+    "commas below the rows": TEXT + ",,,,\n , ,\n,\n",
+    "commas below the rows, without a line end": TEXT + ",,,,",
     "line ends of both kinds": TEXT.replace("\n", "\r\n", 2),
     "gzip in two parts": gzip.compress(HEADER.encode()) + gzip.compress(TEXT[len(HEADER) :].encode()),
     "gzip and zeros": gzip.compress(TEXT.encode()) + b"\0" * 512,

@@ -1,0 +1,81 @@
+"""One line of a text table as cells: how it is parted, which cells are numbers, and how names are listed in messages."""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
+SHOWN = 20  # names in a message, of files that have thousands
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written; None means: see from the file."""
+
+    delimiter: str | None = None
+    comment: str = "#"
+    decimal: str | None = None
+    header: bool | None = None
+    skip: int | None = None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
+
+
+def split_line(text: str, delimiter: str) -> list[str]:
+    """The cells of one line; quotes are understood."""
+    if delimiter == WHITESPACE:
+        text = " ".join(text.split())
+    text = text.rstrip("\r\n").replace("\r", " ")
+    if '"' not in text:  # the library takes no cell of more than 131072 characters
+        return [cell.lstrip(" ") for cell in text.split(delimiter)] if text else []
+    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+
+
+def to_number(text: str, decimal: str = ".") -> float:
+    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands."""
+    text = text.strip()
+    if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
+        return math.nan
+    try:
+        return float(text.replace(decimal, "."))
+    except ValueError:
+        return math.nan
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number (nan and inf included), whichever its decimal mark."""
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def is_date(text: str) -> bool:
+    """Whether a cell is a day of a calendar, with a time of day or without."""
+    return re.match(r"\d{4}[-/.]\d\d?[-/.]\d\d?(?!\d)", text.strip()) is not None
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a message: the first of them, where a file has thousands."""
+    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+    return ", ".join(names[:SHOWN]) + more
+
+
+def find_delimiter(line: str) -> str:
+    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab, else blanks."""
+    for mark in ",;\t ":
+        if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
+            return mark
+    return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
+
+
+def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
+    pairs = zip(names, units, strict=True)
+    named = io.StringIO()
+    csv.writer(named, delimiter=delimiter).writerow(
+        [f"{name.strip()}_{unit.strip(' []()')}" if unit.strip() else name for name, unit in pairs]
+    )
+    return named.getvalue().strip()
