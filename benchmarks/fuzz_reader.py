@@ -39,7 +39,9 @@ from sysid.log import Log, LogError, read_logs
 
 HERE = Path(__file__).parent
 CORPUS = HERE / "fuzz_corpus.txt"
-MODULES = ("textfile", "csvfile", "header", "log", "mapping", "units", "waveform", "carrier", "lockin")
+MODULES = (
+    "textfile", "cells", "preamble", "csvfile", "mapping", "draft", "header", "log", "units", "waveform", "carrier", "lockin",
+)  # fmt: skip
 READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in MODULES)
 SLOW = 10.0  # s of the processor: a table of a few lines takes milliseconds
 HEADER = b"time_s,voltage_V,frequency_Hz,wd_um,wq_um"
@@ -59,7 +61,10 @@ SEEDS = [
     (b"# volts_per_duty: 24\n# lockin_tau_us: 300\ntime,duty,w\nms,%,um\n0,10,1\n1,20,2\n", b""),
     (b"\xef\xbb\xbf# kind: steady\nf_Hz,w_um,temp_K\n1,1,290\n2,2,291\n", b""),
     (CARRIER, b""),
+    (b"Model,X\n\nBEGIN A\n" + HEADER + b"\n" + ROWS + b"END\n", b""),
+    (b"x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n", b'[columns]\ntime = "x-axis_second"\nvoltage = "1_Volt"\nw = "2_Volt"\n'),
     (LOCKIN, MAP),
+    (b"a\nb: c\n" + LOCKIN, MAP.replace(b"rows =", b"skip = 2\nrows =")),
     (LOCKIN, MAP.replace(b"rows = [0, 3]", b'split_by = "sweep"\nrows = {a = [0, 1], b = [0, 1]}').replace(b"velocity", b"charge")),
     (b"% a\n10;1,5;-20;30\n11;2,5;-21;40\n", b'comment = "%"\ndelimiter = ";"\ndecimal = ","\nheader = false\nphase_offset_deg = 3\n'
      b'[columns]\ntime = { column = 0, unit = "s" }\nmagnitude = { column = 2, unit = "dB" }\nphase = { column = 3, unit = "deg" }\n'),

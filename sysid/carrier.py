@@ -278,9 +278,9 @@ def _continued(before: Line, line: Line, edge: int) -> Line:
     half = round(jump / np.pi)
     jump -= np.pi * half
     if abs(jump) > JUMP + SURE * np.hypot(before.doubt(t), line.doubt(t)):
-        raise LogError(
-            f"row {edge} (counted from 0): found a drive whose phase jumps by {jump:.2g} rad while it is on, expected it to go on"
-        )
+        found = f"row {edge} (counted from 0): found a drive whose phase jumps by {jump:.2g} rad while it is on"
+        edges = "; the edges of a square wave, at whole samples, jump so: drive with a sine" if abs(jump) < line.omega else ""
+        raise LogError(f"{found}, expected it to go on{edges}")
     return replace(line, phase=line.phase - np.pi * (half % 2))
 
 
