@@ -8,6 +8,7 @@ import numpy as np
 from sysid import identify, wording
 from sysid.coincidence import hangs, tightened
 from sysid.condense import taken
+from sysid.dwell import SETTLED, dwells, of_own_inputs
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
@@ -19,8 +20,6 @@ from sysid.precision import float64
 from sysid.prior import FINGER, NAMES, PLANT, POSITIVE, Prior, checked
 from sysid.result import Parameter, Result
 from sysid.trial import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
-
-SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 
 
 @dataclass(frozen=True)
@@ -99,9 +98,11 @@ def fit(
     prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
     minimiser = Minimiser(reference, free, prior)
     states = minimiser.minima(trials, start)
-    flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
-    if [t.kind for t in flipped] != [t.kind for t in trials]:
+    flipped = tuple(_read_as(t, log.sampling, np.exp(states[0].theta[1])) for t, log in zip(trials, logs, strict=True))
+    if any(now is not before for now, before in zip(flipped, trials, strict=True)):
         states = minimiser.minima(flipped, start)
+    said = (wording.sampled(t, log.sampling) for t, log in zip(flipped, logs, strict=True))
+    warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     known, best = (reference, free, warnings, reference_temperature, stated), states[0]
     if meanwhile is not None:
         meanwhile(best, reference)
@@ -319,8 +320,8 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             log = replace(log, temperature=np.full(len(log), mean))
             warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
         trial = Trial.of(log, log.kind or "steady", nuisances)
-        if log.kind is None:
-            trial = _settled(trial, candidates(trial)[0][0])
+        if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
+            trial = _read_as(trial, log.sampling, candidates(trial)[0][0])
         if trial.start_free and not trial.signed:
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
@@ -355,9 +356,14 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(name for name in NAMES if possible[name])
 
 
-def _settled(trial: Trial, tau: float) -> Trial:
-    """A timed sweep whose kind is not stated: settled if each row dwells long enough for `tau`, else a transient."""
-    if trial.log.kind is not None:
+def _read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
+    """A timed sweep as it is read where its kind or its `sampling` is not stated. Its rows are settled points if each dwells long
+    enough for `tau`; if its frequency also stays or returns it is a transient, whose rows may belong to their own inputs."""
+    log, kind = trial.whole or trial.log, trial.kind
+    if log.kind is None:
+        kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
+    if sampling is None and log.kind == "transient":
+        sampling = "settled" if dwells(log, tau) and of_own_inputs(log) else None
+    if (kind, sampling) == (trial.kind, log.sampling):
         return trial
-    kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
-    return trial if kind == trial.kind else Trial.of(trial.log, kind, trial.nuisances)
+    return replace(Trial.of(replace(log, sampling=sampling), kind, trial.nuisances), start=trial.start)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.coincidence import cancelling
+from sysid.dwell import dwells
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
@@ -96,6 +97,8 @@ def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
     """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
     it should, as if the resonance were a step of the sweep away."""
     if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
+        return None
+    if np.any(np.diff(view.trial.log.frequency) == 0) and dwells(view.trial.log, view.course.tau):  # its own rows would show it
         return None
     f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
     share = min(fit.share(i)[f0, f0], 1.0)

@@ -26,15 +26,21 @@ def assumptions(trial: Trial) -> list[str]:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")
-    if not trial.steady and log.sampling is None and trial.changes > 0.1 * len(log):
-        found.append(
-            "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling: instant"
-        )
     if log.amplitude_only and trial.resonant and trial.driven:
         found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
     if not trial.resonant and not trial.steady:
         found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
     return found
+
+
+def sampled(trial: Trial, stated: str | None) -> str | None:
+    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
+    said = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
+    if trial.steady or stated is not None:
+        return None
+    if trial.log.sampling == "settled":
+        return f"{said} settled, as rows of the same inputs then agree"
+    return f"{said} instant" if trial.changes > 0.1 * len(trial.log) else None
 
 
 def hangs_on_lateness(error: float) -> str:

@@ -24,6 +24,7 @@ ORDER = [
     "carrier",
     "waveform",
     "log",
+    "dwell",
     "hold",
     "plant",
     "condense",
