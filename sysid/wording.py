@@ -22,6 +22,11 @@ def assumptions(trial: Trial) -> list[str]:
     if trial.lost:
         gone = f"{trial.lost} of {len(log)} rows read exactly zero, or what the row before them reads, amid a response that moves"
         found.append(f"{gone}: the signal was lost; they are left out")
+    if not trial.steady and (shared := stamps_shared(trial)):
+        found.append(
+            f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are taken as rows of one"
+            " moment; record the time with more digits"
+        )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:
@@ -31,6 +36,15 @@ def assumptions(trial: Trial) -> list[str]:
     if not trial.resonant and not trial.steady:
         found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
     return found
+
+
+def stamps_shared(trial: Trial) -> int:
+    """How many rows have the time stamp of the row before, those that are left out aside."""
+    time = trial.log.time if trial.whole is None else trial.whole.time
+    if time is None:
+        return 0
+    there = slice(None) if trial.there is None or trial.whole is not None else trial.there
+    return int(np.count_nonzero(np.diff(time[there]) == 0))
 
 
 def sampled(trial: Trial, stated: str | None) -> str | None:

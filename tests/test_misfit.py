@@ -206,3 +206,28 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
     both = np.concatenate([up, up[::-1]])
     found = sysid.fit([swept(both, both)])
     assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std
+
+
+@pytest.mark.parametrize("digits", [3, 5])
+def test_rows_that_share_their_time_stamps_are_named(bench, digits):
+    """Rows 0.1 ms apart whose time is written in ms, and in steps of ten us: these differ."""
+    log = bench.transient(seed=5, frequency=32300.0)
+    coarse = replace(log, time=np.round(log.time, digits))
+    distinct = len(set(coarse.time.tolist()))
+    found = sysid.fit([coarse])
+    said = [said for said in found.warnings if "time stamp of the row before" in said]
+    if digits == 5:
+        assert not said and found.result is sysid.Result.successful
+        return
+    assert said[0].startswith(f"step: {len(log) - distinct} of {len(log)} rows") and "of one moment" in said[0]
+    assert not any("check its columns" in said for said in found.warnings)
+    assert found.result is not sysid.Result.successful
+
+
+def test_two_rows_of_one_moment_are_counted_and_fitted(bench):
+    log = bench.transient(seed=6)
+    time = log.time.copy()
+    time[150] = time[149]
+    found = sysid.fit([replace(log, time=time)])
+    assert found.result is sysid.Result.successful
+    assert any(said.startswith("step: 1 of 240 rows have the time stamp of the row before") for said in found.warnings)
