@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from sysid.log import Log
 from sysid.minimise import Minimiser, State, shares
 from sysid.misfit import Found, misfits
 from sysid.noise import Level
+from sysid.odd import odd_one
 from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.prior import FINGER, NAMES, PLANT, POSITIVE, Prior, checked
@@ -103,7 +105,8 @@ def fit(
         states = minimiser.minima(flipped, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(flipped, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
-    known, best = (reference, free, warnings, reference_temperature, stated), states[0]
+    odd = partial(odd_one, minimiser, flipped)
+    known, best = (reference, free, warnings, reference_temperature, stated, odd), states[0]
     if meanwhile is not None:
         meanwhile(best, reference)
     if len(states) > 1 or not (names := hangs(best, reference, free)):
@@ -125,7 +128,15 @@ def _check_units(logs: Sequence[Log]) -> None:
             )
 
 
-def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float, stated) -> Fit:
+def _conclude(
+    states: list[State],
+    reference,
+    free,
+    warnings: list[str],
+    reference_temperature: float,
+    stated,
+    odd: Callable[[State], str | None],
+) -> Fit:
     best = states[0]
     G, tau = np.exp(best.theta[:2])
     index = [NAMES.index(n) for n in free]
@@ -144,6 +155,9 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found, unseen = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
+    between = found and (found[0].name in BETWEEN or found[0].log is None)
+    if described and not between and (said := odd(best)):
+        described, doubts = [said], []
     doubts = doubts if described else [*doubts, *unseen]
     if "late" in hangs(best, reference, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
@@ -254,6 +268,7 @@ def _units(log: Log) -> dict[str, str]:
     return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "finger_damping": "1", "finger_detuning": "Hz"}
 
 
+BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
 
 

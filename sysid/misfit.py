@@ -143,7 +143,7 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
     elif not alone:
         what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
     said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
-    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "gain", i, 1)
+    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "strange", i, 1)
 
 
 class _Linear:

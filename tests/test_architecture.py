@@ -49,6 +49,7 @@ ORDER = [
     "coincidence",
     "terms",
     "misfit",
+    "odd",
     "fitting",
     "bench",
     "comparison",
