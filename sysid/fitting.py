@@ -2,25 +2,26 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from sysid import identify, wording
 from sysid.coincidence import hangs, tightened
 from sysid.condense import taken
+from sysid.dwell import SETTLED, dwells, of_own_inputs
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
 from sysid.minimise import Minimiser, State, shares
 from sysid.misfit import Found, misfits
 from sysid.noise import Level
+from sysid.odd import odd_one
 from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.prior import FINGER, NAMES, PLANT, POSITIVE, Prior, checked
 from sysid.result import Parameter, Result
 from sysid.trial import LEAST_TOUCH, LEAST_WARMING, NUISANCES, Trial
-
-SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 
 
 @dataclass(frozen=True)
@@ -99,10 +100,13 @@ def fit(
     prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
     minimiser = Minimiser(reference, free, prior)
     states = minimiser.minima(trials, start)
-    flipped = tuple(_settled(t, np.exp(states[0].theta[1])) for t in trials)
-    if [t.kind for t in flipped] != [t.kind for t in trials]:
+    flipped = tuple(_read_as(t, log.sampling, np.exp(states[0].theta[1])) for t, log in zip(trials, logs, strict=True))
+    if any(now is not before for now, before in zip(flipped, trials, strict=True)):
         states = minimiser.minima(flipped, start)
-    known, best = (reference, free, warnings, reference_temperature, stated), states[0]
+    said = (wording.sampled(t, log.sampling) for t, log in zip(flipped, logs, strict=True))
+    warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
+    odd = partial(odd_one, minimiser, flipped)
+    known, best = (reference, free, warnings, reference_temperature, stated, odd), states[0]
     if meanwhile is not None:
         meanwhile(best, reference)
     if len(states) > 1 or not (names := hangs(best, reference, free)):
@@ -124,7 +128,15 @@ def _check_units(logs: Sequence[Log]) -> None:
             )
 
 
-def _conclude(states: list[State], reference, free, warnings: list[str], reference_temperature: float, stated) -> Fit:
+def _conclude(
+    states: list[State],
+    reference,
+    free,
+    warnings: list[str],
+    reference_temperature: float,
+    stated,
+    odd: Callable[[State], str | None],
+) -> Fit:
     best = states[0]
     G, tau = np.exp(best.theta[:2])
     index = [NAMES.index(n) for n in free]
@@ -143,6 +155,9 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found, unseen = misfits(best, reference, free, at)
     described, doubts = _described(best, found, FINGER[0] in free)
+    between = found and (found[0].name in BETWEEN or found[0].log is None)
+    if described and not between and (said := odd(best)):
+        described, doubts = [said], []
     doubts = doubts if described else [*doubts, *unseen]
     if "late" in hangs(best, reference, free) and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
@@ -262,6 +277,7 @@ def _units(log: Log) -> dict[str, str]:
     return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "finger_damping": "1", "finger_detuning": "Hz"}
 
 
+BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
 
 
@@ -336,8 +352,8 @@ def _trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Tria
             log = replace(log, temperature=np.full(len(log), mean))
             warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
         trial = Trial.of(log, log.kind or "steady", nuisances)
-        if log.kind is None:
-            trial = _settled(trial, candidates(trial)[0][0])
+        if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
+            trial = _read_as(trial, log.sampling, candidates(trial)[0][0])
         if trial.start_free and not trial.signed:
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         trials.append(trial)
@@ -372,9 +388,14 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(name for name in NAMES if possible[name])
 
 
-def _settled(trial: Trial, tau: float) -> Trial:
-    """A timed sweep whose kind is not stated: settled if each row dwells long enough for `tau`, else a transient."""
-    if trial.log.kind is not None:
+def _read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
+    """A timed sweep as it is read where its kind or its `sampling` is not stated. Its rows are settled points if each dwells long
+    enough for `tau`; if its frequency also stays or returns it is a transient, whose rows may belong to their own inputs."""
+    log, kind = trial.whole or trial.log, trial.kind
+    if log.kind is None:
+        kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
+    if sampling is None and log.kind == "transient":
+        sampling = "settled" if dwells(log, tau) and of_own_inputs(log) else None
+    if (kind, sampling) == (trial.kind, log.sampling):
         return trial
-    kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
-    return trial if kind == trial.kind else Trial.of(trial.log, kind, trial.nuisances)
+    return replace(Trial.of(replace(log, sampling=sampling), kind, trial.nuisances), start=trial.start)

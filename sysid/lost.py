@@ -2,8 +2,9 @@
 with what it read last.
 
 A plate at rest before its first drive may read exactly zero, and a response that decays passes through small numbers on its way
-there; exact zeros among rows that are far larger than the recorder's finest step are neither. A coarse recorder repeats itself,
-and so does one that is asked more often than it measures; Wd and Wq that both stand still among rows that move are neither.
+there; exact zeros among rows that are far larger than the recorder's finest step are neither. A coarse recorder repeats itself;
+Wd and Wq that both stand still among rows that move by hundreds of steps were not measured anew, be it in one row, in a stretch,
+or in every second row of a recorder that is quicker than its lock-in.
 """
 
 from dataclasses import replace
@@ -16,8 +17,10 @@ BESIDE = 8  # rows on each side that are looked at
 FAR = 10.0  # times the finest step, above which the typical one of them lies
 LEVELS = 100_000  # rows of which the finest step is taken
 MOST = 0.5  # of the rows; where more are zero, it is the rest that is strange
-HELD = 4  # rows that repeat the one before them
-OFTEN = 0.2  # of the rows that repeat the one before them, above which that is how they are recorded
+STRETCH = 64  # rows among whose moves those of one size are counted
+AMID = 3.0  # times the least of them, above which those beside a row lie: what comes to rest moves by a step or two before
+ROUNDING = 1e-6  # of a typical move, by which two of as many steps may differ
+RARE = 0.01  # repeats by chance that may be expected, over those that are there
 
 
 def lost(log: Log) -> np.ndarray:
@@ -39,22 +42,72 @@ def _zero(log: Log) -> np.ndarray:
 
 
 def _held(log: Log) -> np.ndarray:
-    """Rows of Wd and Wq that both repeat the row before, several at once, among rows that do not."""
+    """Rows of Wd and Wq that both repeat the row before, among rows that move by so many steps that chance makes none."""
     found = np.zeros(len(log), bool)
     if log.amplitude_only:  # an amplitude that is clipped stands still as well
         return found
-    moves = np.abs(np.diff(log.response, prepend=log.response[:1]))
-    still = moves == 0
+    moves = np.diff(log.response, prepend=log.response[:1])
+    still = (moves == 0) & ~(_at_an_end(log.response.real) & _at_an_end(log.response.imag))  # where both are clipped
     still[0] = False
-    if not HELD <= np.sum(still) <= OFTEN * len(log):
+    if not np.any(still):
         return found
-    finest = _finest(log)
-    for begin, end in _runs(still):
-        sides = moves[max(begin - BESIDE, 1) : begin][::-1], moves[end : end + BESIDE]
-        # What comes to rest without noise moves less and less before it stands still.
-        moving = all(len(side) >= HELD and min(np.median(side), *side[:2]) > FAR * finest for side in sides)
-        found[begin:end] = end - begin >= HELD and moving
+    change = _change(log)
+    before = np.append(False, change[:-1])
+    quiet, anew = ~change & ~before, change & before
+    # A response without noise stands still once it has settled, and then until its inputs change; where each row is driven anew,
+    # as in a sweep, it does not settle.
+    moving = moves != 0
+    strange = _unlike(moves, still & quiet, moving & quiet, np.cumsum(change)) | _unlike(moves, still & anew, moving & anew)
+    for begin, end in _runs(still) if np.any(strange) else ():
+        found[begin:end] = np.any(strange[begin:end])
     return found
+
+
+def _at_an_end(values: np.ndarray) -> np.ndarray:
+    return (values == np.max(values)) | (values == np.min(values))
+
+
+def _change(log: Log) -> np.ndarray:
+    """(n,) rows whose drive or frequency is not that of the row before."""
+    change = np.zeros(len(log), bool)
+    for c in (log.drive, log.frequency):
+        if c is not None:
+            change[1:] |= c[1:] != c[:-1]
+    return change
+
+
+def _unlike(moves: np.ndarray, still: np.ndarray, moving: np.ndarray, hold: np.ndarray | None = None) -> np.ndarray:
+    """Which of the rows that stand still do so amid rows that are moving, and not by chance. `hold`: of the inputs, in which the
+    response has to move on."""
+    found, others, rows = np.zeros(len(moves), bool), np.flatnonzero(moving), np.flatnonzero(still)
+    if not len(rows) or len(others) < STRETCH // 2:
+        return found
+    (least_d, chance_d), (least_q, chance_q) = (_least(part, others) for part in (moves.real, moves.imag))
+    far = np.abs(moves[others]) > AMID * np.maximum(least_d, least_q)
+    far = np.concatenate([[True, True], far, [True, True]])
+    at = np.searchsorted(others, rows)  # two that move before each, and two after
+    amid = far[at] & far[at + 1] & far[at + 2] & far[at + 3]
+    near = np.minimum(at, len(others) - 1)
+    if hold is not None:
+        amid &= (at < len(others)) & (hold[others[near]] == hold[rows])
+    found[rows] = amid & (len(rows) + len(others) < RARE * np.sum(amid) / (chance_d * chance_q)[near])
+    return found
+
+
+def _least(moves: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each of the `rows`, of a STRETCH of them: the least of the moves, 0 where no two are of one size, so that no step shows;
+    and the chance of none, which is below that of two of one size where moves are rather small than large: the share of the pairs
+    that are, and one more."""
+    begins = np.maximum(np.minimum(np.arange(0, len(rows), STRETCH), len(rows) - STRETCH), 0)
+    count = min(STRETCH, len(rows))
+    size = np.sort(np.abs(moves[rows[begins[:, None] + np.arange(count)]]), axis=1)
+    again = np.diff(size, axis=1, prepend=-1.0) <= ROUNDING * np.median(size, axis=1, keepdims=True)
+    place = np.arange(count)
+    pairs = np.sum(place - np.maximum.accumulate(np.where(again, 0, place), axis=1), axis=1)  # with those of its size before it
+    least = np.where(pairs > 0, np.min(np.where(size > 0, size, np.inf), axis=1), 0.0)
+    chance = (pairs + 1) / (count * (count - 1) / 2)
+    own = np.arange(len(rows)) // STRETCH
+    return np.where(np.isfinite(least), least, 0.0)[own], chance[own]
 
 
 def _finest(log: Log) -> float:

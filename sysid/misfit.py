@@ -15,17 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.coincidence import cancelling
+from sysid.dwell import dwells
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
 from sysid.terms import LATE, SHIFTED, Term, one_way, own, terms, times
 from sysid.view import View
+from sysid.wording import stamps_shared
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
 UNCHANGED = 0.01  # sum of squares in units of the noise
 ROUGH = 5.0  # by which a residual is larger than the noise between its neighbours, and
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
+SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
 FARAWAY = 4.0  # of these, by what is not seen
@@ -99,6 +102,8 @@ def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
     it should, as if the resonance were a step of the sweep away."""
     if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
         return None
+    if np.any(np.diff(view.trial.log.frequency) == 0) and dwells(view.trial.log, view.course.tau):  # its own rows would show it
+        return None
     f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
     share = min(fit.share(i)[f0, f0], 1.0)
     contradicted = step * np.sqrt(1 - share) > FARAWAY * fit.std[f0]  # by what the other logs tell of f0
@@ -135,10 +140,12 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
     what = "it is not that of one resonance which stays as it is; check its columns, their units and signs"
     if view.trial.steady and view.trial.resonant and view.trial.signed and not phase_falls(view.trial):
         what = "its phase rises through the resonance; if d and q are not swapped, say phase_sign = -1"
+    elif not view.trial.steady and stamps_shared(view.trial) > SHARED * len(view.trial.whole or y):
+        what = "rows share their time stamps; record the time with more digits"
     elif not alone:
         what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
     said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
-    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "gain", i, 1)
+    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "strange", i, 1)
 
 
 class _Linear:

@@ -24,14 +24,15 @@ def assumptions(trial: Trial) -> list[str]:
     if trial.lost:
         gone = f"{trial.lost} of {len(log)} rows read exactly zero, or what the row before them reads, amid a response that moves"
         found.append(f"{gone}: the signal was lost; they are left out")
+    if not trial.steady and (shared := stamps_shared(trial)):
+        found.append(
+            f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are taken as rows of one"
+            " moment; record the time with more digits"
+        )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")
-    if not trial.steady and log.sampling is None and trial.changes > 0.1 * len(log):
-        found.append(
-            "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling: instant"
-        )
     if log.amplitude_only and trial.resonant and trial.driven:
         found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
     if log.drive is None and not trial.steady and _grows(np.abs(log.response)):
@@ -48,6 +49,25 @@ def _grows(size: np.ndarray) -> bool:
     """Whether a response is larger at its end than at its beginning."""
     part = max(len(size) // 10, 1)
     return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
+
+
+def stamps_shared(trial: Trial) -> int:
+    """How many rows have the time stamp of the row before, those that are left out aside."""
+    time = trial.log.time if trial.whole is None else trial.whole.time
+    if time is None:
+        return 0
+    there = slice(None) if trial.there is None or trial.whole is not None else trial.there
+    return int(np.count_nonzero(np.diff(time[there]) == 0))
+
+
+def sampled(trial: Trial, stated: str | None) -> str | None:
+    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
+    said = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
+    if trial.steady or stated is not None:
+        return None
+    if trial.log.sampling == "settled":
+        return f"{said} settled, as rows of the same inputs then agree"
+    return f"{said} instant" if trial.changes > 0.1 * len(trial.log) else None
 
 
 def hangs_on_lateness(error: float) -> str:

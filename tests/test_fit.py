@@ -6,6 +6,7 @@ from functools import partial
 import jax
 import numpy as np
 import pytest
+import reference
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
@@ -336,6 +337,54 @@ def test_settled_points_are_the_same_in_any_order(bench):
     std = np.sqrt(np.diag(fits[0].covariance))
     # sums of the same numbers in another order: 1e-6 of a standard deviation
     assert np.all(np.ptp(values, axis=0) / std < 1e-6)
+
+
+def slow_sweep(bench, times, back, sampling, amplitude):
+    """`times` readings at each of 60 frequencies, and `back` again, 5 tau apart; of its own inputs or of the row's before."""
+    frequency = np.repeat(np.linspace(31800.0, 32800.0, 60), times)
+    frequency = np.concatenate([frequency, frequency[::-1]]) if back else frequency
+    rows = len(frequency)
+    time, volts, warm = 5 * bench.plant.tau * np.arange(rows), np.full(rows, 100.0), np.full(rows, 24.0)
+    held = np.append(frequency, frequency[-1]) if sampling == "settled" else np.append(frequency[0], frequency)
+    begun = np.append(-40 * bench.plant.tau, time)  # settled at the first row
+    clean = reference.ringing(bench.plant, begun, np.full(rows + 1, 100.0), held, np.full(rows + 1, 24.0))[1:]
+    response = clean + reference.noise(rows, 0.02, seed=rows)
+    response = np.abs(response) if amplitude else response
+    return sysid.Log("slow", response, time=time, drive=volts, frequency=frequency, temperature=warm)
+
+
+@pytest.mark.parametrize("sampling", ["settled", "instant"])
+@pytest.mark.parametrize(("times", "back", "amplitude"), [(3, False, False), (2, False, True), (1, True, False)])
+def test_a_slow_sweep_that_repeats_frequencies_is_read_as_its_rows_agree(bench, times, back, amplitude, sampling):
+    """By the contract it is a transient; which inputs its rows belong to is not stated."""
+    log = slow_sweep(bench, times, back, sampling, amplitude)
+    found = sysid.fit([log])
+    assert found.result is Result.successful, found.warnings
+    assert found.logs[0].kind == log.kind == "transient"
+    said = [said for said in found.warnings if "belongs to its own inputs" in said]
+    assert len(said) == 1 and f"taken as sampling: {sampling}" in said[0]
+    assert not any("late by a row" in said for said in found.warnings)
+    for name in ("G", "tau", "f0"):
+        p = found.parameters[name]
+        assert abs(p.value - getattr(bench.plant, name)) < FAR * p.std, name
+
+
+@pytest.mark.parametrize("stated", ["settled", "instant"])
+def test_a_sampling_that_is_stated_is_kept(bench, stated):
+    log = replace(slow_sweep(bench, 3, False, "settled", False), sampling=stated)
+    found = sysid.fit([log])
+    assert found.logs[0].log.sampling == stated
+    assert not any("belongs to its own inputs" in said for said in found.warnings)
+
+
+def test_a_quick_sweep_that_repeats_frequencies_stays_as_it_is_read(bench):
+    """Rows a tenth of tau apart: the response is not settled, so that rows of the same inputs do not agree in any case."""
+    slow = slow_sweep(bench, 3, True, "settled", False)
+    clean = reference.ringing(bench.plant, 0.02 * slow.time, slow.drive, slow.frequency, slow.temperature)
+    log = replace(slow, time=0.02 * slow.time, response=clean + reference.noise(len(slow), 0.02, 1))
+    found = sysid.fit([log])
+    assert found.result is Result.successful and found.logs[0].log.sampling is None
+    assert any("taken as sampling: instant" in said for said in found.warnings)
 
 
 # --- coloured noise -----------------------------------------------------------------------------------------------------------

@@ -68,18 +68,86 @@ def test_a_recorder_that_goes_on_with_its_last_reading_is_seen():
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
 
+def twice(log, rng):
+    """Every reading stored twice."""
+    return np.repeat(log.response[::2], 2), np.arange(len(log)) % 2 == 1
+
+
+def some(log, rng):
+    """A tenth of the rows were not read in time."""
+    gone = np.arange(len(log)) > 0
+    gone &= rng.random(len(log)) < 0.1
+    return log.response[np.maximum.accumulate(np.where(gone, 0, np.arange(len(log))))], gone
+
+
+@pytest.mark.parametrize("stored", [twice, some])
+def test_single_rows_that_repeat_the_one_before_are_seen(stored):
+    """A fit is as good as that of the other rows, and knows no more."""
+    scores = []
+    for seed in range(24):
+        log, rng = recorded(seed)
+        y, gone = stored(log, rng)
+        log = replace(log, response=y)
+        differ = np.flatnonzero(lost(log) != gone)
+        assert not np.any(lost(log) & ~gone)
+        # where the drive steps, and at the end, a row that repeats may be of a plate at rest
+        assert set(differ) <= {99, 100, 101, ROWS - 2, ROWS - 1}
+        found = sysid.fit([log])
+        assert found.result is sysid.Result.successful and f"{np.sum(lost(log))} of {ROWS} rows" in found.warnings[0]
+        scores.append([(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined])
+    for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):
+        assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
+
+
+def test_points_of_a_sweep_that_repeat_the_one_before_are_seen():
+    f = PLANT.f0 + np.linspace(-500, 500, 201)
+    rng = np.random.default_rng(3)
+    y = reference.steady(PLANT, np.full(201, 100.0), f, reference.REFERENCE_TEMPERATURE)
+    y = y + 0.01 * (rng.standard_normal(201) + 1j * rng.standard_normal(201))
+    at = [20, 60, 99, 100, 150]
+    for k in at:
+        y[k] = y[k - 1]
+    log = sysid.Log("sweep", y, drive=np.full(201, 100.0), frequency=f, kind="steady")
+    assert np.flatnonzero(lost(log)).tolist() == at
+
+
+def test_a_recorder_is_coarse_where_its_own_numbers_are():
+    """Four digits: about 2 um the steps are as large as the noise, and rows repeat; about 0.01 um they are a thousandth of it."""
+    log, _ = recorded(1, std=6e-4)
+    rounded = [float(f"{v:.3e}") for v in (log.response * np.exp(0.7j)).view(float)]
+    log = replace(log, response=np.array(rounded).view(complex))
+    assert np.sum(np.diff(log.response) == 0) > 20
+    assert not np.any(lost(log))
+
+
+def test_what_rests_without_noise_is_kept():
+    """Settled points of which each is read again, in succession or on the way back, and stairs, all to ten digits."""
+    up = PLANT.f0 + np.linspace(-500, 500, 51)
+    for f in (np.repeat(up, 3), np.repeat(up, 2), np.append(up, up[::-1])):
+        y = reference.steady(PLANT, np.full(len(f), 100.0), f, reference.REFERENCE_TEMPERATURE)
+        log = sysid.Log("sweep", np.round(y, 10), drive=np.full(len(f), 100.0), frequency=f, kind="steady")
+        assert np.any(np.diff(log.response) == 0) and not np.any(lost(log))
+    for dwell in (3, 5, 7, 30):  # tau, from row to row
+        levels = np.repeat(np.tile([20.0, 100.0, 40.0, 80.0, 55.0], 30), 12)
+        rows, time = len(levels), dwell * PLANT.tau * np.arange(len(levels))
+        y = reference.ringing(PLANT, time, levels, np.full(rows, PLANT.f0 + 30), np.full(rows, reference.REFERENCE_TEMPERATURE))
+        for digits in (3, 5, 10):
+            log = sysid.Log("stairs", np.round(y, digits), time=time, drive=levels, frequency=np.full(rows, PLANT.f0 + 30))
+            assert np.sum(np.diff(log.response) == 0) > 20 and not np.any(lost(log)), (dwell, digits)
+
+
 def test_rows_that_a_sound_log_repeats_are_kept():
-    """One that is asked more often than it measures, an amplitude that is clipped, a coarse recorder, a rest that reads zero,
-    stairs without noise."""
+    """Of an amplitude that is clipped, or both channels; a coarse recorder, a rest that reads zero, stairs without noise."""
     noisy, _ = recorded(1)
-    often = replace(noisy, response=np.repeat(noisy.response[::6], 6))
+    turned = noisy.response * np.exp(0.7j)
+    both = replace(noisy, response=np.minimum(turned.real, 1.0) + 1j * np.minimum(turned.imag, 1.0))
     clipped = replace(noisy, response=np.minimum(np.abs(noisy.response), 1.0))
     rough = replace(noisy, response=0.1 * (np.round(noisy.response.real / 0.1) + 1j * np.round(noisy.response.imag / 0.1)))
     exact = replace(recorded(0, std=0.0)[0], response=np.round(recorded(0, std=0.0)[0].response, 2))
     time, levels = 2e-3 * np.arange(90), np.repeat([0.0, 100.0, 40.0, 80.0], [5, 30, 30, 25])  # comes to rest within a few rows
     drives = reference.ringing(PLANT, time, levels, np.full(90, PLANT.f0), np.full(90, reference.REFERENCE_TEMPERATURE))
     stairs = sysid.Log("stairs", np.round(drives, 4), time=time, drive=levels, frequency=np.full(90, PLANT.f0), kind="transient")
-    for log in (often, clipped, rough, exact, stairs):
+    for log in (both, clipped, rough, exact, stairs):
         assert not np.any(lost(log)), log.name
         assert np.sum(np.diff(log.response) == 0) > 20
 

@@ -1,5 +1,6 @@
 """What the model leaves out is named, and logs that it describes are not doubted."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -115,7 +116,7 @@ def millivolts(bench):
         (hurried_sweep, "swept too fast"),
         (two_resonances, "the resonance contradicts the other logs"),
         (softer_when_warm, "tau changes with the temperature"),
-        (millimetres, "about 1.01e+03 times that of theirs"),
+        (millimetres, "about 1001 times that of theirs"),
         (millivolts, "G contradicts the other logs"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
@@ -226,3 +227,62 @@ def test_steps_of_a_recorder_are_no_second_resonance(bench):
         warnings = sysid.fit([replace(log, response=coarse)]).warnings
         assert any("recorded in steps of 0.1 um" in w for w in warnings)
         assert not any("resonance" in w for w in warnings)
+
+
+@pytest.mark.parametrize("digits", [3, 5])
+def test_rows_that_share_their_time_stamps_are_named(bench, digits):
+    """Rows 0.1 ms apart whose time is written in ms, and in steps of ten us: these differ."""
+    log = bench.transient(seed=5, frequency=32300.0)
+    coarse = replace(log, time=np.round(log.time, digits))
+    distinct = len(set(coarse.time.tolist()))
+    found = sysid.fit([coarse])
+    said = [said for said in found.warnings if "time stamp of the row before" in said]
+    if digits == 5:
+        assert not said and found.result is sysid.Result.successful
+        return
+    assert said[0].startswith(f"step: {len(log) - distinct} of {len(log)} rows") and "of one moment" in said[0]
+    assert not any("check its columns" in said for said in found.warnings)
+    assert found.result is not sysid.Result.successful
+
+
+def test_two_rows_of_one_moment_are_counted_and_fitted(bench):
+    log = bench.transient(seed=6)
+    time = log.time.copy()
+    time[150] = time[149]
+    found = sysid.fit([replace(log, time=time)])
+    assert found.result is sysid.Result.successful
+    assert any(said.startswith("step: 1 of 240 rows have the time stamp of the row before") for said in found.warnings)
+
+
+def misread(bench):
+    """Of four sweeps one has its temperature read 3 degC too high."""
+    logs = [bench.sweep(seed=20 + k, temperature=degC) for k, degC in enumerate((18.0, 24.0, 30.0, 36.0))]
+    return [*logs[:2], replace(logs[2], name="odd", temperature=logs[2].temperature + 3.0), logs[3]], -3.0 * bench.plant.k_T
+
+
+def of_another_plate(bench):
+    """Far enough off for most of the sweep to be left."""
+    odd = replace(other_plant(bench, f0=bench.plant.f0 + 120.0).sweep(seed=31), name="odd")
+    return [bench.sweep(seed=30), odd, bench.sweep(seed=32), bench.transient(seed=33)], 120.0
+
+
+@pytest.mark.parametrize("made", [misread, of_another_plate])
+def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(bench, made):
+    """Not by an effect that could make it so: neither a drift nor a gain."""
+    logs, off = made(bench)
+    fit = sysid.fit(logs)
+    said = [said for said in fit.warnings if "contradicts" in said or "drifts" in said or "residual" in said]
+    assert fit.result is Result.misfit and len(said) == 1
+    found = re.fullmatch(r"odd: the resonance contradicts the other logs, about ([-+.\d]+) Hz off that of theirs; .*", said[0])
+    assert abs(float(found[1]) - off) < 1.5  # four times what a sweep and three others tell of their f0, 0.3 Hz
+
+
+def test_a_time_in_another_unit_is_named_by_tau(bench):
+    step, sweep = bench.transient(seed=40), bench.sweep(seed=41)
+    fit = sysid.fit([sweep, replace(step, time=1000 * step.time)])
+    assert fit.result is Result.misfit
+    found = re.search(r": tau contradicts the other logs, about (\S+) times that", " ".join(fit.warnings))
+    alone = [sysid.fit([log]).parameters["tau"] for log in (step, sweep)]
+    error = np.hypot(*[p.std / p.value for p in alone])
+    # of two logs either may be the one to believe: the factor is a thousand or its inverse
+    assert found and abs(abs(np.log(float(found[1]))) - np.log(1000)) < 4 * error
