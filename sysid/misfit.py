@@ -18,7 +18,7 @@ from sysid.coincidence import cancelling
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
-from sysid.terms import LATE, SHIFTED, Term, one_way, own, terms, times
+from sysid.terms import ASTRAY, LATE, SHIFTED, Term, at_changes, one_way, own, terms, times
 from sysid.view import View
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
@@ -70,6 +70,7 @@ def misfits(
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
+    found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
@@ -90,6 +91,21 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
         moves = {"tau": np.inf}
     found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
+
+
+def _outlying(i: int, view: View) -> Found | None:
+    """An outlier at a change of the inputs, of all rows, that shows the response farther along than it may be early."""
+    trial, rows = view.trial, at_changes(view.trial)
+    weight = np.ones(len(trial.log)) if trial.tail is None else np.array(trial.tail)
+    weight[~trial.kept if trial.kept is not None else []] = 0.0
+    if not rows or not trial.lateness or trial.lost:
+        return None
+    row = min(rows, key=lambda k: weight[k])
+    worth = -float(np.log(len(rows) * np.mean(weight <= weight[row])))
+    farther = np.abs(view.residual[row]) > TENSE * trial.lateness * np.max(np.abs(view.course.push))
+    if worth < ENOUGH or not farther:
+        return None
+    return Found(ASTRAY.format(trial.log.name, trial.log.time[row]), worth, {"G": np.inf}, "astray", i, 2)
 
 
 def _row_late(i: int, view: View, fit: "_Linear") -> str | None:

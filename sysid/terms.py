@@ -10,7 +10,7 @@ from sysid.extra import possible
 from sysid.hold import contact, force_of
 from sysid.perturbed import accumulated
 from sysid.prior import FINGER
-from sysid.trial import LEAST_WARMING
+from sysid.trial import LEAST_WARMING, Trial
 from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -26,6 +26,13 @@ SHIFTED = (
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
     " delay_s, or lockin_tau_s and lockin_order"
+)
+
+
+FEW = 16  # changes of the inputs, at each of which a row may be astray
+ASTRAY = (
+    "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
+    " before: rows may be missing, or their times be wrong; record it again, or leave it out"
 )
 
 
@@ -62,7 +69,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
-    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else _later(i, view)
+    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else chain(_later(i, view), _astray(i, view))
 
 
 def _term(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
@@ -188,6 +195,24 @@ def _later(i: int, view: View) -> Iterator[Term]:
         for order in (1, 4):
             shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
             yield _term(i, "late", shape, LATE.format(log.name, share * c.tau), 1)
+
+
+def _astray(i: int, view: View) -> Iterator[Term]:
+    """The row at a change of the inputs does not belong there: it shows what came of a change that was earlier. It may pass for
+    noise that rows share, and the gain follow it."""
+    for row in at_changes(view.trial):
+        at = (np.arange(len(view.trial.log)) == row).astype(complex)[:, None]
+        said = ASTRAY.format(view.trial.log.name, view.trial.log.time[row])
+        shapes = at if view.trial.log.amplitude_only else np.concatenate([at, 1j * at], axis=1)
+        yield Term("astray", {i: shapes}, lambda *_, said=said: said, i, freedom=2)
+
+
+def at_changes(trial: Trial) -> list[int]:
+    """The rows of a transient at which its inputs change, if they are few."""
+    if trial.steady or not 0 < trial.changes <= FEW:
+        return []
+    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0]
+    return [int(np.argmin(np.abs(trial.log.time - time))) for time in begun]
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

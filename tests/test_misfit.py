@@ -9,6 +9,7 @@ from conftest import SYNTHETIC
 
 import sysid
 from sysid import Result, Scene
+from sysid.condense import gaps, taken
 from sysid.scene import EFFECTS
 
 SCENES = SYNTHETIC / "scenes" / "plate"
@@ -206,3 +207,38 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
     both = np.concatenate([up, up[::-1]])
     found = sysid.fit([swept(both, both)])
     assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std
+
+
+def without_the_edge(log):
+    """Of the rows about the step, at the 20th, eight are missing: the first that is left has risen by a third."""
+    return taken(log, np.delete(np.arange(len(log)), np.arange(18, 26)))
+
+
+def test_a_step_whose_edge_is_missing_is_known_as_well_as_its_moment(bench):
+    """The drive changed anywhere in a gap of nine rows. Called a change at the row after it, G would be 6 of its errors off."""
+    for seed in range(4):
+        step, sweep = without_the_edge(bench.transient(seed=80 + seed)), bench.sweep(seed=90 + seed)
+        alone, both = sysid.fit([step]), sysid.fit([step, sweep])
+        for fit in (alone, both):
+            assert fit.result is Result.successful, fit.warnings
+            for name in ("G", "tau", "f0"):
+                p = fit.parameters[name]
+                assert abs(p.value - getattr(bench.plant, name)) < 4 * p.std, (seed, name)
+        # beside a sweep the moment is known, and hides nothing of G: the sweep's error alone is 0.1 %
+        assert both.parameters["G"].std < 0.004 * bench.plant.G
+
+
+def test_a_gap_before_a_step_that_is_recorded_where_it_was_is_none(bench):
+    """A recorder that is slow at rest and fast from the step on: no response before the row of the step."""
+    log = bench.transient(seed=7)
+    assert not np.any(gaps(taken(log, np.append([0, 6, 12], np.arange(20, len(log))))))
+    assert np.flatnonzero(gaps(without_the_edge(log))).tolist() == [18]
+
+
+def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
+    """The recorder counts on. What is then left might pass for noise."""
+    for seed in range(4):  # with the less noise it passes for noise that rows share, with the more for an outlier
+        log = without_the_edge(bench.transient(seed=70 + seed, noise=(0.01, 0.002)[seed % 2]))
+        fit = sysid.fit([replace(log, time=1e-4 * np.arange(len(log)))])
+        assert fit.result is Result.misfit, fit.parameters
+        assert any("as if the change had been before" in said for said in fit.warnings), fit.warnings
