@@ -17,7 +17,9 @@ MOST = 4096  # rows of a longer one when it is condensed
 
 
 def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray]:
-    """The log, condensed where it has more than `longest` rows; its inputs; and how many rows each of its rows is the mean of."""
+    """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor; its inputs; and
+    how many rows each of its rows is the mean of."""
+    log = undelayed(log) if kind == "steady" else log
     hold = _inputs(log, kind)
     n = len(log)
     if n <= longest or log.kind is None:  # its kind may still change
@@ -41,6 +43,16 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     spread = np.where(count > 1, spread, hold.spread[edges])
     hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
     return _means(log, edges), hold, count
+
+
+def undelayed(log: Log, sign: float = 1.0) -> Log:
+    """Settled d/q points without the turn e^{-j omega t} of a stated delay t, but for what is common to all of them, which is the
+    demodulator's. `sign` -1: with it again."""
+    late = log.bench.get("delay_s", 0.0)
+    if not late or log.amplitude_only or log.frequency is None:
+        return log
+    turn = np.exp(sign * 2j * np.pi * late * (log.frequency - np.mean(log.frequency)))
+    return replace(log, response=log.response * turn)
 
 
 LEAST_FORCE = 0.01  # N; less is a force sensor's own

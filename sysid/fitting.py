@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid import identify, wording
 from sysid.coincidence import hangs, tightened
-from sysid.condense import taken
+from sysid.condense import taken, undelayed
 from sysid.extra import EXTRA
 from sysid.guess import candidates
 from sysid.log import Log
@@ -360,4 +360,6 @@ def _settled(trial: Trial, tau: float) -> Trial:
     if trial.log.kind is not None:
         return trial
     kind = "steady" if np.median(np.diff(trial.log.time)) >= SETTLED * tau else "transient"
-    return trial if kind == trial.kind else Trial.of(trial.log, kind, trial.nuisances)
+    if kind == trial.kind:
+        return trial
+    return Trial.of(undelayed(trial.log, -1.0) if trial.steady else trial.log, kind, trial.nuisances)

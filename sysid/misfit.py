@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.coincidence import cancelling
+from sysid.coincidence import cancelling, complex_of
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
-from sysid.terms import ASTRAY, LATE, SHIFTED, Term, at_changes, one_way, own, terms, times
+from sysid.terms import ASTRAY, LATE, SHIFTED, THROUGH, Term, at_changes, one_way, own, terms, times
 from sysid.view import View
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
@@ -28,6 +28,7 @@ ROUGH = 5.0  # by which a residual is larger than the noise between its neighbou
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
+SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -73,6 +74,7 @@ def misfits(
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
+    doubts += [said for v in views if (said := _through_or_late(v, state, reference)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
 
 
@@ -119,6 +121,23 @@ def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
     if contradicted or share * step < MOVES * fit.std[f0]:
         return None
     return SHIFTED.format(view.trial.log.name, step, share * step / fit.std[f0])
+
+
+def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -> str | None:
+    """A sweep's feedthrough that is real and negative in the plate's own frame may be the turn of a sensor that is late by t, as
+    -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau."""
+    trial = seen.trial
+    if not trial.steady or "feedthrough" not in trial.shapes or trial.log.drive is None or "delay_s" in trial.log.bench:
+        return None
+    view = View(trial, seen.model, state, reference, coloured=True)
+    form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
+    share = complex(form @ np.array([c.value for c in view.columns]))
+    covariance = view.covariance(state.covariance)
+    along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
+    error = float(np.sqrt(state.covariance[0, 0]))
+    if share.real > -max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
+        return None
+    return THROUGH.format(trial.log.name, -100 * share.real, -share.real / (1 + share.real) * float(np.exp(state.theta[1])))
 
 
 def _error_of_lateness(view: View, fit: "_Linear") -> float:

@@ -23,6 +23,11 @@ SHIFTED = (
     "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late), or let every point settle"
 )
+OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
+THROUGH = (
+    "{0}: a feedthrough of {1:.2g} % of the response, or a sensor that is late by {2:.2g} s, by which G would be {1:.2g} %"
+    " smaller; state delay_s (0 if nothing is late)"
+)
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
     " delay_s, or lockin_tau_s and lockin_order"
@@ -170,8 +175,10 @@ def _background(i: int, view: View) -> Iterator[Term]:
     x = (log.frequency - np.mean(log.frequency)) / np.ptp(log.frequency)
 
     def late(value: np.ndarray, _: View) -> str:
-        seconds = -value[0] / (2 * np.pi * np.ptp(log.frequency))
-        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; take that out of the phase"
+        seconds, stated = -value[0] / (2 * np.pi * np.ptp(log.frequency)), log.bench.get("delay_s", 0.0)
+        if stated:
+            return f"{log.name}: its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states; {OF_PHASE}"
+        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
 
     def bent(value: np.ndarray, _: View) -> str:
         return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
