@@ -177,7 +177,8 @@ def _background(i: int, view: View) -> Iterator[Term]:
     def late(value: np.ndarray, _: View) -> str:
         seconds, stated = -value[0] / (2 * np.pi * np.ptp(log.frequency)), log.bench.get("delay_s", 0.0)
         if stated:
-            return f"{log.name}: its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states; {OF_PHASE}"
+            said = f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states"
+            return f"{log.name}: {said}; {OF_PHASE}"
         return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
 
     def bent(value: np.ndarray, _: View) -> str:
