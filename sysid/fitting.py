@@ -10,6 +10,7 @@ from sysid.coincidence import hangs, tightened
 from sysid.condense import taken, undelayed
 from sysid.extra import EXTRA
 from sysid.guess import candidates
+from sysid.late import timed
 from sysid.log import Log
 from sysid.minimise import Minimiser, State, shares
 from sysid.misfit import Found, misfits
@@ -142,6 +143,7 @@ def _conclude(states: list[State], reference, free, warnings: list[str], referen
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found, unseen = misfits(best, reference, free, at)
+    found = timed(_likeliest(found), best, reference, free)
     described, doubts = _described(best, found, FINGER[0] in free)
     doubts = doubts if described else [*doubts, *unseen]
     if "late" in hangs(best, reference, free):
@@ -256,12 +258,16 @@ def _units(log: Log) -> dict[str, str]:
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
 
 
+def _likeliest(found: Sequence[Found]) -> list[Found]:
+    """What is worth less may be a shadow of what is worth more."""
+    return [f for f in found if f.worth >= found[0].worth - NEARLY]
+
+
 def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[str], list[str]]:
     """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
     finger does is fitted."""
-    best = [f for f in found if f.worth >= found[0].worth - NEARLY]  # what is worth less may be a shadow of what is worth more
-    harmful = any(f.harmful and f.certain for f in best)
-    named = {f.log for f in best} if harmful else set()
+    harmful = any(f.harmful and f.certain for f in found)
+    named = {f.log for f in found} if harmful else set()
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         model = model.real if trial.log.amplitude_only else model
@@ -270,9 +276,9 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
             what = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
-        likely = {f.name: f.sentence for f in reversed(best)}
+        likely = {f.name: f.sentence for f in reversed(found)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
-    return said, [f"{f.sentence} ({_unharmed(f)})" for f in best[:1]]
+    return said, [f"{f.sentence} ({_unharmed(f)})" for f in found[:1]]
 
 
 def _unharmed(found: Found) -> str:

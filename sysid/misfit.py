@@ -91,7 +91,8 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
     column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
     if abs(view.late) >= TENSE * lateness and np.sum(column**2) * view.late**2 >= 2 * ENOUGH:
         moves = {"tau": np.inf}
-    found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
+    said = LATE.format(view.trial.log.name, f" of about {view.late:.2g} s")
+    found = Found(said, 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
 
 

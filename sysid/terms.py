@@ -29,15 +29,19 @@ THROUGH = (
     " smaller; state delay_s (0 if nothing is late)"
 )
 LATE = (
-    "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
-    " delay_s, or lockin_tau_s and lockin_order"
+    "{}: the response begins late, by a trigger or a demodulator's filter{}, which cannot be told from tau; state delay_s, or"
+    " lockin_tau_s and lockin_order"
 )
 
 
 FEW = 16  # changes of the inputs, at each of which a row may be astray
 ASTRAY = (
     "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
-    " before: rows may be missing, or their times be wrong; record it again, or leave it out"
+    " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
+)
+FILTERED = (
+    "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
+    " which cannot be told from tau; state lockin_tau_s and lockin_order"
 )
 
 
@@ -198,11 +202,11 @@ def _later(i: int, view: View) -> Iterator[Term]:
         delay = rows * view.trial.spacing
         if delay < 2 * c.tau:
             shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, delay), 1)
+            yield _term(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):
             shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, share * c.tau), 1)
+            yield _term(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
 
 
 def _astray(i: int, view: View) -> Iterator[Term]:
@@ -219,8 +223,9 @@ def at_changes(trial: Trial) -> list[int]:
     """The rows of a transient at which its inputs change, if they are few."""
     if trial.steady or not 0 < trial.changes <= FEW:
         return []
-    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0]
-    return [int(np.argmin(np.abs(trial.log.time - time))) for time in begun]
+    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0] + trial.log.bench.get("delay_s", 0.0)
+    last = np.searchsorted(trial.log.time, begun + 0.01 * trial.spacing, side="right") - 1  # that does not show the change
+    return [int(row) for row in last if row >= 0]
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

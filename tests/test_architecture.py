@@ -48,6 +48,7 @@ ORDER = [
     "coincidence",
     "terms",
     "misfit",
+    "late",
     "fitting",
     "bench",
     "comparison",
