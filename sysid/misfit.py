@@ -128,7 +128,7 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     """A sweep's feedthrough that is real and negative in the plate's own frame may be the turn of a sensor that is late by t, as
     -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau."""
     trial = seen.trial
-    if not trial.steady or "feedthrough" not in trial.shapes or trial.log.drive is None or "delay_s" in trial.log.bench:
+    if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or "delay_s" in trial.log.bench:
         return None
     view = View(trial, seen.model, state, reference, coloured=True)
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
@@ -159,7 +159,7 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
 def _strange(i: int, view: View, alone: bool) -> Found | None:
     """A log of which the model leaves most, smooth as it is: beside others by what its own gain is off, if that is what it is."""
     y, left = view.trial.log.response, view.residual
-    if len(y) < 8 or view.trial.log.drive is None:
+    if len(y) < 8 or view.trial.log.drive is None or np.std(y) == 0:
         return None
     rough, total = np.sqrt(np.mean(np.abs(np.diff(left)) ** 2) / 2), np.sqrt(np.mean(np.abs(left) ** 2))
     if total < ROUGH * rough or total < MOST * np.std(y):
