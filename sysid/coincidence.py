@@ -100,15 +100,15 @@ class _Both(NamedTuple):
     @classmethod
     def of_step(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
         """A feedthrough in the plate's frame, and less what the lateness adds: A - B."""
-        through = _complex_of(view, "feedthrough", np.conj(view.turn))
-        late = _complex_of(view, "late", _rise(view) * view.trial.lateness / view.trial.looseness)
+        through = complex_of(view, "feedthrough", np.conj(view.turn))
+        late = complex_of(view, "late", _rise(view) * view.trial.lateness / view.trial.looseness)
         return cls._of(view, plant, through, through - late)
 
     @classmethod
     def of_rest(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
         """An offset, and with what the plate still rings by."""
-        offset = _complex_of(view, "offset", 1.0)
-        return cls._of(view, plant, offset, offset + _complex_of(view, "start", 1.0))
+        offset = complex_of(view, "offset", 1.0)
+        return cls._of(view, plant, offset, offset + complex_of(view, "start", 1.0))
 
     @classmethod
     def _of(cls, view: View, plant: np.ndarray | None, first: np.ndarray, both: np.ndarray) -> "_Both":
@@ -121,7 +121,7 @@ class _Both(NamedTuple):
         return float(np.sqrt(0.5 * abs(self.left) ** 2 + self.error**2))
 
 
-def _complex_of(view: View, name: str, factor: complex) -> np.ndarray:
+def complex_of(view: View, name: str, factor: complex) -> np.ndarray:
     """What makes a complex coefficient of the columns of d and q, as a linear form."""
     return np.array([factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns])
 

@@ -17,7 +17,9 @@ MOST = 4096  # rows of a longer one when it is condensed
 
 
 def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray]:
-    """The log, condensed where it has more than `longest` rows; its inputs; and how many rows each of its rows is the mean of."""
+    """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor; its inputs; and
+    how many rows each of its rows is the mean of."""
+    log = undelayed(log) if kind == "steady" else log
     hold = _inputs(log, kind)
     n = len(log)
     if n <= longest or log.kind is None:  # its kind may still change
@@ -43,6 +45,16 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     return _means(log, edges), hold, count
 
 
+def undelayed(log: Log, sign: float = 1.0) -> Log:
+    """Settled d/q points without the turn e^{-j omega t} of a stated delay t, but for what is common to all of them, which is the
+    demodulator's. `sign` -1: with it again."""
+    late = log.bench.get("delay_s", 0.0)
+    if not late or log.amplitude_only or log.frequency is None:
+        return log
+    turn = np.exp(sign * 2j * np.pi * late * (log.frequency - np.mean(log.frequency)))
+    return replace(log, response=log.response * turn)
+
+
 LEAST_FORCE = 0.01  # N; less is a force sensor's own
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 
@@ -60,6 +72,40 @@ def from_rest(log: Log) -> bool:
     return log.response_unit in OFFSET_UNITS or bool(abs(log.response[0]) < 0.1 * np.max(np.abs(log.response)))
 
 
+STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
+LONGER = 1.5  # times the usual step from row to row is a gap
+MOVED = 3.0  # times the usual change from row to row, and what the slope of the rows before makes: by noise in one of 500
+
+
+def gaps(log: Log) -> np.ndarray:
+    """(n,) s before each row of a transient in which an input changed, who knows when, as rows are missing; else 0.
+
+    By the contract a change is at a row. Of `instant` rows it was not where the response moved before, though it had been still;
+    of `settled` ones it may never be.
+    """
+    found = np.zeros(len(log))
+    if log.time is None or log.theta is not None or len(log) < 3:
+        return found
+    steps, moves = np.diff(log.time), np.abs(np.diff(log.response))
+    inputs = [np.diff(c) != 0 for c in (log.drive, log.frequency) if c is not None]
+    changed = np.any([np.zeros(len(steps), bool), *inputs], axis=0)
+    for row in np.flatnonzero(changed & (steps > LONGER * np.median(steps))) + 1:
+        held = slice(max([row - STILL, 0, *(np.flatnonzero(changed[: row - 1]) + 1)]), row)
+        if held.start > row - 2:
+            continue
+        still = float(np.median(moves)) + _slope(log.time[held], log.response[held]) * steps[row - 1]
+        if log.sampling == "settled" or moves[row - 1] > MOVED * still:
+            found[row] = steps[row - 1]
+    return found
+
+
+def _slope(time: np.ndarray, response: np.ndarray) -> float:
+    """Of rows, per second: from the mean of their first half to that of the second."""
+    half = len(time) // 2
+    rise, over = (np.mean(v[half:]) - np.mean(v[:half]) for v in (response, time))
+    return float(np.abs(rise) / max(over, 1e-300))
+
+
 def _inputs(log: Log, kind: str) -> Hold:
     drive = log.drive
     if drive is None:  # unknown: settled points have a gain of their own, a transient is taken as undriven
@@ -67,6 +113,8 @@ def _inputs(log: Log, kind: str) -> Hold:
     if kind == "steady":
         return settled_points(drive, log.frequency, log.temperature, _contact(log))
     given = {"settled": log.sampling == "settled", "delay": log.bench.get("delay_s", 0.0), "theta": log.theta}
+    unseen = gaps(log)
+    given |= {"early": 0.5 * unseen} if np.any(unseen) and log.sampling != "settled" else {}
     hold = hold_inputs(log.time, drive, log.frequency, log.temperature, _contact(log), at_rest=from_rest(log), **given)
     width = log.bench.get("lockin_boxcar_s", 0.0)
     return hold._replace(spread=np.where(hold.elapsed > 0, width**2 / 12, 0.0))

@@ -8,10 +8,11 @@ import numpy as np
 
 from sysid import identify, wording
 from sysid.coincidence import hangs, tightened
-from sysid.condense import taken
+from sysid.condense import taken, undelayed
 from sysid.dwell import SETTLED, dwells, of_own_inputs
 from sysid.extra import EXTRA
 from sysid.guess import candidates
+from sysid.late import timed
 from sysid.log import Log
 from sysid.minimise import Minimiser, State, shares
 from sysid.misfit import Found, misfits
@@ -154,6 +155,7 @@ def _conclude(
     plant = Plant(**known, reference_temperature=reference_temperature if at is None else at)
     estimates = {n: (float(values[n]), float(s)) for n, s in zip(free, np.sqrt(np.diag(covariance)), strict=True)}
     found, unseen = misfits(best, reference, free, at)
+    found = timed(_likeliest(found), best, reference, free)
     described, doubts = _described(best, found, FINGER[0] in free)
     between = found and (found[0].name in BETWEEN or found[0].log is None)
     if described and not between and (said := odd(best)):
@@ -281,12 +283,16 @@ BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log con
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
 
 
+def _likeliest(found: Sequence[Found]) -> list[Found]:
+    """What is worth less may be a shadow of what is worth more."""
+    return [f for f in found if f.worth >= found[0].worth - NEARLY]
+
+
 def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[str], list[str]]:
     """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
     finger does is fitted."""
-    best = [f for f in found if f.worth >= found[0].worth - NEARLY]  # what is worth less may be a shadow of what is worth more
-    harmful = any(f.harmful and f.certain for f in best)
-    named = {f.log for f in best} if harmful else set()
+    harmful = any(f.harmful and f.certain for f in found)
+    named = {f.log for f in found} if harmful else set()
     said = []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         if trial.silent:
@@ -297,10 +303,10 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
             what = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
-        likely = {f.name: f.sentence for f in reversed(best)}
+        likely = {f.name: f.sentence for f in reversed(found)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
     steps = {i for i, trial in enumerate(state.trials) if wording.coarse(trial)}  # which are no noise, and look like anything
-    return said, [f"{f.sentence} ({_unharmed(f)})" for f in best[:1] if f.log not in steps]
+    return said, [f"{f.sentence} ({_unharmed(f)})" for f in found[:1] if f.log not in steps]
 
 
 def _unharmed(found: Found) -> str:
@@ -391,7 +397,7 @@ def _free(trials: Sequence[Trial]) -> tuple[str, ...]:
 def _read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
     """A timed sweep as it is read where its kind or its `sampling` is not stated. Its rows are settled points if each dwells long
     enough for `tau`; if its frequency also stays or returns it is a transient, whose rows may belong to their own inputs."""
-    log, kind = trial.whole or trial.log, trial.kind
+    log, kind = trial.whole or (undelayed(trial.log, -1.0) if trial.steady else trial.log), trial.kind
     if log.kind is None:
         kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
     if sampling is None and log.kind == "transient":

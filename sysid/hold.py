@@ -70,12 +70,14 @@ def hold_inputs(
     reference=(0.0, 0.0),
     at_rest=False,
     delay=0.0,
+    early=None,
     theta=None,
 ) -> Hold:
     """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in place.
 
     `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at resonance.
-    `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time.
+    `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time. `early` (N,)
+    s: by which the inputs of a row began before it, less than a row.
     `theta` (rad): the carrier's phase at each row's time.
     """
     columns, last = _columns(len(time), drive, frequency, temperature, contact), len(time) - 1
@@ -92,9 +94,10 @@ def hold_inputs(
         before = np.array([[0.0], [1.0], [1.0], [1.0]]) * inputs[:, :1]
         first, inputs = np.append(0, first), np.concatenate([before, inputs], axis=1)
         held += 1
-    begin = time[first]
+    begin = time[first] if early is None else time[first] - early[first]
     read = time - delay if delay else time
-    row = np.maximum((np.searchsorted(begin, read) if delay else held) - 1, 0)  # of the interval that ends at or after the row
+    moved = delay or early is not None
+    row = np.maximum((np.searchsorted(begin, read) if moved else held) - 1, 0)  # of the interval that ends at or after the row
     return Hold(
         duration=np.diff(np.append(begin, time[-1])),
         interval=row.astype(np.int32),

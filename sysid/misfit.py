@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.coincidence import cancelling
+from sysid.coincidence import cancelling, complex_of
 from sysid.dwell import dwells
 from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.prior import NAMES
-from sysid.terms import LATE, SHIFTED, Term, one_way, own, terms, times
+from sysid.terms import ASTRAY, LATE, SHIFTED, THROUGH, Term, at_changes, one_way, own, terms, times
 from sysid.view import View
 from sysid.wording import stamps_shared
 
@@ -31,6 +31,7 @@ MOST = 0.3  # share of a log that it is, when the log is not what the model is a
 SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 MOVES = 2.0  # standard deviations of G, tau or f0
+SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -75,8 +76,10 @@ def misfits(
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
+    found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
+    doubts += [said for v in views if (said := _through_or_late(v, state, reference)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
 
 
@@ -93,8 +96,24 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
     column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
     if abs(view.late) >= TENSE * lateness and np.sum(column**2) * view.late**2 >= 2 * ENOUGH:
         moves = {"tau": np.inf}
-    found = Found(LATE.format(view.trial.log.name, view.late), 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
+    said = LATE.format(view.trial.log.name, f" of about {view.late:.2g} s")
+    found = Found(said, 0.5 * (view.late / lateness) ** 2, moves, "late", i, 1)
     return found if found.harmful else None
+
+
+def _outlying(i: int, view: View) -> Found | None:
+    """An outlier at a change of the inputs, of all rows, that shows the response farther along than it may be early."""
+    trial, rows = view.trial, at_changes(view.trial)
+    weight = np.ones(len(trial.log)) if trial.tail is None else np.array(trial.tail)
+    weight[~trial.kept if trial.kept is not None else []] = 0.0
+    if not rows or not trial.lateness or trial.lost:
+        return None
+    row = min(rows, key=lambda k: weight[k])
+    worth = -float(np.log(len(rows) * np.mean(weight <= weight[row])))
+    farther = np.abs(view.residual[row]) > TENSE * trial.lateness * np.max(np.abs(view.course.push))
+    if worth < ENOUGH or not farther:
+        return None
+    return Found(ASTRAY.format(trial.log.name, trial.log.time[row]), worth, {"G": np.inf}, "astray", i, 2)
 
 
 def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
@@ -110,6 +129,23 @@ def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
     if contradicted or share * step < MOVES * fit.std[f0]:
         return None
     return SHIFTED.format(view.trial.log.name, step, share * step / fit.std[f0])
+
+
+def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -> str | None:
+    """A sweep's feedthrough that is real and negative in the plate's own frame may be the turn of a sensor that is late by t, as
+    -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau."""
+    trial = seen.trial
+    if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or "delay_s" in trial.log.bench:
+        return None
+    view = View(trial, seen.model, state, reference, coloured=True)
+    form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
+    share = complex(form @ np.array([c.value for c in view.columns]))
+    covariance = view.covariance(state.covariance)
+    along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
+    error = float(np.sqrt(state.covariance[0, 0]))
+    if share.real > -max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
+        return None
+    return THROUGH.format(trial.log.name, -100 * share.real, -share.real / (1 + share.real) * float(np.exp(state.theta[1])))
 
 
 def _error_of_lateness(view: View, fit: "_Linear") -> float:

@@ -10,7 +10,7 @@ from sysid.extra import possible
 from sysid.hold import contact, force_of
 from sysid.perturbed import accumulated
 from sysid.prior import FINGER
-from sysid.trial import LEAST_WARMING
+from sysid.trial import LEAST_WARMING, Trial
 from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -23,9 +23,25 @@ SHIFTED = (
     "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late), or let every point settle"
 )
+OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
+THROUGH = (
+    "{0}: a feedthrough of {1:.2g} % of the response, or a sensor that is late by {2:.2g} s, by which G would be {1:.2g} %"
+    " smaller; state delay_s (0 if nothing is late)"
+)
 LATE = (
-    "{}: the response begins late, by a trigger or a demodulator's filter of about {:.2g} s, which cannot be told from tau; state"
-    " delay_s, or lockin_tau_s and lockin_order"
+    "{}: the response begins late, by a trigger or a demodulator's filter{}, which cannot be told from tau; state delay_s, or"
+    " lockin_tau_s and lockin_order"
+)
+
+
+FEW = 16  # changes of the inputs, at each of which a row may be astray
+ASTRAY = (
+    "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
+    " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
+)
+FILTERED = (
+    "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
+    " which cannot be told from tau; state lockin_tau_s and lockin_order"
 )
 
 
@@ -62,7 +78,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
-    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else _later(i, view)
+    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else chain(_later(i, view), _astray(i, view))
 
 
 def _term(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
@@ -163,8 +179,11 @@ def _background(i: int, view: View) -> Iterator[Term]:
     x = (log.frequency - np.mean(log.frequency)) / np.ptp(log.frequency)
 
     def late(value: np.ndarray, _: View) -> str:
-        seconds = -value[0] / (2 * np.pi * np.ptp(log.frequency))
-        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; take that out of the phase"
+        seconds, stated = -value[0] / (2 * np.pi * np.ptp(log.frequency)), log.bench.get("delay_s", 0.0)
+        if stated:
+            said = f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states"
+            return f"{log.name}: {said}; {OF_PHASE}"
+        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
 
     def bent(value: np.ndarray, _: View) -> str:
         return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
@@ -183,11 +202,30 @@ def _later(i: int, view: View) -> Iterator[Term]:
         delay = rows * view.trial.spacing
         if delay < 2 * c.tau:
             shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, delay), 1)
+            yield _term(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):
             shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, share * c.tau), 1)
+            yield _term(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
+
+
+def _astray(i: int, view: View) -> Iterator[Term]:
+    """The row at a change of the inputs does not belong there: it shows what came of a change that was earlier. It may pass for
+    noise that rows share, and the gain follow it."""
+    for row in at_changes(view.trial):
+        at = (np.arange(len(view.trial.log)) == row).astype(complex)[:, None]
+        said = ASTRAY.format(view.trial.log.name, view.trial.log.time[row])
+        shapes = at if view.trial.log.amplitude_only else np.concatenate([at, 1j * at], axis=1)
+        yield Term("astray", {i: shapes}, lambda *_, said=said: said, i, freedom=2)
+
+
+def at_changes(trial: Trial) -> list[int]:
+    """The rows of a transient at which its inputs change, if they are few."""
+    if trial.steady or not 0 < trial.changes <= FEW:
+        return []
+    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0] + trial.log.bench.get("delay_s", 0.0)
+    last = np.searchsorted(trial.log.time, begun + 0.01 * trial.spacing, side="right") - 1  # that does not show the change
+    return [int(row) for row in last if row >= 0]
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainc
 
-from sysid.condense import LONG, OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.condense import LONG, OFFSET_UNITS, from_rest, gaps, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
 from sysid.lost import filled, lost
@@ -40,6 +40,7 @@ class Trial:
     count: np.ndarray = field(repr=False)  # (n,) rows of the file that each row is the mean of
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
+    gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
@@ -65,7 +66,8 @@ class Trial:
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         whole = log if len(short) < len(log) else None
-        trial = cls(short, kind, inputs, count, nuisances, spacing, there=there, kept=there, whole=whole)
+        gap = 0.0 if kind == "steady" else float(np.max(gaps(log), initial=0.0))
+        trial = cls(short, kind, inputs, count, nuisances, spacing, gap, there=there, kept=there, whole=whole)
         share = DECIBEL[kind] if log.relative_noise else 0.0
         return replace(trial, share=share, spread=trial.uneven(share, short.response)) if share else trial
 
@@ -287,11 +289,12 @@ class Trial:
 
     @cached_property
     def lateness(self) -> float:
-        """Standard deviation (s) of how late the response may be: a row, or a radian of the carrier where that is longer.
-        0 where it is known or nothing depends on it."""
+        """Standard deviation (s) of how late the response may be: a row, the gap in which an input changed, or a radian of the
+        carrier, where that is longer. 0 where it is known or nothing depends on it."""
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
-        usual = self._radian if "delay_s" in self.log.bench else float(np.hypot(self.spacing, self._radian))
+        row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
+        usual = float(np.hypot(row, self._radian))
         return min(usual, self.narrow.get("lateness", np.inf))
 
     @cached_property

@@ -52,6 +52,7 @@ ORDER = [
     "terms",
     "misfit",
     "odd",
+    "late",
     "fitting",
     "bench",
     "comparison",

@@ -10,7 +10,10 @@ from conftest import SYNTHETIC
 
 import sysid
 from sysid import Result, Scene
+from sysid.condense import gaps, taken
+from sysid.fitting import _settled
 from sysid.scene import EFFECTS
+from sysid.trial import Trial
 
 SCENES = SYNTHETIC / "scenes" / "plate"
 
@@ -286,3 +289,94 @@ def test_a_time_in_another_unit_is_named_by_tau(bench):
     error = np.hypot(*[p.std / p.value for p in alone])
     # of two logs either may be the one to believe: the factor is a thousand or its inverse
     assert found and abs(abs(np.log(float(found[1]))) - np.log(1000)) < 4 * error
+
+
+def without_the_edge(log):
+    """Of the rows about the step, at the 20th, eight are missing: the first that is left has risen by a third."""
+    return taken(log, np.delete(np.arange(len(log)), np.arange(18, 26)))
+
+
+def test_a_step_whose_edge_is_missing_is_known_as_well_as_its_moment(bench):
+    """The drive changed anywhere in a gap of nine rows. Called a change at the row after it, G would be 6 of its errors off."""
+    for seed in range(4):
+        step, sweep = without_the_edge(bench.transient(seed=80 + seed)), bench.sweep(seed=90 + seed)
+        alone, both = sysid.fit([step]), sysid.fit([step, sweep])
+        for fit in (alone, both):
+            assert fit.result is Result.successful, fit.warnings
+            for name in ("G", "tau", "f0"):
+                p = fit.parameters[name]
+                assert abs(p.value - getattr(bench.plant, name)) < 4 * p.std, (seed, name)
+        # beside a sweep the moment is known, and hides nothing of G: the sweep's error alone is 0.1 %
+        assert both.parameters["G"].std < 0.004 * bench.plant.G
+
+
+def test_a_gap_before_a_step_that_is_recorded_where_it_was_is_none(bench):
+    """A recorder that is slow at rest and fast from the step on: no response before the row of the step."""
+    log = bench.transient(seed=7)
+    assert not np.any(gaps(taken(log, np.append([0, 6, 12], np.arange(20, len(log))))))
+    assert np.flatnonzero(gaps(without_the_edge(log))).tolist() == [18]
+
+
+def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
+    """The recorder counts on. What is then left might pass for noise."""
+    for seed in range(4):  # with the less noise it passes for noise that rows share, with the more for an outlier
+        log = without_the_edge(bench.transient(seed=70 + seed, noise=(0.01, 0.002)[seed % 2]))
+        fit = sysid.fit([replace(log, time=1e-4 * np.arange(len(log)))])
+        assert fit.result is Result.misfit, fit.parameters
+        assert any("as if the change had been before" in said for said in fit.warnings), fit.warnings
+
+
+def behind(log, late, **bench):
+    """A sweep through a sensor that is `late` (s): e^{-j omega t}."""
+    return replace(log, response=log.response * np.exp(-2j * np.pi * log.frequency * late), bench=bench)
+
+
+def off(bench, fit, name="G"):
+    """By how many of its errors a parameter is off."""
+    p = fit.parameters[name]
+    return (p.value - getattr(bench.plant, name)) / p.std
+
+
+def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench):
+    """30 us turn the phase by a degree in 100 Hz, and G by 1.8 %. With times, a sweep may be settled or not at first."""
+    for seed, dwell in enumerate((None, 20e-3, 20e-3)):
+        time = None if dwell is None else dwell * np.arange(101)
+        log = bench.sweep(seed=100 + seed, noise=0.002, time=time)
+        late = behind(log, 30e-6)
+        assert off(bench, sysid.fit([late])) > 6
+        stated = sysid.fit([replace(late, bench={"delay_s": 30e-6})])
+        assert stated.result is Result.successful and all(abs(off(bench, stated, name)) < 4 for name in ("G", "tau", "f0"))
+    wrong = sysid.fit([behind(log, 0.0, delay_s=1e-3)])
+    assert wrong.result is Result.misfit
+    assert any("does not fall along the sweep" in said for said in wrong.warnings), wrong.warnings
+
+
+def test_a_sweep_that_turns_out_not_to_be_settled_has_its_turn_again():
+    """What is undone where it is settled is done again, to the rounding of a turn and its inverse."""
+    frequency, time = 32300 + np.linspace(-500, 500, 401), 4e-4 * np.arange(401)
+    rows = np.exp(2j * np.pi * np.arange(401) / 401)
+    log = sysid.Log("swept", rows, time=time, drive=np.ones(401), frequency=frequency, bench={"delay_s": 2e-4})
+    settled = Trial.of(log, "steady")
+    back = _settled(settled, 1.67e-3)
+    assert back.kind == "transient"
+    assert np.max(np.abs(settled.log.response - rows)) > 0.1 and np.max(np.abs(back.log.response - rows)) < 1e-14
+
+
+def unfed(bench, seed):
+    """A sweep with nothing but noise and a turn beside the plate."""
+    log = bench.sweep(seed=seed)
+    clean = reference.steady(bench.plant, log.drive, log.frequency, log.temperature)
+    return replace(log, response=np.exp(0.3j) * clean + reference.noise(101, 0.01, seed))
+
+
+def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
+    def said(log):
+        return [w for w in sysid.fit([log]).warnings if "a sensor that is late" in w]
+
+    clean = [unfed(bench, seed) for seed in range(20)]
+    assert not any(said(log) for log in clean)  # each by chance in one of 30 000
+    late = behind(clean[0], 100e-6)
+    told = re.search(r"a feedthrough of (.+) % .* late by (.+) s, by which", said(late)[0])
+    # D = r tau/(1 - r), to second order in D (f - f0): a tenth
+    assert float(told[2]) == pytest.approx(100e-6, rel=0.1) and float(told[1]) == pytest.approx(5.7, rel=0.1)
+    assert not said(replace(late, bench={"delay_s": 0.0}))
