@@ -86,10 +86,13 @@ def gaps(log: Log) -> np.ndarray:
     found = np.zeros(len(log))
     if log.time is None or log.theta is not None or len(log) < 3:
         return found
-    steps, moves = np.diff(log.time), np.abs(np.diff(log.response))
-    inputs = [np.diff(c) != 0 for c in (log.drive, log.frequency) if c is not None]
-    changed = np.any([np.zeros(len(steps), bool), *inputs], axis=0)
-    for row in np.flatnonzero(changed & (steps > LONGER * np.median(steps))) + 1:
+    changed = np.zeros(len(log) - 1, bool)
+    for c in (log.drive, log.frequency):
+        changed |= False if c is None else c[1:] != c[:-1]
+    steps = np.diff(log.time)
+    rows = np.flatnonzero(changed & (steps > LONGER * np.median(steps))) + 1
+    moves = np.abs(np.diff(log.response)) if len(rows) else steps
+    for row in rows:
         held = slice(max([row - STILL, 0, *(np.flatnonzero(changed[: row - 1]) + 1)]), row)
         if held.start > row - 2:
             continue

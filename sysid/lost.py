@@ -16,6 +16,7 @@ from sysid.log import Log
 BESIDE = 8  # rows on each side that are looked at
 FAR = 10.0  # times the finest step, above which the typical one of them lies
 LEVELS = 100_000  # rows of which the finest step is taken
+MORE = 3.0  # times as many zeros as chance makes
 MOST = 0.5  # of the rows; where more are zero, it is the rest that is strange
 STRETCH = 64  # rows among whose moves those of one size are counted
 AMID = 3.0  # times the least of them, above which those beside a row lie: what comes to rest moves by a step or two before
@@ -31,7 +32,7 @@ def lost(log: Log) -> np.ndarray:
 def _zero(log: Log) -> np.ndarray:
     size = np.abs(log.response)
     zero, found = size == 0, np.zeros(len(log), bool)
-    if not 0 < np.sum(zero) <= MOST * len(log):
+    if not MORE * _by_chance(log) < np.sum(zero) <= MOST * len(log) or not np.any(zero):
         return found
     finest, signal = _finest(log), np.flatnonzero(~zero)
     for begin, end in _runs(zero):
@@ -39,6 +40,14 @@ def _zero(log: Log) -> np.ndarray:
         sides = [size[rows] for rows in (signal[max(at - BESIDE, 0) : at], signal[at : at + BESIDE]) if len(rows)]
         found[begin:end] = begin > 0 and all(np.median(side) > FAR * finest for side in sides)
     return found
+
+
+def _by_chance(log: Log) -> float:
+    """Rows that noise about zero makes exactly zero, by how often one of Wd and Wq is where the other is not."""
+    if log.amplitude_only:
+        return 0.0
+    d, q = log.response.real == 0, log.response.imag == 0
+    return float(np.sum(d & ~q)) * float(np.sum(q & ~d)) / len(log)
 
 
 def _held(log: Log) -> np.ndarray:
