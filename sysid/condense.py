@@ -73,6 +73,7 @@ def from_rest(log: Log) -> bool:
 
 
 STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
+SOME = 100_000  # rows of which the usual step is taken
 LONGER = 1.5  # times the usual step from row to row is a gap
 MOVED = 3.0  # times the usual change from row to row, and what the slope of the rows before makes: by noise in one of 500
 
@@ -89,16 +90,20 @@ def gaps(log: Log) -> np.ndarray:
     changed = np.zeros(len(log) - 1, bool)
     for c in (log.drive, log.frequency):
         changed |= False if c is None else c[1:] != c[:-1]
-    steps = np.diff(log.time)
-    rows = np.flatnonzero(changed & (steps > LONGER * np.median(steps))) + 1
-    moves = np.abs(np.diff(log.response)) if len(rows) else steps
-    for row in rows:
+    rows = np.flatnonzero(changed) + 1
+    if not len(rows):
+        return found
+    some = np.linspace(1, len(log) - 1, min(len(log) - 1, SOME)).astype(int)
+    usual = float(np.median(log.time[some] - log.time[some - 1]))
+    moved = float(np.median(np.abs(log.response[some] - log.response[some - 1])))
+    for row in rows[log.time[rows] - log.time[rows - 1] > LONGER * usual]:
         held = slice(max([row - STILL, 0, *(np.flatnonzero(changed[: row - 1]) + 1)]), row)
         if held.start > row - 2:
             continue
-        still = float(np.median(moves)) + _slope(log.time[held], log.response[held]) * steps[row - 1]
-        if log.sampling == "settled" or moves[row - 1] > MOVED * still:
-            found[row] = steps[row - 1]
+        gap = log.time[row] - log.time[row - 1]
+        still = moved + _slope(log.time[held], log.response[held]) * gap
+        if log.sampling == "settled" or abs(log.response[row] - log.response[row - 1]) > MOVED * still:
+            found[row] = gap
     return found
 
 

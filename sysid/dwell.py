@@ -11,8 +11,8 @@ def dwells(log: Log, tau: float) -> bool:
     """Whether a timed log's frequency changes, and after each change SETTLED or more pass before the next row is read."""
     if log.time is None or log.frequency is None:
         return False
-    dwell = np.diff(log.time)[np.diff(log.frequency) != 0]
-    return len(dwell) > 0 and bool(np.min(dwell) >= SETTLED * tau)
+    last = np.flatnonzero(log.frequency[1:] != log.frequency[:-1])
+    return len(last) > 0 and bool(np.min(log.time[last + 1] - log.time[last]) >= SETTLED * tau)
 
 
 def of_own_inputs(log: Log) -> bool:

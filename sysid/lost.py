@@ -18,6 +18,7 @@ FAR = 10.0  # times the finest step, above which the typical one of them lies
 LEVELS = 100_000  # rows of which the finest step is taken
 MORE = 3.0  # times as many zeros as chance makes
 MOST = 0.5  # of the rows; where more are zero, it is the rest that is strange
+BLOCK = 1 << 18  # rows that are looked at together, so that a long log needs little memory
 STRETCH = 64  # rows among whose moves those of one size are counted
 AMID = 3.0  # times the least of them, above which those beside a row lie: what comes to rest moves by a step or two before
 ROUNDING = 1e-6  # of a typical move, by which two of as many steps may differ
@@ -55,12 +56,30 @@ def _held(log: Log) -> np.ndarray:
     found = np.zeros(len(log), bool)
     if log.amplitude_only:  # an amplitude that is clipped stands still as well
         return found
-    moves = np.diff(log.response, prepend=log.response[:1])
-    still = (moves == 0) & ~(_at_an_end(log.response.real) & _at_an_end(log.response.imag))  # where both are clipped
-    still[0] = False
-    if not np.any(still):
-        return found
-    change = _change(log)
+    still, change = _still(log.response), _change(log)
+    for begin in range(0, len(log), BLOCK):
+        if not np.any(still[begin : begin + BLOCK]):
+            continue
+        rows = slice(max(begin - STRETCH, 0), begin + BLOCK + STRETCH)
+        amid = _amid(log.response[rows], still[rows], change[rows])
+        found[begin : begin + BLOCK] = amid[begin - rows.start :][:BLOCK]
+    return found
+
+
+def _still(response: np.ndarray) -> np.ndarray:
+    """(n,) rows of which both channels repeat the row before; none where no more of them do than chance makes, by how often one
+    channel does where the other does not."""
+    d, q = (part[1:] == part[:-1] for part in (response.real, response.imag))
+    both = d & q
+    found = np.append(False, both)
+    if np.sum(both) <= MORE * float(np.sum(d & ~q)) * float(np.sum(q & ~d)) / len(response):
+        return np.zeros(len(response), bool)
+    return found & ~(_at_an_end(response.real) & _at_an_end(response.imag))  # where both are clipped
+
+
+def _amid(response: np.ndarray, still: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Which of the rows that stand still do so amid rows that move."""
+    found, moves = np.zeros(len(response), bool), np.diff(response, prepend=response[:1])
     before = np.append(False, change[:-1])
     quiet, anew = ~change & ~before, change & before
     # A response without noise stands still once it has settled, and then until its inputs change; where each row is driven anew,

@@ -57,7 +57,8 @@ def stamps_shared(trial: Trial) -> int:
     if time is None:
         return 0
     there = slice(None) if trial.there is None or trial.whole is not None else trial.there
-    return int(np.count_nonzero(np.diff(time[there]) == 0))
+    time = time[there]
+    return int(np.count_nonzero(time[1:] == time[:-1]))
 
 
 def sampled(trial: Trial, stated: str | None) -> str | None:
