@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pint
 import pytest
 
 from sysid import units
@@ -108,3 +109,14 @@ def test_the_usual_units_do_not_load_pint():
         "assert not {'pint', 'pandas'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_prefix_alone_is_taken_as_the_library_takes_it():
+    """Every pair of prefixes of every such unit, against pint itself, to the rounding of its own products."""
+    registry = pint.UnitRegistry()
+    for base in ("s", "Hz", "m", "V", "A", "N", "m/s"):
+        for first in units._POWERS:
+            for second in units._POWERS:
+                exact = registry.Quantity(3.7, first + base).to(second + base).magnitude
+                assert units.convert(3.7, first + base, second + base) == pytest.approx(exact, rel=1e-14)
+    assert units._power("min", "s") is None and units._power("mm", "ms") is None and units._power("degC", "K") is None
