@@ -69,9 +69,10 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
     model = model.real if trial.log.amplitude_only else model
-    if trial.steady or trial.log.relative_noise:
-        trial = _with_spread(trial, model, floor, round_)
+    trial = _with_spread(trial, model, floor, round_) if trial.steady else trial
     new = _with_noise_of(trial, model, lambda: course.design(model), round_)
+    if trial.log.relative_noise and not trial.steady:  # of the next round: what a first model makes of a tail in dB is no level
+        new = _with_spread(new, model, floor, round_)
     if new.noise_time > 0 and not new.signed:
         new = replace(new, efficiency=efficiency(new, course, model))
     new = replace(new, late=late * trial.lateness / trial.looseness, extra=asked(new, course))
@@ -90,7 +91,7 @@ def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> 
     if trial.steady and 0 < round_ < HELD and _is_noise(trial, model):
         left = (trial.residual(model) * np.sqrt(trial.count))[there]
         share = proportional(left, size[there], rice[there], trial.log.relative_noise)
-    if round_ >= HELD and trial.signed:
+    if round_ >= HELD and (trial.signed or not trial.steady):
         return trial
     even = share == 0 and (trial.signed or not trial.steady)
     return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * rice**2 + share * size**2))
