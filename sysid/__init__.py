@@ -8,8 +8,8 @@ from importlib import import_module
 _HOME = {
     "Advice": "sysid.planning",
     "Comparison": "sysid.comparison",
-    "Fit": "sysid.fitting",
-    "FittedLog": "sysid.fitting",
+    "Fit": "sysid.fitted",
+    "FittedLog": "sysid.fitted",
     "Log": "sysid.log",
     "LogError": "sysid.log",
     "Parameter": "sysid.result",

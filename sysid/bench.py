@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.extra import UNITS
-from sysid.fitting import Fit
+from sysid.fitted import Fit
 from sysid.result import Parameter
 from sysid.trial import Trial, freedom
 from sysid.view import View

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from sysid.extra import EXTRA
-from sysid.fitting import Fit
+from sysid.fitted import Fit
 from sysid.prior import NAMES
 from sysid.trial import NUISANCES, Trial
 from sysid.view import View

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.fitting import Fit
+from sysid.fitted import Fit
 from sysid.identify import limits, seconds
 from sysid.mixture import Mixture
 from sysid.prior import NAMES

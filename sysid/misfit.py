@@ -58,9 +58,7 @@ class Found:
         return abs(self.moves[self.farthest]) > MOVES
 
 
-def misfits(
-    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
-) -> tuple[list[Found], list[str]]:
+def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> tuple[list[Found], list[str]]:
     """What the logs hold that the model leaves out, the most significant first; and sentences on what could be there unseen and
     would move the parameters far. `at` (degC): where parameters are reported."""
     if all(t.silent for t in state.trials):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sysid.comparison import Comparison
-    from sysid.fitting import FittedLog
+    from sysid.fitted import FittedLog
     from sysid.foreseen import Raised
     from sysid.planning import Advice
     from sysid.posterior import Posterior

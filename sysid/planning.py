@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.coincidence import loosened
-from sysid.fitting import Fit
+from sysid.fitted import Fit
 from sysid.foreseen import PROMISES, Design, Raised, promised
 from sysid.identify import RELATIVE, limits, seconds, shows_transient
 from sysid.log import Log

@@ -13,7 +13,7 @@ import numpy as np
 from sysid.accuracy import Rung, above, up_to
 from sysid.diagnostics import ess, rhat
 from sysid.estimate import Estimate, moved
-from sysid.fitting import Fit, parameter, usable
+from sysid.fitted import Fit, parameter, usable
 from sysid.precision import float64
 from sysid.result import Parameter, Result
 from sysid.target import Target

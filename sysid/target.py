@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from sysid.experiment import group
 from sysid.extra import asked
-from sysid.fitting import Fit
+from sysid.fitted import Fit
 from sysid.identify import limits
 from sysid.minimise import shares
 from sysid.mixture import Mixture

@@ -11,7 +11,7 @@ from conftest import SYNTHETIC
 import sysid
 from sysid import Result, Scene
 from sysid.condense import gaps, taken
-from sysid.fitting import _read_as
+from sysid.reading import read_as
 from sysid.scene import EFFECTS
 from sysid.trial import Trial
 
@@ -357,7 +357,7 @@ def test_a_sweep_that_turns_out_not_to_be_settled_has_its_turn_again():
     rows = np.exp(2j * np.pi * np.arange(401) / 401)
     log = sysid.Log("swept", rows, time=time, drive=np.ones(401), frequency=frequency, bench={"delay_s": 2e-4})
     settled = Trial.of(log, "steady")
-    back = _read_as(settled, None, 1.67e-3)
+    back = read_as(settled, None, 1.67e-3)
     assert back.kind == "transient"
     assert np.max(np.abs(settled.log.response - rows)) > 0.1 and np.max(np.abs(back.log.response - rows)) < 1e-14
 

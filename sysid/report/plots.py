@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
-    from sysid.fitting import Fit, FittedLog
+    from sysid.fitted import Fit, FittedLog
     from sysid.posterior import Posterior
 
 POINTS = 2000  # of one log in one figure
