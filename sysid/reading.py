@@ -1,0 +1,84 @@
+"""How each log is read at first, what had to be assumed for it, and which parameters logs that are read so could determine."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid import wording
+from sysid.condense import undelayed
+from sysid.dwell import SETTLED, dwells, of_own_inputs
+from sysid.guess import candidates
+from sysid.log import Log
+from sysid.prior import NAMES
+from sysid.trial import LEAST_TOUCH, LEAST_WARMING, Trial
+
+
+def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
+    """How each log is read at first, and what had to be assumed."""
+    recorded = [log.temperature.mean() for log in logs if log.temperature is not None]
+    found, warnings = [], []
+    for log in logs:
+        if log.temperature is None and recorded and log.frequency is not None:
+            mean = float(np.mean(recorded))
+            log = replace(log, temperature=np.full(len(log), mean))
+            warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
+        trial = Trial.of(log, log.kind or "steady", nuisances)
+        if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
+            trial = read_as(trial, log.sampling, candidates(trial)[0][0])
+        if trial.start_free and not trial.signed:
+            trial = replace(trial, start=complex(np.mean(log.response[:3])))
+        found.append(trial)
+        warnings += [f"{log.name}: {note}" for note in wording.assumptions(trial)]
+    if any(t.touched for t in found):
+        unknown = [t.log.name for t in found if t.log.force is None]
+        warnings += [f"{name}: no force is recorded; taken as with nothing on the plate" for name in unknown]
+    return tuple(found), warnings
+
+
+def reference(trials: Sequence[Trial]) -> tuple[float, float]:
+    """Frequency (Hz) and temperature (degC) that offsets are taken from; NaN frequency where none is recorded."""
+    frequencies = [np.median(t.log.frequency) for t in trials if t.resonant]
+    warm = [t.log.temperature.mean() for t in trials if t.log.temperature is not None]
+    return (float(np.median(frequencies)) if frequencies else np.nan, float(np.mean(warm)) if warm else 0.0)
+
+
+def free(trials: Sequence[Trial]) -> tuple[str, ...]:
+    """The parameters that these logs could determine."""
+    warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
+    span = max((w.max() for w in warm), default=0.0) - min((w.min() for w in warm), default=0.0)
+    contact = [t.inputs.contact for t in trials]
+    touched = max(c.max() for c in contact) - min(c.min() for c in contact) > LEAST_TOUCH
+    possible = {
+        "G": any(t.driven for t in trials),
+        "tau": True,
+        "f0": any(t.resonant for t in trials),
+        "k_T": span > LEAST_WARMING,
+        "finger_damping": touched,
+        "finger_detuning": touched and any(t.resonant and t.touched for t in trials),
+    }
+    return tuple(name for name in NAMES if possible[name])
+
+
+def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
+    """A timed sweep as it is read where its kind or its `sampling` is not stated. Its rows are settled points if each dwells long
+    enough for `tau`; if its frequency also stays or returns it is a transient, whose rows may belong to their own inputs."""
+    log, kind = trial.whole or (undelayed(trial.log, -1.0) if trial.steady else trial.log), trial.kind
+    if log.kind is None:
+        kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
+    if sampling is None and log.kind == "transient":
+        sampling = "settled" if dwells(log, tau) and of_own_inputs(log) else None
+    if (kind, sampling) == (trial.kind, log.sampling):
+        return trial
+    return replace(Trial.of(replace(log, sampling=sampling), kind, trial.nuisances), start=trial.start)
+
+
+def check_units(logs: Sequence[Log]) -> None:
+    """ValueError, with the log and what was found, where one has other units than the first."""
+    for log in logs:
+        drive = log.drive_unit if log.drive is not None and logs[0].drive is not None else logs[0].drive_unit
+        if (log.response_unit, drive) != (logs[0].response_unit, logs[0].drive_unit):
+            raise ValueError(
+                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected {logs[0].response_unit} and"
+                f" {logs[0].drive_unit} as in {logs[0].name}; logs that are read together by read_logs agree"
+            )
