@@ -13,7 +13,7 @@ import numpy as np
 
 from sysid.minimise import Minimiser, State
 from sysid.misfit import Found
-from sysid.terms import FILTERED, LATE
+from sysid.moments import FILTERED, LATE
 from sysid.trial import Trial, with_noise
 
 THROUGH = 0.03  # of the response

@@ -18,8 +18,10 @@ from sysid.coincidence import cancelling, complex_of
 from sysid.dwell import dwells
 from sysid.guess import phase_falls
 from sysid.minimise import State
+from sysid.moments import ASTRAY, LATE, at_changes
 from sysid.prior import NAMES
-from sysid.terms import ASTRAY, LATE, SHIFTED, THROUGH, Term, at_changes, one_way, own, terms, times
+from sysid.term import Term
+from sysid.terms import SHIFTED, THROUGH, one_way, own, terms, times
 from sysid.view import View
 from sysid.wording import stamps_shared
 

@@ -1,16 +1,17 @@
 """What a log may hold that the model leaves out: one more term each, as a shape to first order and a sentence."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 
 import numpy as np
 
 from sysid.extra import possible
 from sysid.hold import contact, force_of
+from sysid.moments import moments
 from sysid.perturbed import accumulated
 from sysid.prior import FINGER
-from sysid.trial import LEAST_WARMING, Trial
+from sysid.term import Term, of_one
+from sysid.trial import LEAST_WARMING
 from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -28,36 +29,6 @@ THROUGH = (
     "{0}: a feedthrough of {1:.2g} % of the response, or a sensor that is late by {2:.2g} s, by which G would be {1:.2g} %"
     " smaller; state delay_s (0 if nothing is late)"
 )
-LATE = (
-    "{}: the response begins late, by a trigger or a demodulator's filter{}, which cannot be told from tau; state delay_s, or"
-    " lockin_tau_s and lockin_order"
-)
-
-
-FEW = 16  # changes of the inputs, at each of which a row may be astray
-ASTRAY = (
-    "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
-    " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
-)
-FILTERED = (
-    "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
-    " which cannot be told from tau; state lockin_tau_s and lockin_order"
-)
-
-
-@dataclass(frozen=True)
-class Term:
-    """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex or real."""
-
-    name: str
-    shapes: dict[int, np.ndarray] = field(repr=False)
-    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that sign or size makes no sense
-    log: int | None = None  # the one log that it is about
-    freedom: int = 1  # numbers that it has, its place on a grid among them
-    beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
-    unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
-
-
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
     """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
     return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)))
@@ -71,19 +42,17 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     name, size = trial.log.name, np.abs(view.model)
     for power in (2, 6):
         said = f"{name}: {{}} is compressed at its largest: saturated; record it again within the range"
-        yield _term(i, "saturation", size**power * view.model, said.format("the response"), -1)
+        yield of_one(i, "saturation", size**power * view.model, said.format("the response"), -1)
         if not trial.log.amplitude_only:
             each = view.model.real ** (power + 1) + 1j * view.model.imag ** (power + 1)
-            yield _term(i, "saturation", each, said.format("a channel"), -1)
+            yield of_one(i, "saturation", each, said.format("a channel"), -1)
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
-    yield from chain(_too_fast(i, view), _background(i, view)) if trial.steady else chain(_later(i, view), _astray(i, view))
-
-
-def _term(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
-    """A term of one real number in one log, of the given sign (0: either)."""
-    return Term(name, {i: shape[:, None]}, lambda value, _: sentence if value[0] * sign >= 0 else None, i)
+    if trial.steady:
+        yield from chain(_too_fast(i, view), _background(i, view))
+    else:
+        yield from moments(i, view)
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:
@@ -168,7 +137,7 @@ def _too_fast(i: int, view: View) -> Iterator[Term]:
             f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
             " each frequency, or record the time of every row and say kind: transient"
         )
-        yield _term(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
+        yield of_one(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
 
 
 def _background(i: int, view: View) -> Iterator[Term]:
@@ -191,41 +160,6 @@ def _background(i: int, view: View) -> Iterator[Term]:
     yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
     shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
     yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
-
-
-def _later(i: int, view: View) -> Iterator[Term]:
-    """A transient whose response comes late by more than a row, or through a filter."""
-    c, log = view.course, view.trial.log
-    if not view.trial.changes and not view.trial.from_rest:
-        return
-    for rows in (1.5, 3, 6, 12):
-        delay = rows * view.trial.spacing
-        if delay < 2 * c.tau:
-            shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
-    for share in (0.1, 0.3):
-        for order in (1, 4):
-            shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
-            yield _term(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
-
-
-def _astray(i: int, view: View) -> Iterator[Term]:
-    """The row at a change of the inputs does not belong there: it shows what came of a change that was earlier. It may pass for
-    noise that rows share, and the gain follow it."""
-    for row in at_changes(view.trial):
-        at = (np.arange(len(view.trial.log)) == row).astype(complex)[:, None]
-        said = ASTRAY.format(view.trial.log.name, view.trial.log.time[row])
-        shapes = at if view.trial.log.amplitude_only else np.concatenate([at, 1j * at], axis=1)
-        yield Term("astray", {i: shapes}, lambda *_, said=said: said, i, freedom=2)
-
-
-def at_changes(trial: Trial) -> list[int]:
-    """The rows of a transient at which its inputs change, if they are few."""
-    if trial.steady or not 0 < trial.changes <= FEW:
-        return []
-    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0] + trial.log.bench.get("delay_s", 0.0)
-    last = np.searchsorted(trial.log.time, begun + 0.01 * trial.spacing, side="right") - 1  # that does not show the change
-    return [int(row) for row in last if row >= 0]
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

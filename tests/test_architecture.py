@@ -51,6 +51,8 @@ ORDER = [
     "fitted",
     "view",
     "coincidence",
+    "term",
+    "moments",
     "terms",
     "misfit",
     "odd",

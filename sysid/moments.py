@@ -1,0 +1,92 @@
+"""What the rows of a transient may show of another moment than theirs: late, early, astray at a change, between two rows."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sysid.term import Term, of_one
+from sysid.trial import Trial
+from sysid.view import View
+
+OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
+JUMP = 5.0  # times the usual change of the drive from row to row: an edge
+FEW = 16  # changes of the inputs, at each of which a row may be astray
+LATE = (
+    "{}: the response begins late, by a trigger or a demodulator's filter{}, which cannot be told from tau; state delay_s, or"
+    " lockin_tau_s and lockin_order"
+)
+ASTRAY = (
+    "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
+    " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
+)
+FILTERED = (
+    "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
+    " which cannot be told from tau; state lockin_tau_s and lockin_order"
+)
+
+
+OTHER = (
+    "rows do not show the response to inputs that are held from the row before; say sampling: settled if they belong to their own"
+    " inputs, and record a voltage step if the drive runs on between rows"
+)
+
+
+def moments(i: int, view: View) -> Iterator[Term]:
+    """Of the i-th log."""
+    yield from _later(i, view)
+    yield from _astray(i, view)
+    yield from _unheld(i, view)
+
+
+def _later(i: int, view: View) -> Iterator[Term]:
+    """A transient whose response comes late by more than a row, or through a filter."""
+    c, log = view.course, view.trial.log
+    if not view.trial.changes and not view.trial.from_rest:
+        return
+    for rows in (1.5, 3, 6, 12):
+        delay = rows * view.trial.spacing
+        if delay < 2 * c.tau:
+            shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
+            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
+    for share in (0.1, 0.3):
+        for order in (1, 4):
+            shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
+            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
+
+
+def _unheld(i: int, view: View) -> Iterator[Term]:
+    """Of a transient whose inputs change on many of its rows: that rows show the response to their own inputs; and that the drive
+    runs straight from row to row, where it does not jump, and is not held from each to the next."""
+    c, trial = view.course, view.trial
+    if trial.changes < OFTEN * len(trial.log) or trial.log.theta is not None:
+        return
+    own, none = trial.log.sampling == "settled", np.zeros_like(c.push)
+    ahead = np.append(np.diff(c.push), 0.0)
+    changed = ahead + np.append(np.diff(c.pole), 0.0) * view.plate
+    smooth = np.where(np.abs(ahead) > JUMP * np.median(np.abs(ahead[ahead != 0]) if np.any(ahead) else 0.0), 0.0, ahead)
+    running = c.response_to(*((np.append(0.0, -smooth[:-1]), none) if own else (none, smooth)))
+    shapes = [s for s in (*([] if own else [c.response_to(changed, changed)]), running) if np.any(s)]
+
+    runs = "the drive runs on from row to row, and is not held from each to the next; hold it, or record a voltage step"
+    said = f"{trial.log.name}: {runs if own else OTHER}"
+    if shapes:
+        yield Term("sampling", {i: view.observed(np.stack(shapes)).T}, lambda *_: said, i, freedom=len(shapes))
+
+
+def _astray(i: int, view: View) -> Iterator[Term]:
+    """The row at a change of the inputs does not belong there: it shows what came of a change that was earlier. It may pass for
+    noise that rows share, and the gain follow it."""
+    for row in at_changes(view.trial):
+        at = (np.arange(len(view.trial.log)) == row).astype(complex)[:, None]
+        said = ASTRAY.format(view.trial.log.name, view.trial.log.time[row])
+        shapes = at if view.trial.log.amplitude_only else np.concatenate([at, 1j * at], axis=1)
+        yield Term("astray", {i: shapes}, lambda *_, said=said: said, i, freedom=2)
+
+
+def at_changes(trial: Trial) -> list[int]:
+    """The rows of a transient at which its inputs change, if they are few."""
+    if trial.steady or not 0 < trial.changes <= FEW:
+        return []
+    begun = np.cumsum(trial.inputs.duration)[:-1] + trial.log.time[0] + trial.log.bench.get("delay_s", 0.0)
+    last = np.searchsorted(trial.log.time, begun + 0.01 * trial.spacing, side="right") - 1  # that does not show the change
+    return [int(row) for row in last if row >= 0]
