@@ -13,8 +13,11 @@ import numpy as np
 
 from sysid.csvfile import LogError
 from sysid.lockin import blocks
+from sysid.switched import fundamental, is_switched
 
 FLOOR = 2e-4  # of the largest drive: noise level that it has at least, so that changes much smaller are left unseen
+FINE = 18  # samples in a period of a switched drive, at least: its noise is then a ninth of it
+HARMONICS = 0.03  # of a switched drive that its harmonics leave in a block
 ON = 8.0  # noise levels of a block above which the drive counts as on
 WORTH = 60.0  # gain in log-likelihood, times two, for which the drive is cut
 SHARP = 12.0  # noise levels from a block to the next that are a change for certain
@@ -30,7 +33,8 @@ HOLDS = "found no carrier in the drive that holds for a few periods, expected it
 
 class Stretches(NamedTuple):
     """The drive, piece by piece: `edge` (m + 1,) when each begins, and the last ends; `start` the first sample after it; of each
-    (m,) its `level` (signed), `omega`, `theta` at `start`, and `error` (standard deviation) of omega, inf while it is off."""
+    (m,) its `level` (signed), `omega`, `theta` at `start`, and `error` (standard deviation) of omega, inf while it is off.
+    `switched`: they are those of its fundamental."""
 
     edge: np.ndarray
     start: np.ndarray
@@ -38,6 +42,7 @@ class Stretches(NamedTuple):
     omega: np.ndarray
     theta: np.ndarray
     error: np.ndarray
+    switched: bool
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,8 @@ def filling(start: int, stop: int, n: int) -> np.ndarray:
 
 
 def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
-    """The stretches of `drive` (samples), whose frequency is near `omega`, seen in blocks of `n`.
+    """The stretches of `drive` (samples), whose frequency is near `omega`, seen in blocks of `n`. Of a drive that is switched
+    between levels they are those of its fundamental, whose phase each block tells to a sample: its edges stand at whole ones.
 
     Where the phases, or else the carriers, before and after a cut meet, the cut is there; otherwise it is taken to be at the
     first sample that shows it, and may lie up to one earlier. Stretches whose phases lie on one line share it, also across a
@@ -92,9 +98,15 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
     base = Line(1.0, 0.0, 0.0, omega)
     seen = blocks(drive, start, n, base.at(start), omega)[:, 0]
     size, middle = np.abs(seen), start + (n - 1) / 2
-    noise = float(np.hypot(2.2 * np.quantile(np.abs(np.diff(size)), 0.25), FLOOR * np.max(size)))  # of normal numbers
-    pieces = _pieces(seen, noise) if noise else []
-    lines = [_fitted(middle[a:b], seen[a:b], base, noise) for a, b in pieces]
+    switched = is_switched(drive, omega)
+    if switched and 2 * np.pi / omega < FINE:
+        found = f"found a drive that is switched between levels, {2 * np.pi / omega:.3g} samples a period"
+        raise LogError(f"{found}, expected {FINE} or more, or a sine")
+    jitter = omega + HARMONICS if switched else 0.0
+    floor = max(FLOOR, 0.3 * jitter)
+    noise = float(np.hypot(2.2 * np.quantile(np.abs(np.diff(size)), 0.25), floor * np.max(size)))  # of normal numbers
+    pieces = _pieces(seen, noise, jitter) if noise else []
+    lines = [_fitted(middle[a:b], seen[a:b], base, noise, jitter) for a, b in pieces]
     if not any(line.level for line in lines):
         raise LogError(HOLDS)
     for (_, a), (b, _), left, right in zip(pieces, pieces[1:], lines, lines[1:], strict=False):
@@ -104,23 +116,27 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
     spans = [filling(a, b, n) for a, b in pairwise(edges)]
     times = [k + (n - 1) / 2 for k in spans]
     rows = [blocks(drive, k, n, line.at(k), line.omega)[:, 0] for k, line in zip(spans, lines, strict=True)]
-    fitted = [_fitted(*row, noise) for row in zip(times, rows, lines, strict=True)]
+    fitted = [_fitted(*row, noise, jitter) for row in zip(times, rows, lines, strict=True)]
     if not any(line.level for line in fitted):
         raise LogError(HOLDS)
+    if switched:
+        fitted = [_switched(drive[a:b], a, line) for line, (a, b) in zip(fitted, pairwise(edges), strict=True)]
     joined = _as_one(fitted, edges)
     turned = [z * np.exp(1j * (old.at(t) - new.at(t))) for t, z, old, new in zip(times, rows, lines, joined, strict=True)]
     level = np.array([_level(z.real, line, noise) for z, line in zip(turned, joined, strict=True)])
+    if switched:
+        level = np.where(level == 0, 0.0, np.copysign([line.level for line in fitted], level))
     if np.sum(level**2 * np.diff(edges)) < np.var(drive) * len(drive):  # less than half of its power
         raise LogError(f"found a drive that is no carrier of {2 * np.pi / omega:.4g} samples a period, expected its raw samples")
     theta = [line.at(edge) - np.pi / 2 for line, edge in zip(joined, edges, strict=False)]
     omegas, errors = ([getattr(line, name) for line in joined] for name in ("omega", "error"))
-    return Stretches(cuts, np.array(edges), level, np.array(omegas), np.array(theta), np.array(errors))
+    return Stretches(cuts, np.array(edges), level, np.array(omegas), np.array(theta), np.array(errors), switched)
 
 
-def _pieces(z: np.ndarray, noise: float) -> list[tuple[int, int]]:
-    """Blocks (first, last + 1) of stretches of two or more in which z has one amplitude and a phase on one line."""
+def _pieces(z: np.ndarray, noise: float, jitter: float) -> list[tuple[int, int]]:
+    """Blocks (first, last + 1) of stretches of two or more in which z has one amplitude and a phase on one line, to `jitter`."""
     size = np.abs(z) / noise
-    weight = np.where(size > ON, size**2, 0.0)
+    weight = np.where(size > ON, size**2 / (1 + (jitter * size) ** 2), 0.0)
     seen = np.stack([np.unwrap(np.angle(z)), weight, size])
     sharp = np.flatnonzero(np.abs(np.diff(size)) > SHARP) + 1
     found, left = [], list(pairwise([0, *sharp.tolist(), len(z)]))
@@ -169,16 +185,27 @@ def _cost(sums: np.ndarray, least: np.ndarray) -> np.ndarray:
     return aa - a**2 / n + np.where(lit, np.maximum(straight, 0.0), 0.0)
 
 
-def _fitted(t: np.ndarray, z: np.ndarray, base: Line, noise: float) -> Line:
-    """The line of blocks z at times t, which were demodulated at `base`'s phase."""
+def _fitted(t: np.ndarray, z: np.ndarray, base: Line, noise: float, jitter: float) -> Line:
+    """The line of blocks z at times t, which were demodulated at `base`'s phase; that of each is known to `jitter` at best."""
     level, middle = float(np.median(np.abs(z))), float(np.mean(t))
     if level <= ON * noise:
         return Line(0.0, middle, base.at(middle), base.omega)
     angle, x = np.unwrap(np.angle(z)), t - middle
     width = np.sum(x**2)
     slope = np.sum(x * angle) / width if width else 0.0
-    error = noise / level / np.sqrt(width) if width else np.inf
-    return Line(level, middle, base.at(middle) + np.mean(angle), base.omega + slope, noise / level / np.sqrt(len(t)), error)
+    each = float(np.hypot(noise / level, jitter))
+    error = each / np.sqrt(width) if width else np.inf
+    return Line(level, middle, base.at(middle) + np.mean(angle), base.omega + slope, each / np.sqrt(len(t)), error)
+
+
+def _switched(drive: np.ndarray, start: int, line: Line) -> Line:
+    """The line of the fundamental of a drive that is switched, whose samples begin at `start`."""
+    found = fundamental(drive, line.omega) if line.level else None
+    if found is None:
+        return line
+    level, middle, omega = found
+    whole = 2 * np.pi * round(line.at(start + middle) / (2 * np.pi))
+    return replace(line, level=level, middle=start + middle, phase=whole, omega=omega)
 
 
 def _level(z: np.ndarray, line: Line, noise: float) -> float:
@@ -279,8 +306,7 @@ def _continued(before: Line, line: Line, edge: int) -> Line:
     jump -= np.pi * half
     if abs(jump) > JUMP + SURE * np.hypot(before.doubt(t), line.doubt(t)):
         found = f"row {edge} (counted from 0): found a drive whose phase jumps by {jump:.2g} rad while it is on"
-        edges = "; the edges of a square wave, at whole samples, jump so: drive with a sine" if abs(jump) < line.omega else ""
-        raise LogError(f"{found}, expected it to go on{edges}")
+        raise LogError(f"{found}, expected it to go on")
     return replace(line, phase=line.phase - np.pi * (half % 2))
 
 

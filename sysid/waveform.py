@@ -92,6 +92,7 @@ def demodulate(
     at[last[:-1]] = held.edge[1:-1]
     stretch = np.append(own, len(spans) - 1)
     named, notes = _named(held, step, None if frequency is None else frequency[first:])
+    notes = (*notes, *(["the drive is switched between levels: taken as its fundamental"] if held.switched else []))
     return Rows(
         time=time[0] + (first + at) * step,
         drive=held.level[stretch],

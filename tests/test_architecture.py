@@ -23,6 +23,7 @@ ORDER = [
     "draft",
     "header",
     "lockin",
+    "switched",
     "carrier",
     "waveform",
     "log",

@@ -471,7 +471,6 @@ REFUSED = {
         ["rows 59", "does not hold"],
     ),
     "jump": (gated((0, 50, 32290.0), (3.3e-3, 50, 32290.0, 1.0)), (), ["phase jumps by", "while it is on"]),
-    "square": (changed(v=np.sign(GOOD[1])), (), ["phase jumps by", "edges of a square wave", "drive with a sine"]),
     "rows": (changed(), (), ["wq", "raw samples alone"], "time_s,drive_V,wq_um"),
     "no drive": (changed(), (), ["without a column drive_V"], "time_s,note,response_um"),
     "no response": (changed(), (), ["without a column response_um"], "time_s,drive_V,note"),
