@@ -15,6 +15,7 @@ from sysid.plant import Plant
 from sysid.precision import float64
 from sysid.prior import Prior, checked
 from sysid.result import Result
+from sysid.ridge import unfolded
 from sysid.trial import NUISANCES
 
 
@@ -45,7 +46,8 @@ def fit(
         meanwhile(best, minimiser.reference)
     if len(states) > 1 or not (names := hangs(best, minimiser.reference, minimiser.free)):
         return conclude(question, states)
-    narrow = conclude(question, [minimiser.refine(tightened(best, minimiser.reference, names), best.theta)])
+    tight = minimiser.refine(tightened(best, minimiser.reference, names), best.theta)
+    narrow = conclude(question, [unfolded(minimiser, tight)])
     if narrow.result is not Result.misfit:
         return narrow
     wide = conclude(question, states)
@@ -79,4 +81,5 @@ def _asked(
         states = minimiser.minima(again, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
+    states = [unfolded(minimiser, s) for s in states]
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states

@@ -1,6 +1,8 @@
 """The posterior density of a fit, in coordinates that make it nearly standard normal; counted and timed as it is evaluated."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -10,10 +12,11 @@ from sysid.experiment import group
 from sysid.extra import asked
 from sysid.fitted import Fit
 from sysid.identify import limits
-from sysid.minimise import shares
+from sysid.minimise import Minimiser, State, shares
 from sysid.mixture import Mixture
 from sysid.perturbed import Course
 from sysid.prior import NAMES
+from sysid.ridge import along, bent
 from sysid.surrogate import Density
 from sysid.trial import Trial
 
@@ -75,15 +78,22 @@ class Target:
         f0 = self.fit.reference[0]
         return {n: np.exp(v) if n in ("G", "tau") else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
 
+    @cached_property
+    def _places(self) -> Sequence[State]:
+        """The minima; of ridges that are bent, the places along them."""
+        fit = self.fit
+        minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
+        return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
+
     def normal(self) -> Mixture:
-        """The normal approximation about each minimum."""
+        """The normal approximation about each minimum, or along each ridge."""
         fit, p = self.fit, len(self.index)
         if not fit.result.bounded:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
-        best, index = fit.modes[0], self.index
-        centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in fit.modes]
-        scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in fit.modes]
-        weights = shares(fit.modes) + 0.02  # one that is next to nothing is proposed too
+        best, index, places = fit.modes[0], self.index, self._places
+        centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
+        scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in places]
+        weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
         return Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 
     def __call__(self, z: np.ndarray) -> np.ndarray:

@@ -49,6 +49,7 @@ ORDER = [
     "wording",
     "reading",
     "minimise",
+    "ridge",
     "fitted",
     "view",
     "coincidence",

@@ -1,0 +1,120 @@
+"""What amplitudes alone tell of a resonance: a likelihood that is curved along f0.
+
+    |W| = G V/sqrt(1 + x^2),   x = 2 pi (f - f0) tau
+
+An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood: near x = 0 no normal has its
+shape. At x = 0 J^T J says nothing of f0, and takes what noise leaves of its derivative for information on the others. So the
+ridge is followed: all else is fitted anew with f0 held here and there, until the cost has risen by DEEP; each place is one normal
+of a mixture.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.minimise import Minimiser, State
+from sysid.prior import NAMES, Prior
+
+F0 = NAMES.index("f0")
+VAGUE = 0.25  # half bandwidths of standard deviation of f0, to first order, from which on it is none
+RISE = 2.0  # of the cost: two standard deviations
+NEAR, FAR = 0.02, 2.0  # half bandwidths from which and to which it is looked for
+HALVINGS = 4  # of the interval in which it rises so far
+HELD = 1e-4  # half bandwidths to which f0 is held
+STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
+DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations
+MOST = 40  # places on one side of a minimum
+
+
+def bent(minimiser: Minimiser, state: State) -> bool:
+    """Whether all that the logs tell of f0 are amplitudes at one frequency each."""
+    if "f0" not in minimiser.free or "k_T" in minimiser.free:
+        return False
+    return all(t.log.amplitude_only and np.ptp(t.log.frequency) == 0 for t in state.trials if t.resonant)
+
+
+def unfolded(minimiser: Minimiser, state: State) -> State:
+    """The state with a covariance as wide as the likelihood, where f0 is vague to first order on a ridge that is bent:
+
+        std f0 = h/2,   covariance = that with f0 held + 2 (std/h)^4 d d^T,   d: what the others move until +-h, as x^2
+
+    h: where the cost has risen by RISE (a fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of
+    x^2 is 2 std^4 if x is normal).
+    """
+    half = _half(state)
+    if not bent(minimiser, state) or not VAGUE * half < np.sqrt(state.covariance[F0, F0]):
+        return state
+    middle = _held(minimiser, state, state.theta[F0], state.theta)
+    if (found := _rises(minimiser, state, middle.cost)) is None:
+        return state
+    h, moved = found
+    std, others = 0.5 * h, moved - middle.theta
+    others[F0] = 0.0
+    covariance = middle.covariance + 2 * (std / h) ** 4 * np.outer(others, others)
+    covariance[F0, F0] = std**2
+    return replace(state, covariance=covariance, alone=covariance)
+
+
+def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
+    """The places on the ridges through the minima: states with f0 held, and covariances that reach to the places beside them."""
+    least = min(s.cost for s in modes)
+    found: list[State] = []
+    for mode in modes:
+        middle = _held(minimiser, mode, mode.theta[F0], mode.theta)
+        risen = _rises(minimiser, mode, middle.cost)
+        step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0] if risen else np.inf)
+        if any(abs(mode.theta[F0] - s.theta[F0]) < step for s in found):
+            continue  # on a ridge that has been followed
+        sides = [_followed(minimiser, mode, sign * step, least) for sign in (-1, 1)]
+        places = [*sides[0][::-1], middle, *sides[1]]
+        tangents = np.gradient([s.theta for s in places], step, axis=0)
+        found += [
+            replace(s, covariance=s.covariance + step**2 * np.outer(v, v)) for s, v in zip(places, tangents, strict=True)
+        ]
+    return found
+
+
+def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> list[State]:
+    """The places on one side of a minimum."""
+    places = [mode]
+    while len(places) <= MOST and places[-1].cost < least + DEEP:
+        places.append(_held(minimiser, mode, mode.theta[F0] + len(places) * step, places[-1].theta))
+    return places[1:]
+
+
+def _half(state: State) -> float:
+    """Half bandwidth, Hz."""
+    return float(1 / (2 * np.pi * np.exp(state.theta[1])))
+
+
+def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
+    """The minimum with f0 held, near a theta; with the noise that a mode begins with, so that costs compare."""
+    precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
+    precision[F0, F0], mean[F0] = (HELD * _half(mode)) ** -2, f0
+    both = minimiser.prior.precision + precision
+    pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
+    prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
+    return replace(minimiser, prior=prior).refine(mode.trials, mean, rounds=1)
+
+
+def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, np.ndarray] | None:
+    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, and theta there; None where it does not."""
+
+    def both(off: float) -> tuple[float, np.ndarray]:
+        sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
+        return float(np.mean([s.cost for s in sides])) - least, np.mean([s.theta for s in sides], axis=0)
+
+    half = _half(mode)
+    low, high = 0.0, NEAR * half
+    while (found := both(high))[0] < RISE:
+        low, high = high, 2 * high
+        if high > FAR * half:
+            return None
+    for _ in range(HALVINGS):
+        between = both(0.5 * (low + high))
+        if between[0] < RISE:
+            low = 0.5 * (low + high)
+        else:
+            high, found = 0.5 * (low + high), between
+    return high, found[1]
