@@ -43,6 +43,7 @@ ORDER = [
     "guess",
     "prior",
     "result",
+    "search",
     "start",
     "identify",
     "wording",
