@@ -59,13 +59,15 @@ class Thinned:
         self.trial = trial = replace(trial, noise_time=0.0, levels=(), kept=None)
         rows = _thin(trial)
         hold = trial.hold(reference)
-        count = len(rows) if trial.steady else len(hold.drive)
-        hold = padded(hold, rows, rows if trial.steady else slice(None), len(rows), count if count <= FEW else bucket(count, 64))
+        intervals = len(rows) if trial.steady else bucket(len(hold.drive)) if len(hold.drive) <= 64 else bucket(len(hold.drive), 64)
+        hold = padded(hold, rows, rows if trial.steady else slice(None), len(rows), intervals)
         self.hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
         self.together = max(TOGETHER // max(len(rows), len(hold.drive)), 1)
         self.weight = trial.whitening(rows)[0][:, None]
-        ((self.basis, _),) = trial.spans(rows)
-        self.response = self._off(self._with_priors(self.weight * trial.log.response[rows, None]))
+        ((basis, _),) = trial.spans(rows)
+        self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
+        self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
+        self.response = _off(self.bench, self._with_priors(self.weight * trial.log.response[rows, None]))
         self.start_free = trial.start_free * trial.prior("start") / trial.looseness
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,7 +77,7 @@ class Thinned:
             return self._undriven(self.start_free * free)
         columns = [self.start_free * free] if self.start_free else []
         columns += [forced] if trial.driven or trial.log.drive is None else []
-        return _explained([self._held(c if trial.signed else np.abs(c), i) for i, c in enumerate(columns)], self.response)
+        return self._explained([c if trial.signed else np.abs(c) for c in columns], self.response)
 
     def _shapes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Response per unit G to the drive from rest, and of a unit start."""
@@ -95,44 +97,37 @@ class Thinned:
         size = np.sqrt(plate.real**2 + plate.imag**2 + floor)
         along = np.conj(plate) / size * free
         shapes = [along.real, -along.imag, 0.5 / size * float(trial.floor_free) * scale]
-        columns = [self._held(c, i) for i, c in enumerate(shapes)]
         begun = trial.start.real * shapes[0] + trial.start.imag * shapes[1] + floor / scale * shapes[2]
-        return _explained(columns, self.response + self._with_priors(self.weight * (begun - size)))
-
-    def _held(self, column: np.ndarray, i: int) -> np.ndarray:
-        """A weighted column with the row of its prior, off the columns of the bench."""
-        column = self._with_priors(self.weight * column)
-        column[len(self.basis) + i] = 1 / self.trial.looseness
-        return self._off(self._off(column))  # twice is enough
+        return self._explained(shapes, self.response + self._with_priors(self.weight * (begun - size)))
 
     def _with_priors(self, rows: np.ndarray) -> np.ndarray:
         """Rows, and zeros where the priors are."""
-        found = np.zeros((len(self.basis) + OWN, rows.shape[1]), rows.dtype)
+        found = np.zeros((self.priors + OWN, rows.shape[1]), rows.dtype)
         found[: len(rows)] = rows
         return found
 
-    def _off(self, column: np.ndarray) -> np.ndarray:
-        """A column less its part in the span of those of the bench."""
-        column = column.copy()
-        column[: len(self.basis)] -= self.basis @ (self.basis.T @ column[: len(self.basis)])
-        return column
+    def _explained(self, columns: Sequence[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sums of squares (B,) that columns (N, B) leave of the response, and the size of the last one's coefficient."""
+        units, left, gain = list(self.bench), response, np.ones(response.shape[1])
+        for i, column in enumerate(columns):
+            column = self._with_priors(self.weight * column)
+            column[self.priors + i] = 1 / self.trial.looseness
+            column = _off(2 * units, column)  # twice is enough
+            size = np.sqrt(_along(column, column).real)
+            units.append(column / size)
+            along = _along(units[-1], left)
+            left, gain = left - along * units[-1], np.abs(along) / size
+        return _along(left, left).real, gain
 
 
 OWN = 3  # rows of the priors of what depends on the plant
 
 
-def _explained(columns: Sequence[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of squares (B,) that the columns (n, B) leave of the response, and the size of the last one's coefficient."""
-    units: list[np.ndarray] = []
-    left, gain = response, np.ones(())
-    for column in columns:
-        for unit in 2 * units:
-            column = column - _along(unit, column) * unit
-        size = np.sqrt(_along(column, column).real)
-        units.append(column / size)
-        along = _along(units[-1], left)
-        left, gain = left - along * units[-1], np.abs(along) / size
-    return _along(left, left).real, gain
+def _off(units: Sequence[np.ndarray], v: np.ndarray) -> np.ndarray:
+    """`v` (n, B) less its parts along the units, one after the other: a handful is no work for a library that starts threads."""
+    for unit in units:
+        v = v - _along(unit, v) * unit
+    return v
 
 
 def _along(unit: np.ndarray, v: np.ndarray) -> np.ndarray:
