@@ -1,4 +1,4 @@
-"""From trials to the arrays that the likelihood takes: padding, rows enough for a search, groups of one layout."""
+"""From trials to the arrays that the likelihood takes: padding, groups of one layout."""
 
 from collections.abc import Iterable, Sequence
 
@@ -98,12 +98,13 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
 
 
 def _pad_rows(basis: np.ndarray, rows: int) -> np.ndarray:
-    padded = np.zeros((COLUMNS, rows))
-    padded[: basis.shape[1], : len(basis)] = basis.T
-    return padded
+    found = np.zeros((COLUMNS, rows))
+    found[: basis.shape[1], : len(basis)] = basis.T
+    return found
 
 
 def padded(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
+    """The rows `keep` and the intervals `held`, padded to so many of each."""
     return Hold(
         duration=_pad(hold.duration[held], intervals),
         drive=_pad(hold.drive[held], intervals),

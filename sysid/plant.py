@@ -16,7 +16,8 @@ A log without a frequency is driven at resonance: the first-order model tau W' =
 
 All frequencies enter as offsets from a reference, in Hz: their differences are exact near the resonance, and are turned into
 rad/s last, so that float64 resolves a micro-hertz at a gigahertz.
-Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling.
+Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling. What takes `xp`, the module of its
+arrays, is as well one of numpy's, with nothing to compile.
 """
 
 import math
@@ -37,9 +38,9 @@ from sysid.precision import float64
 class Poles(NamedTuple):
     """Poles of the rotating frame and what the drive does to them; each of the shape of `detuning`."""
 
-    slow: Array  # s1, rad/s
-    fast: Array  # s2, rad/s
-    gain: Array  # b/G, 1/s
+    slow: Leaf  # s1, rad/s
+    fast: Leaf  # s2, rad/s
+    gain: Leaf  # b/G, 1/s
 
 
 def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None, xp: Any = jnp) -> Poles:
@@ -73,9 +74,9 @@ def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
 class Response(NamedTuple):
     """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a unit start."""
 
-    forced: Array
-    rate: Array
-    free: Array
+    forced: Leaf
+    rate: Leaf
+    free: Leaf
 
 
 def respond(
@@ -93,8 +94,8 @@ def respond(
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
     `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began.
-    `omega0` (M,) as `poles` has it. With numpy for `xp`, of B plants at once where tau is (B,), what `hold` has of intervals
-    (M, 1) and of rows (N, 1), but for `interval`: (N, B).
+    `omega0` (M,) as `poles` has it. With numpy for `xp`, and no `order`, of B plants at once, (N, B): tau (B,), detuning (M, B),
+    and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
     s = poles(tau, detuning, hold.omega, omega0, xp)
     push = s.gain * hold.drive
@@ -133,6 +134,9 @@ def expm1(z: Array) -> Array:
 expm1.defjvps(lambda dz, value, z: jnp.exp(z) * dz)
 
 
+ONE_LANE = 64  # intervals that are taken one after the other
+
+
 def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp) -> tuple[tuple[Leaf, Leaf], tuple[Leaf, Leaf]]:
     """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a unit start.
 
@@ -141,7 +145,7 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
     Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
     """
     count, *plants = growth.shape
-    lanes = 1 if count <= 64 else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
+    lanes = 1 if count <= ONE_LANE else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
 
     def advance(state, interval):
         forced, free = state

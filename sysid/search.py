@@ -16,12 +16,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from sysid.experiment import FEW, bucket, padded
-from sysid.plant import respond, steady
+from sysid.experiment import bucket, padded
+from sysid.plant import ONE_LANE, respond, steady
 from sysid.trial import Trial, freedom
 
 SEARCH_ROWS = 160
-TOGETHER = 1 << 14  # numbers in an array: candidates that are looked at side by side stay in the processor's cache
+TOGETHER = 1 << 16  # numbers in an array of candidates side by side, which stay in the cache of a processor
 
 
 class Search:
@@ -59,8 +59,8 @@ class Thinned:
         self.trial = trial = replace(trial, noise_time=0.0, levels=(), kept=None)
         rows = _thin(trial)
         hold = trial.hold(reference)
-        intervals = len(rows) if trial.steady else bucket(len(hold.drive)) if len(hold.drive) <= 64 else bucket(len(hold.drive), 64)
-        hold = padded(hold, rows, rows if trial.steady else slice(None), len(rows), intervals)
+        held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
+        hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))
         self.hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
         self.together = max(TOGETHER // max(len(rows), len(hold.drive)), 1)
         self.weight = trial.whitening(rows)[0][:, None]
