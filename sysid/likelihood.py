@@ -276,8 +276,7 @@ def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
 
 
 def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
-    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. A log whose gain is its
-    own, which comes first, is never late: what is turned is then the start, by a right angle and as far, which is no change."""
+    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of."""
     turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
     return turns.at[LATE].set(x.toward) if layout.late else turns
 

@@ -21,6 +21,7 @@ from sysid.plant import ONE_LANE, respond, steady
 from sysid.trial import Trial, freedom
 
 SEARCH_ROWS = 160
+OWN = 3  # rows of the priors of what depends on the plant
 TOGETHER = 1 << 16  # numbers in an array of candidates side by side, which stay in the cache of a processor
 
 
@@ -118,9 +119,6 @@ class Thinned:
             along = _along(units[-1], left)
             left, gain = left - along * units[-1], np.abs(along) / size
         return _along(left, left).real, gain
-
-
-OWN = 3  # rows of the priors of what depends on the plant
 
 
 def _off(units: Sequence[np.ndarray], v: np.ndarray) -> np.ndarray:
