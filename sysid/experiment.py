@@ -1,8 +1,6 @@
-"""From trials to the arrays that the likelihood takes: padding, rows enough for a search, groups of one layout."""
+"""From trials to the arrays that the likelihood takes: padding, groups of one layout."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,29 +9,25 @@ from sysid.likelihood import OWN, Experiment, Groups, Layout
 from sysid.trial import Trial, freedom, joined, whitened
 
 
-def group(
-    trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False, search: bool = False
-) -> tuple[Groups, list[list[int]]]:
+def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False) -> tuple[Groups, list[list[int]]]:
     """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
 
-    `low_q`: with the fast mode's ripple. `search`: as a search for starting values wants it, with a gain of its own for every
-    log, and no more than SEARCH_ROWS of its rows.
+    `low_q`: with the fast mode's ripple.
     """
-    kept = [_thin(t) if search else t.order for t in trials]
-    rows = _sizes([len(k) + SPARE for k in kept], [t.steady for t in trials])
+    rows = _sizes([len(t.log) + SPARE for t in trials], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
-    intervals = FEW if most <= FEW else _bucket(most, 64)
+    intervals = FEW if most <= FEW else bucket(most, 64)
     swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
     for i, trial in enumerate(trials):
         size = (rows[i], rows[i] if trial.steady else intervals)
-        layout, x = _experiment(trial, trial.hold(reference), kept[i], size, low_q, search, swept)
+        layout, x = _experiment(trial, trial.hold(reference), size, low_q, swept)
         stacks.setdefault(layout, []).append((i, x))
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
         xs = [x for _, x in stack]
         blank = xs[0]._replace(now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(()))
-        xs += [blank] * (_bucket(len(xs)) - len(xs))
+        xs += [blank] * (bucket(len(xs)) - len(xs))
         stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
         split = len(Hold._fields)
         groups.append((layout, Experiment(Hold(*stacked[:split]), *stacked[split:])))
@@ -41,34 +35,13 @@ def group(
     return tuple(groups), members
 
 
-SEARCH_ROWS = 160
-
-
-def _thin(trial: Trial) -> np.ndarray:
-    """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
-    rows = _evenly(trial)
-    return rows if trial.there is None else rows[trial.there[rows]]
-
-
-def _evenly(trial: Trial) -> np.ndarray:
-    n, hold = len(trial.log), trial.inputs
-    edges = np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
-    if n <= SEARCH_ROWS:
-        return np.arange(n)
-    if len(edges) - 1 > SEARCH_ROWS // 8:
-        return np.unique(np.linspace(0, n - 1, SEARCH_ROWS).astype(int))
-    share = np.linspace(0, 1, SEARCH_ROWS // (len(edges) - 1)) ** (1 if trial.steady else 2)
-    rows = np.concatenate([a + share * (b - 1 - a) for a, b in pairwise(edges)])
-    return np.unique(np.rint(rows).astype(int))
-
-
 def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
     """Rows that each log is padded to: as many as the longest of its kind has, unless that is over twice its own."""
     pairs = list(zip(lengths, kinds, strict=True))
-    return [_bucket(max(m for m, other in pairs if other == kind and m <= 2 * n), 64) for n, kind in pairs]
+    return [bucket(max(m for m, other in pairs if other == kind and m <= 2 * n), 64) for n, kind in pairs]
 
 
-def _bucket(n: int, least: int = 1) -> int:
+def bucket(n: int, least: int = 1) -> int:
     """The next of four sizes per octave, 8, 10, 12, 14, 16, ..., so that logs of new lengths find a compiled program."""
     step = 1 << max((max(n, least) - 1).bit_length() - 3, 0)
     return max(-(-n // step) * step, least)
@@ -84,21 +57,16 @@ SPARE = COLUMNS + OWN  # rows of the priors
 FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
-def _experiment(
-    trial: Trial, hold: Hold, keep: np.ndarray, size: tuple[int, int], low_q: bool, search: bool, swept: bool
-) -> tuple[Layout, Experiment]:
-    rows, intervals = size
+def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool) -> tuple[Layout, Experiment]:
+    (rows, intervals), keep = size, trial.order
     amplitude = not trial.signed
-    driven = trial.driven or (trial.steady and trial.log.drive is None)
-    own_gain = driven and (search or trial.log.drive is None)
+    own_gain = trial.steady and trial.log.drive is None
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
-    late = not (search or trial.steady or carrier)
-    both, order = moving and low_q and not carrier, 0 if search else trial.smoothing[1]
-    if search:
-        trial = replace(trial, noise_time=0.0, levels=(), kept=None)
+    late = not (trial.steady or carrier)
+    both, order = moving and low_q and not carrier, trial.smoothing[1]
     apart, toward = bool(trial.levels), trial.turn / (abs(trial.turn) or 1.0)
-    extra = [] if search else [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
+    extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude)
     flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
     layout = Layout(*flags, rows, intervals)
@@ -109,7 +77,7 @@ def _experiment(
     bases = [_pad_rows(q, rows) for q, _ in trial.spans(used)]
     channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(
-        hold=_padded_hold(hold, keep, keep if trial.steady else slice(None), rows, intervals),
+        hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
         before=_pad(before, rows),
@@ -130,12 +98,13 @@ def _experiment(
 
 
 def _pad_rows(basis: np.ndarray, rows: int) -> np.ndarray:
-    padded = np.zeros((COLUMNS, rows))
-    padded[: basis.shape[1], : len(basis)] = basis.T
-    return padded
+    found = np.zeros((COLUMNS, rows))
+    found[: basis.shape[1], : len(basis)] = basis.T
+    return found
 
 
-def _padded_hold(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
+def padded(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
+    """The rows `keep` and the intervals `held`, padded to so many of each."""
     return Hold(
         duration=_pad(hold.duration[held], intervals),
         drive=_pad(hold.drive[held], intervals),

@@ -44,7 +44,7 @@ class Layout(NamedTuple):
     """What decides which program evaluates an experiment; experiments of one layout are stacked and share one."""
 
     amplitude: bool  # amplitude only: |W|
-    own_gain: bool  # no drive recorded: a gain of its own
+    own_gain: bool  # a sweep of which no drive is recorded: a gain of its own
     both_modes: bool  # low Q
     carrier: bool  # its phase is known where the inputs change
     late: bool  # a transient, by an unknown time
@@ -102,7 +102,6 @@ class Residual(NamedTuple):
     start: Array
     floor: Array
     late: Array
-    gain: Array
     turn: Array
     volume: Array
 
@@ -148,7 +147,7 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
     forced, rate, free = basis(theta, x.hold, layout)
     if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
-        forced, rate, free = jnp.abs(forced), jnp.zeros_like(rate), jnp.abs(free)
+        forced = jnp.abs(forced)
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
     return jax.lax.optimization_barrier(Response(gain * forced, -gain * x.lateness * rate, x.start_free * free))
@@ -176,8 +175,8 @@ def _eliminated(theta: Array, x: Experiment, layout: Layout):
     """The residual, the nuisances at their optimum, and what takes from a vector all that nuisances can make of it."""
     shapes = _shapes(theta, x, layout)
     if layout.amplitude and not layout.own_gain:
-        return _amplitude(shapes, jnp.exp(theta[0]), x, layout)
-    return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, jnp.exp(theta[0]), x, layout)
+        return _amplitude(shapes, x, layout)
+    return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, x, layout)
 
 
 def _own(shapes: Response, layout: Layout) -> tuple[Array, ...]:
@@ -202,7 +201,7 @@ def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
     return (zero if layout.steady else weights[0]), (weights[1] if layout.late else zero)
 
 
-def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
+def _turned(shapes: Response, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are two columns, whose
     coefficients are cos phi and sin phi."""
     span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
@@ -224,27 +223,26 @@ def _turned(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     late = (nuisances[2] * jnp.conj(turn)).real
     rows = left - turn.real * shape - turn.imag * ahead
     volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
-    return Residual(rows, driven, x.start, x.floor, late, gain, turn, volume), nuisances, off
+    return Residual(rows, driven, x.start, x.floor, late, turn, volume), nuisances, off
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
-    """A log whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    span = _span((shapes.forced, *_own(shapes, layout), *_extra(x, layout)), x, layout)
+    """A sweep whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
+    span = _span((shapes.forced, *_extra(x, layout)), x, layout)
     weights = _weights(span, x.response, x, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
-    gain = jnp.abs(weights[0])
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, gain, weights[0], span.volume)
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, weights[0], span.volume)
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
-def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
+def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, linear in its start, its floor and its lateness about their present values."""
     now = (jnp.ones(()), x.start, x.late, x.floor)
     size = _modelled(shapes, now, layout)
     if layout.steady:
         rows = x.response - _whiten(size, x)
-        return Residual(rows, size, x.start, x.floor, x.late, gain, now[0], jnp.zeros(())), now, lambda v: v
+        return Residual(rows, size, x.start, x.floor, x.late, now[0], jnp.zeros(())), now, lambda v: v
     towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
     along = towards * shapes.free
     scale = 1 / x.tightness
@@ -258,7 +256,7 @@ def _amplitude(shapes: Response, gain: Array, x: Experiment, layout: Layout):
     found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
     late = found[3] if layout.late else x.late
     start, floor = found[0] + 1j * found[1], found[2] * scale
-    return Residual(span.off(target), size, start, floor, late, gain, now[0], span.volume), now, span.off
+    return Residual(span.off(target), size, start, floor, late, now[0], span.volume), now, span.off
 
 
 def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
@@ -278,8 +276,7 @@ def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
 
 
 def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
-    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. A log whose gain is its
-    own, which comes first, is never late: what is turned is then the start, by a right angle and as far, which is no change."""
+    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of."""
     turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
     return turns.at[LATE].set(x.toward) if layout.late else turns
 
@@ -303,13 +300,6 @@ def _off(v: Array, x: Experiment) -> Array:
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]
-
-
-def details(theta: Array, layouts: tuple[Layout, ...], groups: tuple[Experiment, ...]) -> tuple[Residual, ...]:
-    """Residual of each log, group by group."""
-    return tuple(
-        jax.vmap(lambda e, layout=layout: residual(theta, e, layout))(x) for layout, x in zip(layouts, groups, strict=True)
-    )
 
 
 def density(squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp) -> Leaf:

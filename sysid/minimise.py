@@ -17,7 +17,8 @@ from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
 from sysid.prior import FINGER, FLAT, NAMES, Prior
 from sysid.renew import update
-from sysid.start import Search, joint, local
+from sysid.search import Search
+from sysid.start import joint, local
 from sysid.trial import LEAST_WARMING, Trial, with_noise
 
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation

@@ -16,10 +16,12 @@ A log without a frequency is driven at resonance: the first-order model tau W' =
 
 All frequencies enter as offsets from a reference, in Hz: their differences are exact near the resonance, and are turned into
 rad/s last, so that float64 resolves a micro-hertz at a gigahertz.
-Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling.
+Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling. What takes `xp`, the module of its
+arrays, is as well one of numpy's, with nothing to compile.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -36,26 +38,26 @@ from sysid.precision import float64
 class Poles(NamedTuple):
     """Poles of the rotating frame and what the drive does to them; each of the shape of `detuning`."""
 
-    slow: Array  # s1, rad/s
-    fast: Array  # s2, rad/s
-    gain: Array  # b/G, 1/s
+    slow: Leaf  # s1, rad/s
+    fast: Leaf  # s2, rad/s
+    gain: Leaf  # b/G, 1/s
 
 
-def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None) -> Poles:
+def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None, xp: Any = jnp) -> Poles:
     """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s.
 
     `omega0`: where it is known otherwise than as their sum, which cancels for drives far above it.
     """
-    known = jnp.isfinite(omega)
-    omega = jnp.where(known, omega, 1.0)
-    omega0 = jnp.where(known, omega + detuning if omega0 is None else omega0, 1.0)
-    rate = jnp.where(known, 1.0 / tau, 0.0)
+    known = xp.isfinite(omega)
+    omega = xp.where(known, omega, 1.0)
+    omega0 = xp.where(known, omega + detuning if omega0 is None else omega0, 1.0)
+    rate = xp.where(known, 1.0 / tau, 0.0)
     # Q = 0.5 is the end of the domain; the floor keeps a search that strays beyond it finite.
-    damped = jnp.sqrt(jnp.maximum(omega0**2 - rate**2, 0.04 * omega0**2))
+    damped = xp.sqrt(xp.maximum(omega0**2 - rate**2, 0.04 * omega0**2))
     pull = rate**2 / (omega0 + damped)  # omega0 - damped, without cancellation
-    slow = -1.0 / tau + 1j * jnp.where(known, detuning - pull, 0.0)
-    fast = -1.0 / tau - 1j * jnp.where(known, damped + omega, jnp.inf)
-    return Poles(slow, fast, jnp.where(known, omega0 / damped, 1.0) / tau)
+    slow = -1.0 / tau + 1j * xp.where(known, detuning - pull, 0.0)
+    fast = -1.0 / tau - 1j * xp.where(known, damped + omega, xp.inf)
+    return Poles(slow, fast, xp.where(known, omega0 / damped, 1.0) / tau)
 
 
 def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
@@ -72,9 +74,9 @@ def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
 class Response(NamedTuple):
     """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a unit start."""
 
-    forced: Array
-    rate: Array
-    free: Array
+    forced: Leaf
+    rate: Leaf
+    free: Leaf
 
 
 def respond(
@@ -85,22 +87,24 @@ def respond(
     carrier: bool = False,
     order: int = 0,
     omega0: Leaf | None = None,
+    xp: Any = jnp,
 ) -> Response:
     """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
     `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began.
-    `omega0` (M,) as `poles` has it.
+    `omega0` (M,) as `poles` has it. With numpy for `xp`, and no `order`, of B plants at once, (N, B): tau (B,), detuning (M, B),
+    and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
-    s = poles(tau, detuning, hold.omega, omega0)
+    s = poles(tau, detuning, hold.omega, omega0, xp)
     push = s.gain * hold.drive
-    ripple = jnp.where(jnp.isfinite(s.fast.imag), _over(push, s.fast), 0.0)
-    kick = -jnp.diff(ripple, prepend=ripple[:1]).conj() * hold.turn if carrier else None
+    ripple = xp.where(xp.isfinite(s.fast.imag), (_over if xp is jnp else np.divide)(push, s.fast), 0.0)
+    kick = -xp.diff(ripple, axis=0, prepend=ripple[:1]).conj() * hold.turn if carrier else None
     if order:
         return _smoothed(s.slow, push, ripple, hold, order)
-    slow = _propagate(s.slow, push, hold, kick)
-    rest = _propagate(s.fast, -push, hold).forced if both_modes else ripple[hold.interval]
+    slow = _propagate(s.slow, push, hold, kick, xp)
+    rest = _propagate(s.fast, -push, hold, None, xp).forced if both_modes else ripple[hold.interval]
     return slow._replace(forced=slow.forced + rest)
 
 
@@ -130,15 +134,18 @@ def expm1(z: Array) -> Array:
 expm1.defjvps(lambda dz, value, z: jnp.exp(z) * dz)
 
 
-def carried(growth: Array, target: Array, kick: Array | None = None) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+ONE_LANE = 64  # intervals that are taken one after the other
+
+
+def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp) -> tuple[tuple[Leaf, Leaf], tuple[Leaf, Leaf]]:
     """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a unit start.
 
-    `kick` is added to the state from rest as each interval begins.
+    Arrays (M, ...) of the module `xp`. `kick` is added to the state from rest as each interval begins.
 
     Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
     """
-    count = len(growth)
-    lanes = 1 if count <= 64 else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
+    count, *plants = growth.shape
+    lanes = 1 if count <= ONE_LANE else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
 
     def advance(state, interval):
         forced, free = state
@@ -150,29 +157,40 @@ def carried(growth: Array, target: Array, kick: Array | None = None) -> tuple[tu
         forced, free = state
         return (lane[0] + lane[1] * forced, lane[1] * free), state
 
-    rest = (jnp.zeros(lanes, growth.dtype), jnp.ones(lanes, growth.dtype))
-    steps = tuple(v.reshape(lanes, -1).T for v in (growth, target, kick) if v is not None)
-    ends, (forced, free) = jax.lax.scan(advance, rest, steps)
+    scan = jax.lax.scan if xp is jnp else _scan
+    rest = (xp.zeros((lanes, *plants), growth.dtype), xp.ones((lanes, *plants), growth.dtype))
+    steps = tuple(v.reshape(lanes, -1, *plants).swapaxes(0, 1) for v in (growth, target, kick) if v is not None)
+    ends, (forced, free) = scan(advance, rest, steps)
     if lanes == 1:
         return (forced[:, 0], free[:, 0]), (ends[0][0], ends[1][0])
-    last, (before, share) = jax.lax.scan(join, (rest[0][0], rest[1][0]), ends)
+    last, (before, share) = scan(join, (rest[0][0], rest[1][0]), ends)
     forced, free = forced + free * before, free * share
-    return (forced.T.reshape(count), free.T.reshape(count)), last
+    return (forced.swapaxes(0, 1).reshape(growth.shape), free.swapaxes(0, 1).reshape(growth.shape)), last
 
 
-def _propagate(pole: Array, push: Array, hold: Hold, kick: Array | None = None) -> Response:
+def _scan(step: Callable, state: tuple, inputs: tuple[np.ndarray, ...]) -> tuple[tuple, list[np.ndarray]]:
+    """`jax.lax.scan` in numpy."""
+    seen = []
+    for given in zip(*inputs, strict=True):
+        state, found = step(state, given)
+        seen.append(found)
+    return state, [np.stack(v) for v in zip(*seen, strict=True)]
+
+
+def _propagate(pole: Leaf, push: Leaf, hold: Hold, kick: Leaf | None, xp: Any) -> Response:
     """Exact response of Z' = pole Z + push over held inputs, from rest, kicked as each begins; and the decay of a unit start.
 
     Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
     nothing is divided by a time, so that zero-length intervals need no special case.
     """
-    target = _over(push, pole)
-    (forced, free), _ = carried(expm1(pole * hold.duration), target, kick)
+    over, grow = (_over, expm1) if xp is jnp else (np.divide, np.expm1)
+    target = over(push, pole)
+    (forced, free), _ = carried(grow(pole * hold.duration), target, kick, xp)
     forced = forced if kick is None else forced + kick
-    at = jnp.stack([pole, target, forced, free], axis=-1)[hold.interval]
+    at = xp.stack([pole, target, forced, free], axis=-1)[hold.interval]
     pole, target, forced, free = (at[..., i] for i in range(4))
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
-    grown = expm1(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
+    grown = grow(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     forced = forced + grown * (forced + target)
     return Response(forced, pole * (forced + target), free + grown * free)
 

@@ -1,60 +1,13 @@
 """From the candidates of each log to starting points for all logs together."""
 
-from collections.abc import Sequence
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from sysid.experiment import SEARCH_ROWS, group
 from sysid.guess import candidates
-from sysid.likelihood import details
-from sysid.precision import compiled
-from sysid.trial import LEAST_WARMING, Trial, freedom
+from sysid.search import Search
+from sysid.trial import LEAST_WARMING
 
 NEARBY = 9  # random points about each log's best, twice
 PAIRS = 40  # pairs of logs at different temperatures, furthest apart first
-BATCH = 32  # candidates per call: one compiled program for any number of them, and what it makes stays in the processor's cache
-
-
-@compiled
-def _sums_and_gains(thetas, layouts, groups):
-    def one(theta):
-        return tuple((jnp.sum(jnp.abs(d.rows) ** 2, axis=-1), d.gain) for d in details(theta, layouts, groups))
-
-    return jax.vmap(one)(thetas)
-
-
-class Search:
-    """Residual sums of logs that each have a gain of their own, over candidates of (tau, f0, k_T)."""
-
-    def __init__(self, trials: Sequence[Trial], reference: tuple[float, float]):
-        self.trials, self.reference = trials, reference
-        groups, self.members = group(trials, reference, search=True)
-        self.layouts, self.groups = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        self.freedom = np.array([min(freedom(t), 2 * SEARCH_ROWS) for t in trials])
-
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference, k_T."""
-        n = len(points)
-        thetas = np.zeros((-(-n // BATCH) * BATCH, 6))
-        thetas[:, 1:4] = np.concatenate([points, np.repeat(points[-1:], len(thetas) - n, axis=0)])
-        found = np.empty((2, len(thetas), len(self.trials)))
-        for i in range(0, len(thetas), BATCH):
-            parts = jax.device_get(_sums_and_gains(thetas[i : i + BATCH], self.layouts, self.groups))
-            for members, part in zip(self.members, parts, strict=True):
-                found[:, i : i + BATCH, members] = np.stack(part)[..., : len(members)]
-        sums, gains = found[:, :n]
-        return np.where(np.isfinite(sums), sums, np.inf), gains
-
-    def sums(self, points: np.ndarray) -> np.ndarray:
-        """(n, logs) residual sums of squares."""
-        return self(points)[0]
-
-    def score(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
-        """(n,) log-likelihood by which each point falls short of every log's own `best` residual sum."""
-        least = np.maximum(best, 1e-300)
-        return np.sum(0.5 * self.freedom * np.log(np.maximum(self.sums(points), least) / least), axis=1)
 
 
 def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

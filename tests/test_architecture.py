@@ -44,6 +44,7 @@ ORDER = [
     "guess",
     "prior",
     "result",
+    "search",
     "start",
     "identify",
     "wording",

@@ -322,3 +322,21 @@ def test_far_beyond_its_domain_it_stays_finite():
             s = poles(jnp.asarray(tau), jnp.asarray(3.0), jnp.asarray(1000.0))
             assert all(np.isfinite(part) for part in s)
             assert np.isfinite(steady(jnp.asarray(tau), jnp.asarray(3.0), jnp.asarray(1000.0)))
+
+
+@pytest.mark.parametrize("mode", [{}, {"carrier": True}, {"both_modes": True}], ids=str)
+def test_many_plants_in_numpy_are_each_the_same_as_compiled(mode):
+    rng, rows = np.random.default_rng(0), 161
+    time, level = np.cumsum(rng.exponential(3e-4, rows)), np.minimum(np.arange(rows), 144)  # 144 intervals: lanes of 9
+    drive, frequency = (v[level] for v in (rng.normal(0, 50, rows), rng.normal(32.2e3, 100, rows)))
+    hold = hold_inputs(time, drive, frequency, reference=(32.2e3, 0.0), theta=rng.uniform(0, 6, rows), delay=1e-5)
+    hold = hold._replace(spread=np.full(rows, 1e-10))
+    tau, shift = np.array([1e-5, 8e-4, 0.3]), np.array([-200.0, 3.0, 90.0])
+    many = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+    found = respond(tau, 2 * np.pi * (many.offset + shift), many, xp=np, **mode)
+    assert all(type(v) is np.ndarray and v.shape == (rows, len(tau)) for v in found)
+    for i in range(len(tau)):
+        with jax.enable_x64(True):
+            one = respond(tau[i], 2 * np.pi * (hold.offset + shift[i]), hold, **mode)
+        for batch, alone in zip(found, one, strict=True):
+            np.testing.assert_allclose(batch[:, i], alone, rtol=0, atol=1e-11 * np.max(np.abs(alone)))
