@@ -40,7 +40,8 @@ from sysid.log import Log, LogError, read_logs
 HERE = Path(__file__).parent
 CORPUS = HERE / "fuzz_corpus.txt"
 MODULES = (
-    "textfile", "cells", "preamble", "csvfile", "mapping", "draft", "header", "log", "units", "waveform", "carrier", "lockin",
+    "textfile", "cells", "stamps", "pieces", "preamble", "csvfile", "csvbody", "mapping", "draft", "header", "benchwords", "log",
+    "units", "waveform", "carrier", "lockin",
 )  # fmt: skip
 READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in MODULES)
 SLOW = 10.0  # s of the processor: a table of a few lines takes milliseconds

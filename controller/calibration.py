@@ -21,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.cells import Dialect
-from sysid.csvfile import LogError, read_body, read_head
+from sysid.csvbody import read_body
+from sysid.csvfile import LogError, read_head
 from sysid.units import convert
 
 LEAST = 3  # rows

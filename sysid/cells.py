@@ -9,6 +9,14 @@ from dataclasses import dataclass
 
 WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
 GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
+_MARKS = str.maketrans({"−": "-", "\u00a0": "'", "\u202f": "'", "’": "'"})
+# Thousands beside a fraction, in two groups or more, or behind a mark that is never a decimal one.
+_THOUSANDS = {
+    decimal: re.compile(
+        rf"[+-]?[1-9]\d{{0,2}}(({group}\d{{3}})+{point}\d*|({group}\d{{3}}){{2,}}|('\d{{3}})+({point}\d*)?)([eE][+-]?\d+)?"
+    )
+    for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
+}
 SHOWN = 20  # names in a message, of files that have thousands
 
 
@@ -17,7 +25,7 @@ class Dialect:
     """How a table is written; None means: see from the file."""
 
     delimiter: str | None = None
-    comment: str = "#"
+    comment: tuple[str, ...] | None = None  # what lines of metadata begin with
     decimal: str | None = None
     header: bool | None = None
     skip: int | None = None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
@@ -34,12 +42,26 @@ def split_line(text: str, delimiter: str) -> list[str]:
 
 
 def to_number(text: str, decimal: str = ".") -> float:
-    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands."""
+    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands.
+
+    Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard space), and so are a
+    printed minus and Fortran's 1.5D-3.
+    """
     text = text.strip()
     if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
         return math.nan
     try:
         return float(text.replace(decimal, "."))
+    except ValueError:
+        return _odd_number(text, decimal)
+
+
+def _odd_number(text: str, decimal: str) -> float:
+    text = text.translate(_MARKS)
+    if _THOUSANDS[decimal].fullmatch(text):
+        text = re.sub(rf"['{'.' if decimal == ',' else ','}]", "", text)
+    try:
+        return float(re.sub(r"[dD](?=[+-]?\d+$)", "e", text.replace(decimal, ".")))
     except ValueError:
         return math.nan
 
@@ -49,13 +71,8 @@ def is_number(text: str) -> bool:
     try:
         float(text.replace(",", "."))
     except ValueError:
-        return False
+        return not (math.isnan(to_number(text)) and math.isnan(to_number(text, ",")))
     return "_" not in text
-
-
-def is_date(text: str) -> bool:
-    """Whether a cell is a day of a calendar, with a time of day or without."""
-    return re.match(r"\d{4}[-/.]\d\d?[-/.]\d\d?(?!\d)", text.strip()) is not None
 
 
 def listed(names: Sequence[str]) -> str:

@@ -12,21 +12,23 @@ from sysid.csvfile import Head
 from sysid.mapping import ANGLES, RESPONSES, is_decibel, split_ending
 
 QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
+SPLITS = ("chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
 _WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit", "x-axis"),
-    "frequency": ("f", "freq", "frequency", "frequenz"),
-    "temperature": ("temp", "temperature", "t"),
-    "force": ("force",),
+    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value"),
+    "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence"),
+    "temperature": ("temp", "temperature", "temperatur", "température", "t"),
+    "force": ("force", "kraft"),
     "duty": ("duty", "pwm"),
-    "voltage": ("v", "u", "voltage", "volt", "vin", "drive", "excitation"),
+    "voltage": ("v", "u", "voltage", "volt", "vin", "drive", "excitation", "spannung", "tension"),
     "wd": ("wd",),
     "wq": ("wq",),
     "x": ("x", "re", "real", "inphase", "in-phase", "u1", "g"),
     "y": ("y", "im", "imag", "imaginary", "quadrature", "quad", "u2", "b"),
-    "magnitude": ("magnitude", "mag", "amplitude", "amp", "r", "power"),
-    "phase": ("phase", "phi", "theta", "arg"),
+    "magnitude": ("magnitude", "mag", "amplitude", "amp", "gain", "r", "power", "db"),
+    "phase": ("phase", "phi", "theta", "arg", "ang", "angle"),
     "w": ("w", "displacement", "velocity", "response"),
 }
+_BEHIND = {word for name in ("x", "y", "magnitude", "phase") for word in _WORDS[name]} - {"g", "b", "u1", "u2"}
 
 
 def template(head: Head) -> str:
@@ -40,7 +42,8 @@ def template(head: Head) -> str:
     dialect = head.dialect
     lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
     lines += ['decimal = ","'] if dialect.decimal == "," else []
-    lines += [f"comment = {_quote(dialect.comment)}"] if dialect.comment != "#" else []
+    lines += [f"comment = {_quote(mark)}" for mark in dialect.comment or () if len(dialect.comment or ()) == 1 and mark != "#"]
+    lines += [f"split_by = {_place(head, index)}  # each of its values is one experiment" for index in _splits(head)]
     lines += ["", "[columns]"]
     found = waveform or guessed
     lines += [_column(head, name, index) for name, index in found.items()]
@@ -74,8 +77,13 @@ def _of_samples(head: Head, waveform: Mapping[str, int]) -> list[str]:
     ]
 
 
+def _splits(head: Head) -> list[int]:
+    """The first column that numbers experiments, if there is one."""
+    return [index for index, label in enumerate(head.names) if label.casefold() in SPLITS][:1]
+
+
 def _column(head: Head, name: str, index: int) -> str:
-    unit = split_ending(head.names[index], False)[0]
+    unit = "s" if name == "time" and head.dated(index) else _unit(head.names[index])
     return f"{name} = {{ column = {_place(head, index)}, unit = {_quote(unit if _fits(name, unit) else '?')} }}"
 
 
@@ -97,7 +105,7 @@ def _waveform(head: Head, guessed: Mapping[str, int]) -> dict[str, int]:
     beside two of volts. Empty for any other file."""
     time = guessed.get("time")
     others = [index for index in range(len(head.names)) if index != time]
-    volts = [index for index in others if _fits("voltage", split_ending(head.names[index], False)[0])]
+    volts = [index for index in others if _fits("voltage", _unit(head.names[index]))]
     pair = len(head.names) == 3 and len(volts) == 2
     quick = time is not None and 0 < _step(head, time) < QUICK
     if guessed.keys() & {"wd", "x", "magnitude", "frequency"} or len(others) < 2 or not (pair or quick):
@@ -111,40 +119,67 @@ def _waveform(head: Head, guessed: Mapping[str, int]) -> dict[str, int]:
 def _step(head: Head, time: int) -> float:
     """Seconds between the first rows; of a column that does not say its unit, as if it held seconds."""
     numbers = [to_number(row[time], str(head.dialect.decimal)) for row in head.sample if len(row) > time]
-    unit = split_ending(head.names[time], False)[0]
+    unit = _unit(head.names[time])
     steps = [after - before for before, after in pairwise(numbers)]
     return float(units.convert(median(steps), unit if _fits("time", unit) else "s", "s")) if steps else 0.0
 
 
 def _quantity(head: Head, index: int | None) -> str:
     """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
-    unit = split_ending(head.names[index], False)[0] if index is not None else ""
+    unit = _unit(head.names[index]) if index is not None else ""
     kinds = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A"}
     quantity = next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
     return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"'
 
 
 def _guess(names: tuple[str, ...]) -> dict[str, int]:
-    """Which column is probably which, from the first word of its name; a response only when it is whole."""
-    guessed: dict[str, int] = {}
-    polar = {*_WORDS["magnitude"], *_WORDS["phase"]}  # often behind the name of a channel or a parameter
-    known = {word for words in _WORDS.values() for word in words}
+    """Which column is probably which, by name and unit; a response only when it is whole, of one channel where it can be."""
+    found: dict[str, list[int]] = {}
     for index, label in enumerate(names):
-        words = re.split(r"[\s_\[(]", label.strip().casefold())
-        word = next((later for later in words if words[0] not in known and later in polar), words[0])
-        ending = label.casefold().rpartition("_")[2]
-        word = ending if ending in ("re", "im") else "" if "_err" in label.casefold() else word
-        for name in (name for name, words in _WORDS.items() if word in words and name not in guessed):
-            unit = split_ending(label, False)[0]
-            if _fits(name, unit) or not _is_unit(unit):
-                guessed[name] = index
-                break
-    whole = next((set(names) for names in RESPONSES if set(names) <= guessed.keys()), set())
-    spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - whole
+        if name := _name(label, found):
+            found.setdefault(name, []).append(index)
+    for name in ("time", "frequency"):
+        if name not in found and names and not any(0 in of for of in found.values()) and _fits(name, _unit(names[0])):
+            found[name] = [0]
+    guessed = {name: indices[0] for name, indices in found.items()}
+    whole: tuple[str, ...] = next((of for of in RESPONSES if set(of) <= found.keys()), ())
+    if len(whole) == 2:
+        alike = ((a, b) for a in found[whole[0]] for b in found[whole[1]] if _channel(names[a]) == _channel(names[b]))
+        guessed |= zip(whole, next(alike, (guessed[whole[0]], guessed[whole[1]])), strict=True)
+    spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - set(whole)
     return {name: index for name, index in guessed.items() if name not in spare}
 
 
+def _name(label: str, found: Mapping[str, list[int]]) -> str | None:
+    """What a column is called by the whole of its name, by the first word of it, or by the last that may stand behind that of a
+    channel or a parameter."""
+    words = _split(label)
+    unit = _unit(label)
+    if "_err" in label.casefold() or not words:
+        return None
+    for word in (label.strip().casefold(), words[0], *(word for word in reversed(words[1:]) if word in _BEHIND)):
+        fitting = [name for name, of in _WORDS.items() if word in of and (_fits(name, unit) or not _is_unit(unit))]
+        if fitting:
+            return next((name for name in fitting if name not in found), fitting[0])
+    return None
+
+
+def _split(label: str) -> list[str]:
+    return [word for word in re.split(r"[\s_:;,/]+|[\[(].*", label.casefold()) if word]
+
+
+def _channel(label: str) -> list[str]:
+    """The words of a column's name that do not say which part of a response it is."""
+    return [word for word in _split(label) if word not in _BEHIND and word != _unit(label).casefold()]
+
+
+def _unit(label: str) -> str:
+    return split_ending(label, False)[0]
+
+
 def _fits(name: str, unit: str) -> bool:
+    if name in ("magnitude", "w") and unit in ANGLES:
+        return False
     if name == "phase" or (is_decibel(unit) and name in ("magnitude", "w")):
         return unit in ANGLES or is_decibel(unit)
     try:

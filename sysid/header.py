@@ -10,16 +10,35 @@ import math
 from collections.abc import Collection, Mapping
 
 from sysid import units
-from sysid.cells import SHOWN, Dialect, is_date, listed, to_number
+from sysid.cells import SHOWN, Dialect, listed, to_number
 from sysid.csvfile import Head, LogError, read_head
 from sysid.draft import template
-from sysid.mapping import Plan, Source
+from sysid.mapping import MappingFile, Plan, Source
+from sysid.stamps import EXAMPLE, is_local, is_long
 
 DRIVES = ("voltage", "drive", "duty")
 INPUTS = ("time", "frequency", "temperature", "force")
 # Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
+STAMPED = {"date": "time", "datetime": "time", "date/time": "time", "zeitstempel": "time"}  # where the cells are dates
 SYNONYMS = {"timestamp": "time", "freq": "frequency", "temp": "temperature", "volt": "voltage", "volts": "voltage"}
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
+
+
+def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
+    """The plan for a file, by the mapping file if there is one, else by its own names."""
+    plan = mapping.plan(head) if mapping else contract_plan(head)
+    refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+    return plan
+
+
+def table_plan(head: Head, metadata: dict[str, str] | None, plan: Plan, mapping: MappingFile | None) -> Plan:
+    """The plan for a table of the file, which may state metadata of its own; `plan` is that of the first."""
+    return plan if metadata in (None, head.metadata) else file_plan(dataclasses.replace(head, metadata=metadata), mapping)
+
+
+def counted(head: Head, columns: Collection[int]) -> list[str]:
+    """Notes on the columns of dates and the like, which are read as what passed since the first row."""
+    return [f"column {head.names[column] or column} is counted from its first row, {head.first(column)}" for column in columns]
 
 
 def contract_plan(head: Head) -> Plan:
@@ -45,7 +64,7 @@ def contract_plan(head: Head) -> Plan:
         _check_waveform(head, sources, unknown)
     else:
         _check_understood(head, sources, unknown)
-    notes += _kept_out([label for label in unknown if label])
+    notes += _kept_out(head, [label for label in unknown if label], "time" in sources)
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -57,20 +76,30 @@ def contract_plan(head: Head) -> Plan:
     )
 
 
-def _kept_out(labels: list[str]) -> list[str]:
+def _kept_out(head: Head, labels: list[str], timed: bool) -> list[str]:
     """A note on each column that is not read; one on all of them where there are many."""
     if len(labels) > SHOWN:
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
-    return [f"column {label} is kept out of the fit" for label in labels]
+    return [f"column {label} is kept out of the fit{'' if timed else _why_no_time(head, label)}" for label in labels]
+
+
+def _why_no_time(head: Head, label: str) -> str:
+    """Why a column that is called a time, in a file that has no other, is not read as one."""
+    if units.split_unit(label)[0].casefold() not in {"timestamp", *STAMPED}:
+        return ""
+    if is_local(head.first(head.names.index(label))):
+        return f": day and month cannot be told apart; write a time as {EXAMPLE}"
+    return ": it states no unit of time; call it timestamp_s, timestamp_ms"
 
 
 def _add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> list[str]:
     """Enter inputs that have another usual name, columns before metadata; they leave `unknown`. Returns a note on each."""
     notes = []
     for label in list(unknown):
-        if quantity := _meant(label, SYNONYMS | LETTERS, sources):
-            name = units.split_unit(label)[0]
-            _add_source(head, sources, quantity + label.strip()[len(name) :], Source(label, "", column=head.names.index(label)))
+        if quantity := _meant(label, SYNONYMS | LETTERS, sources) or _dates_time(head, label, sources):
+            name, column = units.split_unit(label)[0], head.names.index(label)
+            source = Source(label, "", column=column, spare=head.dated(column))
+            _add_source(head, sources, quantity + label.strip()[len(name) :], source)
             unknown.remove(label)
             notes.append(f"column {label} is read as {quantity}")
     for key, value in head.metadata.items():
@@ -94,24 +123,35 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
     return quantity
 
 
+def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
+    """"time" for a column of dates that is called so by another name, where no other holds the time; else None."""
+    if "time" in sources or not {units.split_unit(label)[0].casefold(), label.casefold()} & {"timestamp", *STAMPED}:
+        return None
+    return "time" if head.dated(head.names.index(label)) else None
+
+
 def _add_source(head: Head, sources: dict[str, Source], label: str, source: Source) -> bool:
     """Enter what `label` names into `sources`; False when it is not one of our names."""
     name = units.parse_name(label)
     if name is None:
         return False
+    dated = name.quantity == "time" and source.column is not None and head.dated(source.column)
+    unit = "s" if dated else name.unit
     try:
-        units.check_unit(name.quantity, name.unit)
+        units.check_unit(name.quantity, unit)
     except ValueError as error:
-        first = head.sample[0][source.column].strip() if source.column is not None and source.column < len(head.sample[0]) else ""
-        if name.quantity == "time" and is_date(first):
-            expected = "seconds; write the seconds since the first row, and call the column time_s"
+        first = head.first(source.column) if source.column is not None else ""
+        if name.quantity == "time" and is_local(first):
+            expected = f"the year first, as in {EXAMPLE}, or the seconds since the first row in a column time_s"
             raise LogError(f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}") from None
         raise LogError(f"{head.path}, column {label!r}: {error}", template(head)) from None
+    if name.quantity == "time" and source.column is not None and _is_waveform(head):
+        dated = dated or is_long(head.first(source.column))
     same = DRIVES if name.quantity in DRIVES else (name.quantity,)
     if double := next((sources[quantity] for quantity in same if quantity in sources), None):
         what = "the drive" if name.quantity in DRIVES else name.quantity
         raise LogError(f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once")
-    sources[name.quantity] = dataclasses.replace(source, unit=name.unit, amplitude=name.amplitude)
+    sources[name.quantity] = dataclasses.replace(source, unit=unit, amplitude=name.amplitude, dated=dated)
     return True
 
 
@@ -166,11 +206,15 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
     path = head.path
+    if head.dialect.header and (wide := min(map(len, head.sample))) > len(head.names) + 1:
+        across = "; a table that lies across, one quantity a line, is to be turned: one a column"
+        said = f"found {wide} columns, expected {len(head.names)} as in the header{across}"
+        return LogError(f"{path}, line {head.first_line}: {said}")
     names = listed(list(filter(None, head.names))) or f"{len(head.names)} columns without a header"
     first = (head.names[0] or head.sample[0][0])[:1]
-    if first in ("%", "!", ";", "/", "*"):  # it looks like another comment mark
+    if first in (";", "/", "*"):  # it looks like another comment mark
         with contextlib.suppress(LogError):
-            head = read_head(head.path, Dialect(comment=first))
+            head = read_head(head.path, Dialect(comment=(first,)))
     return LogError(f"{path}: found {found} ({names}), expected {expected}", template(head))
 
 

@@ -24,10 +24,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from sysid import units
+from sysid.benchwords import BENCH, BENCH_TIMES, bench_of, bench_time
 from sysid.cells import Dialect, listed
-from sysid.csvfile import Body, Head, LogError, read_body, read_head, refuse_cell
-from sysid.header import DRIVES, INPUTS, contract_plan, metadata_number, not_understood, refuse_repeated, stated
+from sysid.csvbody import Body, read_body, refuse_cell
+from sysid.csvfile import Head, LogError, read_head
+from sysid.header import DRIVES, INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
 from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
+from sysid.stamps import coarse
 from sysid.textfile import unchanged
 from sysid.waveform import from_samples, sample_times, uneven
 
@@ -41,9 +44,8 @@ POSSIBLE = {
     "frequency": (0.0, np.inf, "a frequency of 0 or more"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
+FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
 ROOM = (273.15, 333.15)  # K
-BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
-BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +179,7 @@ def _label(unit: str, quantity: str) -> str:
 def _is_interpreted(key: str) -> bool:
     """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
     known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
-    return known or units.split_unit(key.casefold())[0] in BENCH_TIMES or _bench_time(key) is not None
+    return known or units.split_unit(key.casefold())[0] in BENCH_TIMES or bench_time(key) is not None
 
 
 def _expand(paths: Iterable[str | Path]) -> list[str]:
@@ -201,15 +203,19 @@ def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
     try:
         with unchanged(path), np.errstate(all="ignore"):  # the log refuses what is not finite
             head = read_head(path, mapping.dialect if mapping else Dialect())
-            plan = mapping.plan(head) if mapping else contract_plan(head)
-            refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+            plan = file_plan(head, mapping)
             wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
-            body = read_body(head, wanted, plan.split)
+            dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
+            body = read_body(head, wanted, plan.split, dated)
+            notes = (*counted(head, dated), *body.notes)
             values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
             if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
                 raise LogError(f"{path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
             rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
-            return [_make_log(head, body, plan, value, of) for value, of in zip(values, rows, strict=True)]
+            tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
+            plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
+            plans = [dataclasses.replace(plan, notes=(*plan.notes, *notes)) for plan in plans]
+            return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
     except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
 
@@ -224,8 +230,14 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         count = len(rows)
     arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
+        plan = _without_time(plan, arrays)
     if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
         _refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
+    if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
+        if kind != "steady" and not _sweeps(arrays):
+            _refuse_row(head, body, plan.sources["time"], rows, same, FINER)
+        plan = _without_time(plan, arrays)
     for key, (low, high, expected) in POSSIBLE.items():
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
@@ -234,7 +246,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
-    fields: dict[str, Any] = {"drive": drive, **inputs, "bench": _bench(head, plan.metadata), "notes": plan.notes}
+    fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
     if kind == "waveform":
         fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
@@ -261,14 +273,27 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     return log
 
 
+def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
+    """The plan with a note that the dates are kept out, as they now are of `arrays`."""
+    del arrays["time"]
+    note = f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or are missing"
+    return dataclasses.replace(plan, notes=(*plan.notes, note))
+
+
+def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
+    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its time."""
+    return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
+
+
 def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
     """Peak values of one source, and their unit; every one is finite, or LogError names the cell."""
     if source.column is None:
         return decode(np.full(count, source.constant), source)
     numbers = body.numbers[source.column]
     numbers = numbers if rows is None else numbers[rows]
-    if not (finite := np.isfinite(numbers)).all():
-        _refuse_row(head, body, source, rows, int(np.argmin(finite)), "a finite number")
+    if not (finite := np.isfinite(numbers)).all() and not source.spare:
+        expected = f"a date as in the first row, {head.first(source.column)!r}" if source.dated else "a finite number"
+        _refuse_row(head, body, source, rows, int(np.argmin(finite)), expected)
     return decode(numbers, source)
 
 
@@ -327,32 +352,6 @@ def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, .
 
 def _either(word: str, words: tuple[str, ...]) -> str:
     return " or ".join(words) + units.did_you_mean(word, words)
-
-
-def _bench_time(key: str) -> tuple[str, str] | None:
-    """`lockin_tau_us` is ("lockin_tau", "us"); None for a key that is not a time of the bench."""
-    name = next((name for name in BENCH_TIMES if key.casefold().startswith(f"{name}_")), None)
-    return (name, key[len(name) + 1 :]) if name else None
-
-
-def _bench(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
-    """What is known of the bench: times in s, and the order of the lock-in's filter."""
-    bench = {}
-    for key, text in metadata.items():
-        if key.casefold() == "lockin_order":
-            bench["lockin_order"] = metadata_number(head, key, text)
-        elif named := _bench_time(key):
-            try:
-                units.check_unit("time", named[1])
-            except ValueError as error:
-                raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
-            bench[f"{named[0]}_s"] = float(_internal("time", metadata_number(head, key, text), named[1]))
-    for key, value in bench.items():
-        if key == "lockin_order" and (value < 1 or value % 1):
-            raise LogError(f"{head.path}, metadata {key!r}: found {value:g}, expected a whole number of poles")
-        if key != "delay_s" and value < 0:
-            raise LogError(f"{head.path}, metadata {key!r}: found {value:g} s, expected a time of 0 or more")
-    return bench
 
 
 def _decrease(time: np.ndarray) -> int | None:

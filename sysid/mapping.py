@@ -9,7 +9,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
 
     delimiter = ";"                     # "\t" is a tab, " " any run of blanks; left out: seen from the header
     decimal = ","                       # left out: seen from the first rows
-    comment = "%"                       # lines above the header that begin so are metadata; "#" unless stated
+    comment = "%"                       # lines above the header that begin so are metadata; left out: "#", and a first % or !
     header = true                       # false: the first line holds numbers already; left out: seen from it
     skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
@@ -33,7 +33,8 @@ The names of columns and constants are time, frequency, temperature, force; volt
 wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
 carrier samples (`kind = "waveform"`) response, with voltage or drive. Rows may
 be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
-be dB, dBm or dBV: 10^(dB/20) relative to 0 dB.
+be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
+header stands again among the rows, `rows` are counted in each table.
 
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
@@ -52,6 +53,7 @@ import numpy as np
 from sysid import units
 from sysid.cells import Dialect, listed, to_number
 from sysid.csvfile import Head, LogError
+from sysid.stamps import is_long
 
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
@@ -85,6 +87,8 @@ class Source:
     constant: float = 0.0
     scale: float = 1.0
     offset: float = 0.0
+    dated: bool = False  # the column holds dates, read as seconds since the first
+    spare: bool = False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
 
 
 @dataclass(frozen=True)
@@ -153,8 +157,11 @@ class MappingFile:
         unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
         stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
         amplitude = entry.get("amplitude") or amplitude or stated
+        dated = name == "time" and head.dated(index)
+        unit = "s" if dated else unit
+        dated = dated or (name == "time" and self.options.get("kind") == "waveform" and is_long(head.first(index)))
         self._check_unit(key, name, unit)
-        return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)))
+        return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)), dated)
 
     def _constant(self, name: str, text: Any) -> Source:
         key = f"[constants] {name}"
@@ -215,7 +222,8 @@ def load_mapping(path: str | Path) -> MappingFile:
         raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character such as ; or a tab")
     if options.get("skip", 0) < 0:
         raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
-    dialect = Dialect(delimiter, options.get("comment", "#"), *(options.get(key) for key in ("decimal", "header", "skip")))
+    comment = (options["comment"],) if "comment" in options else None
+    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip")))
     return MappingFile(str(path), options, dialect)
 
 

@@ -58,6 +58,14 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
     return Top(names, has_units, width, delimiter)
 
 
+def names_below(lines: list[str], dialect: Dialect) -> int | None:
+    """The line, counted from 0, that names the columns of a table which begins among these lines; None where none does."""
+    if not _shape(lines[0], dialect) and is_table(lines, dialect):
+        return 0
+    top = find_top(lines, dialect)
+    return top.names if top else None
+
+
 def header_line(lines: list[str], top: Top) -> str:
     """The header in one line, with the units that stand below it, as wide as the rows are."""
     names = _cells(lines[top.names], top.delimiter)[: top.width]
@@ -98,7 +106,7 @@ def _is_texts(line: str, delimiter: str, width: int) -> bool:
 def _is_wide(line: str, delimiter: str, width: int, dialect: Dialect) -> bool:
     """Whether a line may head columns: as many as the rows have, or more where cells are parted by a mark."""
     count = len(split_line(line, delimiter))
-    return not line.startswith(dialect.comment) and (count == width or (count > width and delimiter != WHITESPACE))
+    return not line.startswith(dialect.comment or ()) and (count == width or (count > width and delimiter != WHITESPACE))
 
 
 def _are_units(cells: list[str]) -> bool:

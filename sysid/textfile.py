@@ -1,7 +1,9 @@
-"""A file of text as its bytes: packed or not, what it is when it is no text, and whether it stays the same while it is read."""
+"""A file of text as its bytes: packed or not, in UTF-16, what it is when it is no text, and whether it stays the same."""
 
 import bz2
+import codecs
 import gzip
+import io
 import lzma
 import os
 from collections.abc import Callable, Iterator
@@ -16,8 +18,7 @@ FOREIGN = {
     b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
     b"\x89HDF": "an HDF5 file",
     b"MATLAB 5.0 MAT-file": "a MATLAB file",
-    b"\xff\xfe": "UTF-16 text",
-    b"\xfe\xff": "UTF-16 text",
+    codecs.BOM_UTF32_LE: "UTF-32 text",
 }
 
 
@@ -48,8 +49,19 @@ def open_text(path: str) -> BinaryIO:
         first = file.read(20)
     if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
         raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
+    if first.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return _from_utf16(path)
     opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), open)
     return opener(path, "rb")
+
+
+def _from_utf16(path: str) -> BinaryIO:
+    """The text as UTF-8, whole in memory: spreadsheets save it so, which hold a million rows."""
+    try:
+        with open(path, encoding="utf-16", newline="") as file:
+            return io.BytesIO(file.read().encode())
+    except UnicodeError as error:
+        raise LogError(f"{path}: found damaged UTF-16 text ({error}), expected a text table; save it as CSV") from None
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:

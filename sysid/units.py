@@ -36,7 +36,7 @@ _ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF", "Ω"
 _FULL = {
     "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um", "newton": "N",
     "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad", "percent": "%",
-    "minute": "min", "hour": "h",
+    "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)

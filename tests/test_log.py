@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sysid import csvfile
+from sysid import csvbody
 from sysid.log import Log, LogError, read_logs, write_log
 
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
@@ -200,7 +200,7 @@ def test_numbers_are_read_to_the_last_bit(tmp_path_factory, values):
 
 def test_blocks_and_their_lines(save, monkeypatch):
     """Small blocks change nothing, and lines are still counted right."""
-    monkeypatch.setattr(csvfile, "BLOCK", 37)
+    monkeypatch.setattr(csvbody, "BLOCK", 37)
     rows = "".join(f"{k},{k * k}\n" + ("\n" if k % 7 == 0 else "") for k in range(300))
     log = read_one(save("time_s,w_um\n" + rows))
     assert log.response.tolist() == [k * k for k in range(300)]
@@ -234,8 +234,8 @@ BARE = "time,voltage,frequency,wd,wq\n"
     ],
 )
 def test_a_preamble_is_left_out_and_noted(save, monkeypatch, content, lines):
-    for block in (csvfile.BLOCK, 37):
-        monkeypatch.setattr(csvfile, "BLOCK", block)
+    for block in (csvbody.BLOCK, 37):
+        monkeypatch.setattr(csvbody, "BLOCK", block)
         log = read_one(save(content))
         check_usual(log)
         assert lines in " ".join(log.notes)
@@ -258,7 +258,6 @@ def test_rows_below_a_preamble_are_as_strict(save):
     text = "BEGIN\n" + HEADER + ROWS
     refused(save(text + "0.3,5,1,x,0\n"), "line 6", "'wd_um'", "'x'")
     refused(save(text + "0.3,5,1,0\n"), "line 6", "found 4 columns", "expected 5")
-    refused(save(text + "END\nBEGIN\n" + HEADER + ROWS), "line 6", "found 1 columns")
     refused(save(text + "END\n" + ROWS), "line 6", "found 1 columns")
     refused(save(text + "0.3,5,1,0,0,7\nEND\n"), "line 6", "found 6 columns")
     refused(save(HEADER + ROWS + "END\n"), "line 5", "found 1 columns")  # without a preamble nothing ends
@@ -319,14 +318,6 @@ def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS + "0.3,5.0,32"), "line 5", "found 3 columns", "last line", "still being written")
     refused(save(HEADER + ROWS + "0.3,5.0,32300.0,0.1,1e-"), "line 5", "'wq_um'", "'1e-'", "still being written")
     refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
-
-
-@pytest.mark.parametrize("name", ["time", "time_s", "timestamp_s", "Time [s]", "time_date"])
-@pytest.mark.parametrize("date", ["2024-03-01T12:00:00.0001", "2024-03-01 12:00:00Z", "2024-03-01", "2024/3/1 12:00"])
-def test_a_date_for_a_time_is_called_one(save, name, date):
-    path = save(HEADER.replace("time_s", name) + ROWS.replace("0.0,5.0", f"{date},5.0"))
-    error = refused(path, f"column {name!r}", f"found a date {date!r}", "expected", "seconds since the first row")
-    assert error.mapping is None  # which would not help
 
 
 def test_decreasing_time_is_named_and_equal_times_are_not(save):
@@ -416,7 +407,7 @@ def test_transient_without_time_and_steady_without_inputs(save):
         (b"# plate: A7\n", ["only comment lines"]),
         (HEADER.encode(), ["a header and no rows"]),
         ((HEADER + "\n\n").encode(), ["a header and no rows"]),
-        ((HEADER + ROWS).encode("utf-16"), ["UTF-16"]),
+        ((HEADER + ROWS).encode("utf-16")[:-1], ["damaged UTF-16"]),
         ((HEADER + ROWS).replace("\n", "\r").encode(), ["carriage return"]),
         (b"\x89PNG\x00\x00", ["binary data"]),
         (gzip.compress((HEADER + ROWS).encode(), mtime=0)[:-12], ["cannot be read"]),
@@ -506,7 +497,7 @@ KINDS = '  # what the signal shows: "displacement", "velocity", "charge" or "cur
             "# not used: T_err_degC", 
         ]),
         ("% ID: 7\n% time [s], power [dBm]\n0, 1\n1, 2\n", [
-            'comment = "%"', 'time = { column = "time [s]", unit = "s" }',
+            'time = { column = "time [s]", unit = "s" }',
             'magnitude = { column = "power [dBm]", unit = "dBm" }',
         ]),
         ("t\tmag\tphase\n1\t2\t3\n", [

@@ -1,0 +1,365 @@
+"""Files as instruments, spreadsheets and loggers export them: what is written here in their dialect must read back as it was."""
+
+import datetime
+import gzip
+import math
+
+import numpy as np
+import pytest
+
+from sysid import csvbody
+from sysid.cells import to_number
+from sysid.log import LogError, read_logs
+from sysid.stamps import seconds_since
+
+NOON = datetime.datetime(2024, 3, 1, 12)
+HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
+TIME = np.arange(24) * 1e-4
+STEP = np.array([TIME, np.where(TIME > 4e-4, 10.0, 0.0), np.full(24, 32290.5), 0.1 * np.sin(1e4 * TIME), -1e-3 * TIME])
+STEPS = [",".join(map(repr, row)) for row in STEP.T.tolist()]
+ROWS = "".join(f"{row}\n" for row in STEPS)
+FREQUENCY = np.linspace(31900, 32700, 9)
+SIGNAL = -0.01j / (1 + 2j * math.pi * (FREQUENCY - 32300) * 1.67e-3)  # of a displacement: Wd + jWq = j s
+
+
+@pytest.fixture
+def save(tmp_path):
+    """Writes a file and gives its path."""
+
+    def write(content, name="log.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def refused(path, *words, **options):
+    with pytest.raises(LogError) as error:
+        read_logs([path], **options)
+    assert all(word in str(error.value) for word in words), str(error.value)
+    return error.value
+
+
+def check_step(log, start=0.0):
+    np.testing.assert_allclose(log.time, TIME + start, rtol=0, atol=1e-12)  # a stamp's microseconds are exact, its floats nearly
+    assert log.drive.tolist() == STEP[1].tolist()
+    assert log.frequency.tolist() == STEP[2].tolist()
+    np.testing.assert_allclose(log.response, STEP[3] + 1j * STEP[4], rtol=1e-15)
+    assert log.kind == "transient"
+
+
+# Dates
+
+
+def stamped(form, name="timestamp", header=HEADER):
+    stamps = [form(NOON + datetime.timedelta(microseconds=100 * k)) for k in range(24)]
+    rows = [f"{stamp},{row.partition(',')[2]}\n" for stamp, row in zip(stamps, STEPS, strict=True)]
+    return header.replace("time_s", name) + "".join(rows)
+
+
+FORMS = {
+    "T": datetime.datetime.isoformat,
+    "blank, and no fraction where it is zero": str,
+    "Z": lambda at: f"{at.isoformat()}Z",
+    "zone": lambda at: f"{at.isoformat()}+01:00",
+    "slashes": lambda at: at.strftime("%Y/%m/%d %H:%M:%S.%f"),
+    "clock": lambda at: at.strftime("%H:%M:%S.%f"),
+    "nanoseconds": lambda at: f"{at.isoformat('T', 'microseconds')}000",
+}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@pytest.mark.parametrize("name", ["time", "time_s", "timestamp", "Timestamp (UTC)", "Time [s]", "datetime", "Date/Time"])
+def test_dates_are_seconds_since_the_first_row(save, form, name):
+    (log,) = read_logs(save(stamped(form, name)))
+    check_step(log)
+    assert f"column {name} is counted from its first row" in " ".join(log.notes)
+
+
+def test_dates_with_a_decimal_comma(save):
+    text = stamped(lambda at: at.isoformat(" ", "microseconds")).replace(",", ";").replace(".", ",")
+    check_step(read_logs(save(text))[0])
+
+
+def test_dates_across_midnight_and_a_change_of_the_clocks():
+    stamps = [f"2024-{at}" for at in ("03-31T01:59:59.9+01", "03-31T03:00:00.1+02:00", "03-31T23:59:59+0200", "04-01T00:00:01Z")]
+    assert seconds_since(stamps[0], stamps).tolist() == [0.0, 0.2, 75599.1, 82801.1]
+    bad = ["", "nan", "2024-13-01", "2024-03-32 1:00", "12:00:00", "5", "01/03/2024 12:00"]
+    assert np.isnan(seconds_since("2024-03-01 12:00", bad)).all()
+    assert np.isnan(seconds_since("12:00:00", ["2024-03-01T12:00:00", "12:00", "25:61:00x"])).all()
+
+
+def test_dates_through_a_mapping_file(save):
+    table = save('amplitude = "peak"\n[columns]\ntime = "when"\nw = "wd_um"\n', "map.toml")
+    path = save(stamped(datetime.datetime.isoformat, "when"))
+    (log,) = read_logs(path, columns=table)
+    np.testing.assert_allclose(log.time, TIME, rtol=0, atol=1e-12)
+    save('amplitude = "peak"\n[columns]\nfrequency = { column = "when", unit = "Hz" }\nw = "wd_um"\n', "map.toml")
+    refused(path, "line 2", "'when'", "a date", columns=table)
+
+
+@pytest.mark.parametrize("name", ["time", "time_s"])
+def test_a_day_that_could_be_a_month_is_refused(save, name):
+    path = save(stamped(lambda at: at.strftime("%d/%m/%Y %H:%M:%S.%f"), name))
+    error = refused(path, "01/03/2024 12:00:00.000000", "2024-03-31T12:00:00.001", "seconds since the first row")
+    assert error.mapping is None  # which would not help
+
+
+def test_a_timestamp_that_is_not_read_says_why(save):
+    local = read_logs(save(stamped(lambda at: at.strftime("%d.%m.%Y %H:%M:%S.%f"))))[0]
+    assert "day and month cannot be told apart" in " ".join(local.notes)
+    ticks = read_logs(save(HEADER.replace("time_s", "timestamp") + ROWS))[0]
+    assert "it states no unit of time; call it timestamp_s" in " ".join(ticks.notes)
+    swept = "timestamp,frequency_Hz,w_um,time_s\n1,2,3,4\n2,3,4,5\n"
+    assert read_logs(save(swept))[0].notes == ("column timestamp is kept out of the fit",)
+
+
+def test_a_row_without_its_date_is_named(save):
+    text = stamped(datetime.datetime.isoformat, "time").splitlines()
+    text[5] = "," + text[5].partition(",")[2]
+    refused(save("\n".join(text)), "line 6", "'time'", "an empty cell", "a date as in the first row")
+    text[5] = "2023-03-01T12:00:00" + text[5]
+    refused(save("\n".join(text)), "line 6", "'time'", "a time not below the one before")
+
+
+@pytest.mark.parametrize("cell", ["", "2023-03-01T12:00:00", "01/03/2024"])
+def test_dates_in_a_column_of_another_name_are_never_an_error(save, cell):
+    text = stamped(datetime.datetime.isoformat).splitlines()
+    text[5] = cell + "," + text[5].partition(",")[2]
+    (log,) = read_logs(save("\n".join(text)))
+    assert log.time is None and "timestamp is kept out of the fit" in " ".join(log.notes)
+
+
+def test_dates_that_are_too_coarse(save):
+    """Of a step they are refused in a column time, kept out in another; a slow sweep does not need them."""
+    refused(save(stamped(lambda at: at.isoformat("T", "milliseconds"), "time")), "line 3", "'time'", "fractions of a second")
+    (log,) = read_logs(save(stamped(lambda at: at.isoformat("T", "milliseconds"))))
+    assert "timestamp is kept out of the fit: its dates are too coarse" in " ".join(log.notes)
+    text = "timestamp,frequency_Hz,wd_um,wq_um\n" + "".join(f"2024-03-01T12:00:0{k // 3},{100 + k},{k},1\n" for k in range(9))
+    (log,) = read_logs(save(text))
+    assert (log.kind, log.time) == ("steady", None)
+    assert "its dates are too coarse" in " ".join(log.notes)
+    (log,) = read_logs(save(text.replace("timestamp", "time")))
+    assert (log.kind, log.time) == ("steady", None)
+
+
+def test_epoch_seconds_of_a_waveform_keep_their_steps(save, tmp_path):
+    """Beside 1.7e9 s double precision has steps of 0.24 us."""
+    t = np.arange(4000) / 1e6
+    drive = np.sin(2 * np.pi * 40e3 * t)
+    cells = zip([f"1709290800.{k:06d}" for k in range(4000)], drive.tolist(), (0.1 * drive).tolist(), strict=True)
+    text = "time_s,drive_V,response_um\n" + "".join(f"{a},{b!r},{c!r}\n" for a, b, c in cells)
+    (log,) = read_logs(save(text))
+    np.testing.assert_allclose(log.frequency[log.drive != 0], 40e3, rtol=1e-8)
+    columns = 'time = "time_s"\ndrive = "drive_V"\nresponse = "response_um"\n'
+    (tmp_path / "map.toml").write_text('kind = "waveform"\nquantity = "displacement"\n[columns]\n' + columns)
+    (mapped,) = read_logs(save(text), columns=tmp_path / "map.toml")
+    assert mapped.response.tobytes() == log.response.tobytes()
+
+
+# A header that stands again
+
+
+@pytest.mark.parametrize("block", [csvbody.BLOCK, 37])
+@pytest.mark.parametrize(
+    "between",
+    ["", "\n\n", "END\n\nBEGIN CH2_DATA\n", "# a note: of the second run\n", "\t\nSamples,24,24\n***\n"],
+    ids=["none", "blank", "BEGIN", "comment", "settings"],
+)
+def test_a_header_again_begins_a_log(save, monkeypatch, block, between):
+    monkeypatch.setattr(csvbody, "BLOCK", block)
+    above = "BEGIN CH1_DATA\n" if "BEGIN" in between else ""
+    below = "END\n" if above else ""
+    first, second = read_logs(save(above + HEADER + ROWS + between + HEADER + ROWS.replace("32290.5", "32291.5") + below))
+    check_step(first)
+    assert (first.name, second.name) == ("log.csv[1]", "log.csv[2]")
+    assert second.frequency.tolist() == [32291.5] * 24
+    assert second.response.tobytes() == first.response.tobytes()
+    lines = (26 + len(above.splitlines()), 26 + len((above + between).splitlines()))
+    where = f"line {lines[0]}:" if lines[0] == lines[1] else f"lines {lines[0]} to {lines[1]}:"
+    assert where in " ".join(first.notes)
+
+
+@pytest.mark.parametrize("form", ["crlf", "gzip", "blanks", "comment", "units", "cells", "many", "utf-16"])
+def test_a_header_again_however_it_is_written(save, form):
+    text = (HEADER + ROWS) * 2
+    if form == "comment":
+        text = text.replace("time_s", "# time_s")
+    if form == "units":
+        text = text.replace(HEADER, "time,voltage,frequency,wd,wq\ns,V,Hz,um,um\n")
+    if form == "many":
+        text = text * 4
+    if form == "blanks":
+        text = text.replace(",", "   ").replace("\n", "  \n ")
+    content = text.replace("\n", "\r\n").encode() if form == "crlf" else text.encode()
+    content = gzip.compress(content) if form == "gzip" else text.encode("utf-16") if form == "utf-16" else content
+    logs = read_logs(save(content))
+    assert len(logs) == (8 if form == "many" else 2)
+    for log in logs:
+        check_step(log)
+
+
+def test_rows_of_every_table_and_lines_of_messages(save):
+    text = HEADER + ROWS + "\n# again\n" + HEADER + ROWS
+    lines = text.splitlines()
+    lines[40] = lines[40].replace("32290.5", "x")
+    refused(save("\n".join(lines)), "line 41", "'frequency_Hz'", "'x'")
+    lines[40] = lines[40].rpartition(",")[0]
+    refused(save("\n".join(lines)), "line 41", "found 4 columns")
+
+
+def test_the_last_row_above_a_header_is_no_part_of_a_gap(save):
+    """A bad row is refused, not left out with the header below it."""
+    bad = ROWS.removesuffix(STEPS[-1] + "\n") + "OL" + STEPS[-1].removeprefix(repr(float(TIME[-1]))) + "\n"
+    refused(save(HEADER + bad + HEADER + ROWS), "line 25", "'time_s'", "'OL'")
+    refused(save(HEADER + ROWS + "0.1,5\n" + HEADER + ROWS), "line 26", "found 2 columns")
+
+
+def test_each_table_has_the_metadata_above_it(save):
+    first, second = read_logs(save("# temperature_degC: 24\n" + HEADER + ROWS + "# temperature_degC: 60\n" + HEADER + ROWS))
+    assert (first.temperature[0], second.temperature[0]) == (24.0, 60.0)
+    bare, stated = read_logs(save(HEADER + ROWS + "# temperature_degC: 60\n# sampling: settled\n" + HEADER + ROWS))
+    assert (bare.temperature, bare.sampling, stated.temperature[0], stated.sampling) == (None, None, 60.0, "settled")
+    refused(save(HEADER + ROWS + "# kind: odd\n" + HEADER + ROWS), "'odd'")
+
+
+def test_a_header_again_in_other_units_is_refused(save):
+    text = "time,wd,wq\ns,um,um\n0,1,2\n1,2,3\ntime,wd,wq\nms,um,um\n0,1,2\n1,2,3\n"
+    refused(save(text), "line 6", "other units", "file of its own")
+
+
+def test_a_column_log_tells_experiments_apart_where_the_header_stands_again(save):
+    text = HEADER.replace("time_s", "log,time_s")
+    first, second = ("".join(f"{of},{row}\n" for row in STEPS) for of in "ab")
+    logs = read_logs(save(text + first + text + second))
+    assert [log.name for log in logs] == ["log.csv[a]", "log.csv[b]"]
+    refused(save(text + first + "# temperature_degC: 3\n" + text + second), "lines 26 to 27", "metadata")
+
+
+def test_another_table_below_is_named(save):
+    """Of a network analyser that writes trace after trace."""
+    text = "BEGIN\nfrequency_Hz,w_um\n1,2\n2,3\n3,4\nEND\nBEGIN\nfrequency_Hz,phase_deg\n1,2\n2,3\n3,4\nEND\n"
+    refused(save(text), "line 6", "another table begins in line 8", "file of its own")
+
+
+def test_comments_below_the_last_row_are_left_out_and_noted(save):
+    (log,) = read_logs(save(HEADER + ROWS + "\n# end of measurement\n# 24 points\n"))
+    check_step(log)
+    assert "below the last row, left out: # end of measurement, # 24 points" in log.notes
+
+
+# Comment marks, numbers, encodings
+
+
+@pytest.mark.parametrize("mark", ["%", "!"])
+def test_comments_of_lock_ins_and_analysers(save, mark):
+    (log,) = read_logs(save(f"{mark} Moku:Go Lock-in\n{mark} temperature_degC: 24\n{mark} {HEADER}{ROWS}"))
+    check_step(log)
+    assert log.temperature[0] == 24.0
+    check_step(read_logs(save(f"{mark} Moku:Go Lock-in\n{HEADER}{ROWS}"))[0])
+
+
+def test_a_touchstone_s_rows_have_no_header(save):
+    error = refused(save("! Date: today\n# Hz S RI R 50\n1000 0.5 0.25\n2000 0.25 0.5\n"), "3 columns without a header")
+    assert "1000, 0.5, 0.25" in error.mapping
+
+
+GROUPS = {
+    "32,290.5": (",", ".", '"'), "32'290.5": (",", ".", ""), "32\u2019290.5": (",", ".", ""), "32.290,5": (";", ",", ""),
+    "32\u00a0290,5": (";", ",", ""), "32\u202f290,5": (";", ",", ""), "3.22905D+04": (",", ".", ""), "32290,5": (",", ",", '"'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", GROUPS)
+def test_thousands_that_can_be_nothing_else(save, cell):
+    delimiter, decimal, quote = GROUPS[cell]
+    rows = [[value.replace(".", decimal) for value in row.split(",")] for row in STEPS]
+    cells = [[f"{quote}{cell if k == 2 else value}{quote}" for k, value in enumerate(row)] for row in rows]
+    text = HEADER.replace(",", delimiter) + "".join(delimiter.join(row) + "\n" for row in cells)
+    check_step(read_logs(save(text))[0])
+
+
+@pytest.mark.parametrize("cell", ['"32,290"', '"0,290.5"', "32 290", '"3,22,90.5"', '"1,5"'])
+def test_thousands_that_may_be_something_else_are_refused(save, cell):
+    refused(save(HEADER + ROWS.replace("32290.5", cell, 1)), "line 2", "'frequency_Hz'")
+
+
+def test_thousands_of_thousands():
+    assert to_number("1,234,567") == 1234567
+    assert math.isnan(to_number("32,290")) and math.isnan(to_number("32.290", ","))
+
+
+def test_a_printed_minus(save):
+    check_step(read_logs(save(HEADER + ROWS.replace("-", "\N{MINUS SIGN}")))[0])
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be"])
+def test_utf_16(save, encoding):
+    text = ("" if encoding == "utf-16" else "\ufeff") + (HEADER + ROWS).replace(",", "\t")
+    check_step(read_logs(save(text.encode(encoding)))[0])
+
+
+def test_a_refusal_counts_the_rows_like_it(save):
+    rows = ["nan,1" if k in (3, 4, 7) else f"{k},1" for k in range(9)]
+    refused(save("w_um,time_s\n" + "\n".join(rows)), "line 5", "the 3 rows", "rows = [[0, 3], [5, 7], [8, 9]]")
+    refused(save("w_um,time_s\n" + "x,1\n" * 5), "none of the 5 rows")
+
+
+# Drafts
+
+
+def draft(save, text):
+    return refused(save(text)).mapping.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("header", "lines"),
+    [
+        ("Frequency (Hz),Channel 1 Magnitude (dB),Channel 2 Magnitude (dB),Channel 2 Phase (Deg)", [
+            'magnitude = { column = "Channel 2 Magnitude (dB)", unit = "dB" }',
+            'phase = { column = "Channel 2 Phase (Deg)", unit = "deg" }',
+        ]),
+        ("freq[Hz],re:Trc1_S21,im:Trc1_S21", [
+            'x = { column = "re:Trc1_S21", unit = "?" }', 'y = { column = "im:Trc1_S21", unit = "?" }',
+        ]),
+        ("freq[Hz],db:Trc1_S21,ang:Trc1_S21", ['magnitude = { column = "db:Trc1_S21", unit = "?" }']),
+        ("Frequency[Hz],Gain[dB],Phase[deg]", ['magnitude = { column = "Gain[dB]", unit = "dB" }']),
+        ("Frequency (Hz),Trace 1: Gain: Real,Trace 1: Gain: Imaginary,Trace 2: Gain: Phase (°)", [
+            'x = { column = "Trace 1: Gain: Real", unit = "?" }', 'y = { column = "Trace 1: Gain: Imaginary", unit = "?" }',
+        ]),
+        ("X_Value,Lockin X,Lockin Y", ['time = { column = "X_Value", unit = "?" }', 'x = { column = "Lockin X", unit = "?" }']),
+        ("% Time (s),Input A - X (V),Input B - Y (V)", [
+            'time = { column = "Time (s)", unit = "s" }', 'x = { column = "Input A - X (V)", unit = "V" }',
+        ]),
+        ("chunk,timestamp,frequency,x,y", ['split_by = "chunk"  # each of its values is one experiment']),
+        ("Temps (s),Tension (V),Fréquence (Hz),R,Phase", [
+            'time = { column = "Temps (s)", unit = "s" }', 'voltage = { column = "Tension (V)", unit = "V" }',
+            'frequency = { column = "Fréquence (Hz)", unit = "Hz" }',
+        ]),
+        ("Seconds [s],CH1 [V],CH2 [V]", ['time = { column = "Seconds [s]", unit = "s" }']),
+    ],
+)  # fmt: skip
+def test_a_draft_knows_the_columns_of(save, header, lines):
+    cells = len(header.split(","))
+    rows = "".join(",".join(f"{k + 1}" for _ in range(cells)) + "\n" for k in range(3))
+    text = draft(save, header + "\n" + rows)
+    assert not set(lines) - set(text), text
+
+
+def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
+    magnitude, phase = 20 * np.log10(np.abs(SIGNAL)), np.degrees(np.angle(SIGNAL))
+    columns = np.transpose([FREQUENCY, 0 * magnitude, magnitude, phase]).tolist()
+    header = "Frequency (Hz),Channel 1 Magnitude (dB),Channel 2 Magnitude (dB),Channel 2 Phase (deg)\n"
+    path = save("#Digilent WaveForms Network Analyzer - Bode\n#Start: 31900 Hz\n\n" + header
+                + "".join(",".join(map(repr, row)) + "\n" for row in columns))  # fmt: skip
+    text = refused(path, "no response").mapping
+    for key, value in (("amplitude", '"peak"'), ("quantity", '"displacement"'), ("phase_sign", "1")):
+        text = text.replace(f'{key} = "?"', f"{key} = {value}")
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * SIGNAL, rtol=1e-13)  # some roundings of dB and degrees
+
+
+def test_a_table_that_lies_across_is_to_be_turned(save):
+    text = "chunk;timestamp;size;fieldname\n" + "".join(f"0;1;9;{name};{';'.join('123456789')}\n" for name in "fxy")
+    assert refused(save(text), "line 2", "found 13 columns, expected 4", "lies across").mapping is None
