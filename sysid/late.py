@@ -13,11 +13,11 @@ import numpy as np
 
 from sysid.minimise import Minimiser, State
 from sysid.misfit import Found
-from sysid.moments import FILTERED, LATE
+from sysid.moments import EARLY, FILTERED, LATE
 from sysid.trial import Trial, with_noise
 
 THROUGH = 0.03  # of the response
-EARLY, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
+BEFORE, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
 WIDER = 3  # and twice as far as often as it is found at the end
 POINTS = 25  # delays that are tried at first: of ten rows, two and more in each
 ZOOMS = 4  # times that the interval about the best is divided
@@ -57,6 +57,8 @@ def _timed(costs: "_Costs") -> _Timed:
         return _Timed(FILTERED.format(log.name, costs.stated), worth)
     if high - low > VAGUE * tau or low <= min(tried) or high >= max(tried):
         return _Timed(LATE.format(log.name, ""), worth)
+    if best < 0:
+        return _Timed(EARLY.format(log.name, costs.stated - best, best), worth)
     beside = f" ({low:.2g} to {high:.2g} s fit as well)" if high - low > CLEAR * tau else ""
     return _Timed(LATE.format(log.name, f" of about {best:.3g} s{beside}"), worth)
 
@@ -65,7 +67,7 @@ def _tried(costs: "_Costs") -> dict[float, float]:
     """What is left at delays (s) about the best."""
     row, stated = costs.trial.spacing, costs.stated
     span = max(ROWS * row, TAUS * float(np.exp(costs.state.theta[1])))
-    tried = costs.at(np.append(stated, np.linspace(stated - EARLY * row, stated + span, POINTS)))
+    tried = costs.at(np.append(stated, np.linspace(stated - BEFORE * row, stated + span, POINTS)))
     for _ in range(WIDER):
         if min(tried, key=tried.__getitem__) < max(tried):
             break

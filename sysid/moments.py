@@ -19,6 +19,11 @@ ASTRAY = (
     "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
     " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
 )
+EARLY_BY = (1.5, 3, 6, 12)  # rows
+EARLY = (
+    "{}: the response begins about {:.2g} s before it should by the inputs that are recorded; record these when they change, or"
+    " state a delay_s of {:.2g}"
+)
 FILTERED = (
     "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
     " which cannot be told from tau; state lockin_tau_s and lockin_order"
@@ -39,7 +44,7 @@ def moments(i: int, view: View) -> Iterator[Term]:
 
 
 def _later(i: int, view: View) -> Iterator[Term]:
-    """A transient whose response comes late by more than a row, or through a filter."""
+    """A transient whose response comes late by more than a row, or through a filter; or early."""
     c, log = view.course, view.trial.log
     if not view.trial.changes and not view.trial.from_rest:
         return
@@ -48,6 +53,12 @@ def _later(i: int, view: View) -> Iterator[Term]:
         if delay < 2 * c.tau:
             shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
             yield of_one(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
+    stated = log.bench.get("delay_s", 0.0)
+    for rows in EARLY_BY:
+        early = rows * view.trial.spacing
+        if early < 2 * c.tau:
+            shape = view.observed((c.forced_at(c.poles, -early) - c.forced)[None])[0]
+            yield of_one(i, "early", shape, EARLY.format(log.name, early, stated - early), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):
             shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]

@@ -87,7 +87,7 @@ class Course:
         return self.filtered(response, tau, order) if order else response
 
     def forced_at(self, poles: np.ndarray, delay: float = 0.0) -> np.ndarray:
-        """Response from rest of a mode with other poles (M,), by `delay` (s) later."""
+        """Response from rest of a mode with other poles (M,), by `delay` (s) later, or earlier by less than an interval."""
         hold, push = self.hold, self.gain / self.tau * self.hold.drive
         if self.trial.steady:
             return (-push / poles)[hold.interval]
@@ -103,7 +103,13 @@ class Course:
             since = np.maximum(hold.duration[row] + elapsed, 0.0)
             earlier = np.where(hold.interval > 0, begin + np.expm1(poles[row] * since) * (begin + target[row]), 0.0)
         z = before + np.expm1(poles[hold.interval] * np.maximum(elapsed, 0.0)) * (before + target[hold.interval])
-        return np.where(late, earlier, z) if np.any(late) else z
+        z = np.where(late, earlier, z) if np.any(late) else z
+        beyond = (elapsed - hold.duration[hold.interval]) * (delay < 0)
+        if not np.any(beyond > 0):
+            return z
+        row = np.minimum(hold.interval + 1, len(poles) - 1)
+        begin = after[hold.interval]
+        return np.where(beyond > 0, begin + np.expm1(poles[row] * np.maximum(beyond, 0.0)) * (begin + target[row]), z)
 
     @cached_property
     def free(self) -> np.ndarray:
