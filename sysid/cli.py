@@ -69,7 +69,7 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> int:
     from sysid import outputs
-    from sysid.log import LogError, read_logs
+    from sysid.textfile import LogError
 
     folder = Path(arguments.folder)
     try:
@@ -78,6 +78,8 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         return _refuse(f"{folder}: cannot be written: {error}")
     try:
         with stages("read", "reading the logs"):
+            from sysid.log import read_logs
+
             logs = read_logs(arguments.logs, arguments.columns)
     except LogError as error:
         return _refuse(str(error), error.mapping)
@@ -86,7 +88,8 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     except ValueError as error:
         return _refuse(str(error))
     posterior, drawn = _posterior(logs, arguments, stages, budget)
-    loop, warnings = _design(posterior, rig)
+    with stages("design", "designing the controller"):
+        loop, warnings = _design(posterior, rig)
     try:
         content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig), folder, stages, budget)
     except OSError as error:
@@ -253,9 +256,9 @@ def _write(
         with stages("report", "writing the report"):
             outputs.write_draws(posterior, fresh / outputs.DRAWS)
             (fresh / outputs.REPORT).write_text(html.render(content, posterior, drawn), encoding="utf-8", newline="\n")
-        if loop is not None:
-            (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
-            controller.export_c(loop, fresh / outputs.HEADER)
+            if loop is not None:
+                (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
+                controller.export_c(loop, fresh / outputs.HEADER)
         content |= {"files": outputs.digests(fresh), "cost": bill(posterior, budget)}
         text = outputs.to_json(content)
         (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")

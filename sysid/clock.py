@@ -19,7 +19,7 @@ from typing import Any
 GRACE = 1.2  # times the budget, which no run takes
 STOP = 1.15  # times the budget, when it is stopped: the rest is the process's own end
 RUNS = 5  # that are remembered
-FILES = ("compare", "report")  # stages after the posterior
+FILES = ("design", "compare", "report")  # stages after the posterior
 
 
 class Stages:

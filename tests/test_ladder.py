@@ -200,7 +200,7 @@ def test_a_budget_below_the_measured_floor_is_refused(tmp_path):
 
 
 def test_runs_are_remembered_and_a_broken_record_is_none(tmp_path):
-    found = budget(None, tmp_path, "{", load=2.0, fit=5.0, compare=0.25, report=0.5)
+    found = budget(None, tmp_path, "{", load=2.0, fit=5.0, design=0.25, compare=0.125, report=0.375)
     assert found.runs == [] and found.files == 2.0  # nothing known yet: as long as starting
     for _ in range(2 * clock.RUNS):
         found.remember()
