@@ -5,7 +5,6 @@ sample of a line, which they leave hardly any room.
 """
 
 import numpy as np
-from scipy.optimize import linprog
 
 SWITCHED = 0.8  # share of the samples that lie on a level, of which a sine has a third
 LEVEL = 0.1  # of the range of two periods, within which a sample lies on a level: the highest, the lowest, or half way
@@ -48,6 +47,8 @@ def fundamental(drive: np.ndarray, omega: float) -> tuple[float, float, float] |
 def _line(times: np.ndarray, period: float) -> tuple[float, float]:
     """Start and period of edges: the middle of all lines off which none lies farther than it has to; of edges that are moved by
     more than their sampling, that of least squares."""
+    from scipy.optimize import linprog  # a tenth of a second, which other logs need not wait for
+
     number = np.append(0.0, np.cumsum(np.rint(np.diff(times) / period)))
     slope, start = np.polyfit(number, times, 1)
     some = np.linspace(0, len(times) - 1, min(len(times), MOST)).astype(int)
