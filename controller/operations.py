@@ -15,6 +15,7 @@ COMPARE = {"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_
 
 
 def value(values: Mapping[str, Any], argument: Argument) -> Any:
+    """The number, or the value of that name."""
     return values[argument] if isinstance(argument, str) else argument
 
 

@@ -10,6 +10,7 @@ from sysid.view import View
 
 OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
 JUMP = 5.0  # times the usual change of the drive from row to row: an edge
+OFF = (1.5, 3, 6, 12)  # rows by which a response is looked for to be late, or early
 FEW = 16  # changes of the inputs, at each of which a row may be astray
 LATE = (
     "{}: the response begins late, by a trigger or a demodulator's filter{}, which cannot be told from tau; state delay_s, or"
@@ -19,7 +20,6 @@ ASTRAY = (
     "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
     " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
 )
-EARLY_BY = (1.5, 3, 6, 12)  # rows
 EARLY = (
     "{}: the response begins about {:.2g} s before it should by the inputs that are recorded; record these when they change, or"
     " state a delay_s of {:.2g}"
@@ -28,9 +28,7 @@ FILTERED = (
     "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"
     " which cannot be told from tau; state lockin_tau_s and lockin_order"
 )
-
-
-OTHER = (
+NOT_HELD = (
     "rows do not show the response to inputs that are held from the row before; say sampling: settled if they belong to their own"
     " inputs, and record a voltage step if the drive runs on between rows"
 )
@@ -48,17 +46,12 @@ def _later(i: int, view: View) -> Iterator[Term]:
     c, log = view.course, view.trial.log
     if not view.trial.changes and not view.trial.from_rest:
         return
-    for rows in (1.5, 3, 6, 12):
-        delay = rows * view.trial.spacing
-        if delay < 2 * c.tau:
-            shape = view.observed((c.forced_at(c.poles, delay) - c.forced)[None])[0]
-            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {delay:.2g} s"), 1)
     stated = log.bench.get("delay_s", 0.0)
-    for rows in EARLY_BY:
-        early = rows * view.trial.spacing
-        if early < 2 * c.tau:
-            shape = view.observed((c.forced_at(c.poles, -early) - c.forced)[None])[0]
-            yield of_one(i, "early", shape, EARLY.format(log.name, early, stated - early), 1)
+    for off in (rows * view.trial.spacing for rows in OFF):
+        if off < 2 * c.tau:
+            late, early = (view.observed((c.forced_at(c.poles, t) - c.forced)[None])[0] for t in (off, -off))
+            yield of_one(i, "late", late, LATE.format(log.name, f" of about {off:.2g} s"), 1)
+            yield of_one(i, "early", early, EARLY.format(log.name, off, stated - off), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):
             shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
@@ -77,9 +70,8 @@ def _unheld(i: int, view: View) -> Iterator[Term]:
     smooth = np.where(np.abs(ahead) > JUMP * np.median(np.abs(ahead[ahead != 0]) if np.any(ahead) else 0.0), 0.0, ahead)
     running = c.response_to(*((np.append(0.0, -smooth[:-1]), none) if own else (none, smooth)))
     shapes = [s for s in (*([] if own else [c.response_to(changed, changed)]), running) if np.any(s)]
-
     runs = "the drive runs on from row to row, and is not held from each to the next; hold it, or record a voltage step"
-    said = f"{trial.log.name}: {runs if own else OTHER}"
+    said = f"{trial.log.name}: {runs if own else NOT_HELD}"
     if shapes:
         yield Term("sampling", {i: view.observed(np.stack(shapes)).T}, lambda *_: said, i, freedom=len(shapes))
 

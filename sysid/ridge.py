@@ -59,20 +59,19 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
 def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
     """The places on the ridges through the minima: states with f0 held, and covariances that reach to the places beside them."""
     least = min(s.cost for s in modes)
-    found: list[State] = []
+    ridges: list[list[State]] = []
     for mode in modes:
+        if any(ridge[0].theta[F0] <= mode.theta[F0] <= ridge[-1].theta[F0] for ridge in ridges):
+            continue
         middle = _held(minimiser, mode, mode.theta[F0], mode.theta)
         risen = _rises(minimiser, mode, middle.cost)
         step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0] if risen else np.inf)
-        if any(abs(mode.theta[F0] - s.theta[F0]) < step for s in found):
-            continue  # on a ridge that has been followed
         sides = [_followed(minimiser, mode, sign * step, least) for sign in (-1, 1)]
         places = [*sides[0][::-1], middle, *sides[1]]
         tangents = np.gradient([s.theta for s in places], step, axis=0)
-        found += [
-            replace(s, covariance=s.covariance + step**2 * np.outer(v, v)) for s, v in zip(places, tangents, strict=True)
-        ]
-    return found
+        wide = (s.covariance + step**2 * np.outer(v, v) for s, v in zip(places, tangents, strict=True))
+        ridges.append([replace(s, covariance=c) for s, c in zip(places, wide, strict=True)])
+    return [s for ridge in ridges for s in ridge]
 
 
 def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> list[State]:

@@ -60,6 +60,18 @@ def jax_flags_stay():
     assert before == after, f"flags of JAX changed: { {k for k in before if before[k] != after.get(k)} }"
 
 
+@pytest.fixture
+def save(tmp_path):
+    """Writes a file and gives its path."""
+
+    def write(content, name="log.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
 def folder_of(name):
     return SYNTHETIC if name == "plate" else SYNTHETIC / name
 

@@ -22,18 +22,6 @@ FREQUENCY = np.linspace(31900, 32700, 9)
 SIGNAL = -0.01j / (1 + 2j * math.pi * (FREQUENCY - 32300) * 1.67e-3)  # of a displacement: Wd + jWq = j s
 
 
-@pytest.fixture
-def save(tmp_path):
-    """Writes a file and gives its path."""
-
-    def write(content, name="log.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 def refused(path, *words, **options):
     with pytest.raises(LogError) as error:
         read_logs([path], **options)

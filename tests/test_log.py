@@ -18,18 +18,6 @@ HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
 ROWS = "0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"
 
 
-@pytest.fixture
-def save(tmp_path):
-    """Writes a file and gives its path."""
-
-    def write(content, name="log.csv"):
-        path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return path
-
-    return write
-
-
 def read_one(path, **options):
     (log,) = read_logs([path], **options)
     return log
