@@ -71,7 +71,7 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     real = not np.iscomplexobj(trial.log.response)
     if kind in trial.extra and channel:
         return None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
-    if kind in ("gain", "floor") or (real and channel == "q"):
+    if kind in ("gain", "floor") or kind.startswith("memory") or (real and channel == "q"):
         return None
     shown = kind if real else name
     if kind == "rotation":

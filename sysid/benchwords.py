@@ -1,4 +1,4 @@
-"""What a log's metadata say of the bench: the lock-in's filter, a delay, how long points settle."""
+"""What a log's metadata say of the bench: the lock-in's filter, a delay, how long points settle, the thermometer's error."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,8 @@ from sysid.csvfile import Head, LogError
 from sysid.header import metadata_number
 
 BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
-BENCH = ("lockin_tau_s", "lockin_order", "lockin_boxcar_s", "delay_s", "settle_s")
+NUMBERS = {"lockin_order": "lockin_order", "temperature_std_degc": "temperature_std_degC"}  # in one unit, in any case
+BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "settle_s", *NUMBERS)
 
 
 def bench_time(key: str) -> tuple[str, str] | None:
@@ -17,11 +18,11 @@ def bench_time(key: str) -> tuple[str, str] | None:
 
 
 def bench_of(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
-    """What is known of the bench: times in s, and the order of the lock-in's filter."""
+    """What is known of the bench: times in s, the order of the lock-in's filter, and how far its thermometer may be off."""
     bench = {}
     for key, text in metadata.items():
-        if key.casefold() == "lockin_order":
-            bench["lockin_order"] = metadata_number(head, key, text)
+        if name := NUMBERS.get(key.casefold()):
+            bench[name] = metadata_number(head, key, text)
         elif named := bench_time(key):
             try:
                 units.check_unit("time", named[1])
@@ -32,5 +33,6 @@ def bench_of(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
         if key == "lockin_order" and (value < 1 or value % 1):
             raise LogError(f"{head.path}, metadata {key!r}: found {value:g}, expected a whole number of poles")
         if key != "delay_s" and value < 0:
-            raise LogError(f"{head.path}, metadata {key!r}: found {value:g} s, expected a time of 0 or more")
+            unit = "degC" if key in NUMBERS.values() else "s"
+            raise LogError(f"{head.path}, metadata {key!r}: found {value:g} {unit}, expected 0 or more")
     return bench

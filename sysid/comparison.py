@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from sysid.extra import EXTRA
+from sysid.extra import EXTRA, UNITS
 from sysid.fitted import Fit
 from sysid.prior import NAMES
 from sysid.trial import NUISANCES, Trial
@@ -123,7 +123,7 @@ def _can_hold(trial: Trial, nuisance: str) -> bool:
         return trial.start_free
     if nuisance == "late":
         return trial.lateness > 0
-    if nuisance in EXTRA:
+    if nuisance in UNITS:
         return nuisance in trial.extra
     return len(replace(trial, nuisances=(nuisance,)).columns) > 0
 

@@ -14,7 +14,7 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: boo
 
     `low_q`: with the fast mode's ripple.
     """
-    rows = _sizes([len(t.log) + SPARE for t in trials], [t.steady for t in trials])
+    rows = _sizes([len(t.log) + SPARE + t.smoothing[1] for t in trials], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
     intervals = FEW if most <= FEW else bucket(most, 64)
     swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
@@ -52,7 +52,7 @@ def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
     return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
 
 
-COLUMNS = 3  # offset, feedthrough or background, slope: absent ones are zero
+COLUMNS = 3  # offset, feedthrough or background, slope, and one more for each pole of a filter: absent ones are zero
 SPARE = COLUMNS + OWN  # rows of the priors
 FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
@@ -67,14 +67,14 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     both, order = moving and low_q and not carrier, trial.smoothing[1]
     apart, toward = bool(trial.levels), trial.turn / (abs(trial.turn) or 1.0)
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
-    split = apart or (late and swept and not amplitude)
+    split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
     layout = Layout(*flags, rows, intervals)
     used = keep[: len(keep) - trial.left_out]
     now, before = trial.whitening(used)
     y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
     y = _pad(whitened(y, now, before), rows)
-    bases = [_pad_rows(q, rows) for q, _ in trial.spans(used)]
+    bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans(used)]
     channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
@@ -97,8 +97,8 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     )
 
 
-def _pad_rows(basis: np.ndarray, rows: int) -> np.ndarray:
-    found = np.zeros((COLUMNS, rows))
+def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    found = np.zeros((columns, rows))
     found[: basis.shape[1], : len(basis)] = basis.T
     return found
 

@@ -1,31 +1,49 @@
-"""What else the bench may have done to a d/q log, fitted on request: one number nu each, times a shape that depends on the plate.
+"""What else the bench may have done to a d/q log: one number nu each, times a shape that depends on the plate.
 
-    drift   Hz   the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
-    lag     s    the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
-    gain    1    the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
+    drift         Hz     the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
+    lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
+    gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
+    thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
 
-The first two add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `sysid/perturbed.py`: to first order, so
-that a drift should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round of the
-fit. They are not in every fit: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
+All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `sysid/perturbed.py`: to first order,
+so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round.
+The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
+The thermometer's error is fitted where it moves the resonance by as much as the logs could tell.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.perturbed import Course
 from sysid.trial import Extra, Trial
 
+if TYPE_CHECKING:
+    from sysid.minimise import State
+
 EXTRA = ("drift", "lag", "gain")
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
 SHARE = 0.1  # of the log's duration, and of the gain
+TOLD = 0.2  # of the standard deviation of f0, below which what a thermometer's error makes of it does not matter
 
 
 def asked(trial: Trial, course: Course) -> dict[str, Extra]:
     """Those that are asked for, of those that the log can hold, by name."""
-    if set(EXTRA).isdisjoint(trial.nuisances):
+    if set(UNITS).isdisjoint(trial.nuisances):
         return {}
     return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
+
+
+def with_thermometers(state: "State") -> tuple[Trial, ...]:
+    """The trials of a fit, each with its thermometer's error where that matters."""
+    k_T, error = state.theta[3], np.sqrt(state.covariance[2, 2])
+
+    def matters(trial: Trial) -> bool:
+        return trial.signed and trial.driven and abs(k_T) * trial.log.bench.get("temperature_std_degC", 0.0) > TOLD * error
+
+    return tuple(replace(t, nuisances=(*t.nuisances, "thermometer")) if matters(t) else t for t in state.trials)
 
 
 def possible(trial: Trial, course: Course) -> dict[str, Extra]:
@@ -48,3 +66,6 @@ def _shapes(trial: Trial, course: Course) -> Iterator[tuple[str, np.ndarray, flo
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.response_to(course.theta[3] * rate * turning), SHARE * float(np.ptp(log.time))
     yield "gain", course.exact, SHARE
+    error = log.bench.get("temperature_std_degC", 0.0)
+    if trial.resonant and error:
+        yield "thermometer", course.response_to(course.theta[3] * turning), error

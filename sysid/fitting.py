@@ -7,7 +7,7 @@ import numpy as np
 from sysid import reading, wording
 from sysid.coincidence import hangs, tightened
 from sysid.conclusion import Question, conclude
-from sysid.extra import EXTRA
+from sysid.extra import EXTRA, with_thermometers
 from sysid.fitted import Fit
 from sysid.log import Log
 from sysid.minimise import Minimiser, State
@@ -33,7 +33,8 @@ def fit(
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
-    "late" (a trigger, a demodulator); and, on request, "drift", "lag" and "gain" (see `sysid.extra`).
+    "late" (a trigger, a demodulator), "thermometer" (the error of its readings); and, on request, "drift", "lag" and "gain" (see
+    `sysid.extra`).
     `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
     (see `sysid.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
     `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
@@ -67,7 +68,7 @@ def _asked(
     if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join((*NUISANCES, *EXTRA))}")
     reading.check_units(logs)
-    trials, warnings = reading.trials(logs, tuple(nuisances))
+    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n != "thermometer"))
     reference, free = reading.reference(trials), reading.free(trials)
     stated = {name: given for name, given in checked(priors or {}).items() if name in free}
     unused = [name for name in priors or {} if name not in stated]
@@ -81,5 +82,13 @@ def _asked(
         states = minimiser.minima(again, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
+    if "thermometer" in nuisances and "k_T" in free:
+        states = [_with_thermometers(minimiser, s) for s in states]
     states = [unfolded(minimiser, s) for s in states]
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
+
+
+def _with_thermometers(minimiser: Minimiser, state: State) -> State:
+    """The minimum with the errors of thermometers, where they matter."""
+    trials = with_thermometers(state)
+    return state if trials == state.trials else minimiser.refine(trials, state.theta)

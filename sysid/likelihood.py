@@ -35,6 +35,7 @@ from jax import Array
 from sysid.hold import Hold, Leaf
 from sysid.plant import Response, respond, steady
 from sysid.span import Span, best_turn, times, turn_towards
+from sysid.trial import REAL
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
 OWN = 5  # rows of an experiment, its last, for the priors of what depends on the plant
@@ -50,7 +51,7 @@ class Layout(NamedTuple):
     late: bool  # a transient, by an unknown time
     touched: bool  # a finger's force is recorded
     apart: bool  # the noise of d and q differs
-    split: bool  # real and imaginary parts of coefficients are apart: where the noise is, or a swept log may be late
+    split: bool  # real and imaginary parts of coefficients are apart: where the noise is, a swept log may be late, or `extra`
     order: int  # poles of the lock-in's filter
     extra: int  # shapes of the log's own
     steady: bool  # settled points
@@ -276,9 +277,11 @@ def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
 
 
 def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
-    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of."""
+    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. Those of the log's own
+    shapes are real in the plate's frame."""
     turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
-    return turns.at[LATE].set(x.toward) if layout.late else turns
+    turns = turns.at[LATE].set(x.toward) if layout.late else turns
+    return turns.at[columns - layout.extra :].set(x.toward[0] * jnp.array([1.0, 1j * REAL])) if layout.extra else turns
 
 
 def _weights(span: Span, v: Array, x: Experiment, layout: Layout) -> Array:

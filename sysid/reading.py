@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid import wording
+from sysid import thermometer, wording
 from sysid.condense import undelayed
 from sysid.dwell import SETTLED, dwells, of_own_inputs
 from sysid.guess import candidates
@@ -16,9 +16,12 @@ from sysid.trial import LEAST_TOUCH, LEAST_WARMING, Trial
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
     """How each log is read at first, and what had to be assumed."""
-    recorded = [log.temperature.mean() for log in logs if log.temperature is not None]
+    readings = thermometer.of_plates([log.temperature for log in logs])
+    recorded = [r.temperature.mean() for r in readings if r is not None]
     found, warnings = [], []
-    for log in logs:
+    for log, read in zip(logs, readings, strict=True):
+        if read is not None:
+            log = replace(log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench})
         if log.temperature is None and recorded and log.frequency is not None:
             mean = float(np.mean(recorded))
             log = replace(log, temperature=np.full(len(log), mean))

@@ -69,26 +69,29 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
     model = model.real if trial.log.amplitude_only else model
-    trial = _with_spread(trial, model, floor, round_) if trial.steady else trial
+    trial = _with_spread(trial, model, floor, round_) if trial.steady or trial.signed else trial
     new = _with_noise_of(trial, model, lambda: course.design(model), round_)
     if trial.log.relative_noise and not trial.steady:  # of the next round: what a first model makes of a tail in dB is no level
         new = _with_spread(new, model, floor, round_)
     if new.noise_time > 0 and not new.signed:
         new = replace(new, efficiency=efficiency(new, course, model))
-    new = replace(new, late=late * trial.lateness / trial.looseness, extra=asked(new, course))
+    late = late * trial.lateness / trial.looseness
     if trial.signed:
-        return new
+        return replace(new, late=late, extra=asked(new, course))
+    if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
+        share = 1 / (round_ - HELD + 1)
+        start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
     # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
     free = new.floor_free and not trial.steady and floor > 0
     held = (1 - new.share) * new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
-    return replace(new, start=start, floor=floor if free else held, floor_free=bool(free))
+    return replace(new, start=start, late=late, floor=floor if free else held, floor_free=bool(free))
 
 
 def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
     """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
     rice = np.ones(len(model)) if trial.signed or not trial.steady else rice_spread(model / np.sqrt(floor))
     size, there, share = np.abs(model) / trial.scale, slice(None) if trial.there is None else trial.there, trial.share
-    if trial.steady and 0 < round_ < HELD and _is_noise(trial, model):
+    if (trial.steady or not trial.log.relative_noise) and 0 < round_ < HELD and _is_noise(trial, model):
         left = (trial.residual(model) * np.sqrt(trial.count))[there]
         share = proportional(left, size[there], rice[there], trial.log.relative_noise)
     if round_ >= HELD and (trial.signed or not trial.steady):

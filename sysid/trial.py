@@ -8,16 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainc
 
-from sysid.condense import LONG, OFFSET_UNITS, from_rest, gaps, one_level, prepare
+from sysid.condense import LONG, from_rest, gaps, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
 from sysid.lost import filled, lost
 from sysid.noise import Level
 from sysid.span import times
 
-NUISANCES = ("rotation", "background", "offset", "start", "late")
+NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
+REAL = 1e-3  # share of its prior that the imaginary part of a number has which is real
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
 
@@ -231,7 +232,8 @@ class Trial:
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
-        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep."""
+        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; what
+        the lock-in's filter still holds of what was before a log that begins amid a drive."""
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
@@ -245,10 +247,13 @@ class Trial:
             if offset and np.ptp(drive) > 0:
                 shapes["offset"] = np.ones(n)
         else:
-            if offset and (not self.from_rest or self.log.response_unit in OFFSET_UNITS):
+            # Driven at a frequency, what an offset of a step from rest does to G a feedthrough does as well.
+            if offset and not (self.from_rest and self.resonant):
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._smoothed(drive)
+            if self.start_free and drive[0]:
+                shapes |= self._remembered()
         return {name: shape for name, shape in shapes.items() if np.any(shape)}
 
     @cached_property
@@ -270,6 +275,12 @@ class Trial:
             if step:
                 found += step * gammainc(order, np.maximum(now - at, 0.0) / tau)
         return found
+
+    def _remembered(self) -> dict[str, np.ndarray]:
+        """How the states of the lock-in's filter at the first row die away, (n,) each: e^-x x^k for each of its poles."""
+        tau, order = self.smoothing
+        x = (self.log.time - self.log.time[0]) / tau if order else self.log.time
+        return {f"memory{k}": np.exp(-x) * x**k for k in range(order)}
 
     @property
     def extra_columns(self) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
 from sysid.span import orthonormal
-from sysid.trial import Trial, freedom, whitened
+from sysid.trial import REAL, Trial, freedom, whitened
 
 ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
 
@@ -73,7 +73,8 @@ class View:
         shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
         parts = (("d", 1.0), ("q", 1j))
         columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
-        columns = [c._replace(prior=c.prior * trial.sideways) if c.name == "late_q" else c for c in columns]
+        sideways = {"late_q": trial.sideways} | {f"{name}_q": REAL for name in trial.extra_columns}
+        columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
         found = self._fitted(columns, trial.log.response - forced)
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
         value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))

@@ -30,7 +30,9 @@ def assumptions(trial: Trial) -> list[str]:
             " moment; record the time with more digits"
         )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
-        found.append("no row shows the response without drive; taken as at rest, with no output offset, before its first row")
+        rest = "taken as at rest, with no output offset, before its first row"
+        alone = "taken as at rest before its first row, which alone tells an output offset from G: record rows before the step"
+        found.append(f"no row shows the response without drive; {rest if trial.resonant else alone}")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")
     if log.amplitude_only and trial.resonant and trial.driven:

@@ -269,10 +269,10 @@ def test_names_cannot_steer_the_terminal(tmp_path):
     [
         ("none", ()),
         ("late,rotation", ("rotation", "late")),
-        ("-late", ("rotation", "background", "offset", "start")),
-        ("-start, -offset", ("rotation", "background", "late")),
-        ("+drift", ("rotation", "background", "offset", "start", "late", "drift")),
-        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "lag", "gain")),
+        ("-late", ("rotation", "background", "offset", "start", "thermometer")),
+        ("-start, -offset, -thermometer", ("rotation", "background", "late")),
+        ("+drift", ("rotation", "background", "offset", "start", "late", "thermometer", "drift")),
+        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "thermometer", "lag", "gain")),
         ("rotation,drift", ("rotation", "drift")),
     ],
 )

@@ -64,3 +64,31 @@ def test_a_wrong_model_at_the_peak_is_no_noise():
     bent = log.response * (1 - 0.1 * (size / size.max()) ** 2)
     fit = sysid.fit([sysid.Log("bent", bent, drive=log.drive, frequency=log.frequency, kind="steady")])
     assert fit.result.name == "misfit" and fit.modes[0].trials[0].share == 0.0
+
+
+def swept(seed, relative, floor, ups=1):
+    """A sweep with its times, two tau for a row; or a step on resonance after twenty rows at rest."""
+    rng, n = np.random.default_rng([seed, 10]), 200
+    if ups:
+        time, volts, frequency = 2 * PLANT.tau * np.arange(n), np.full(n, 100.0), np.linspace(PLANT.f0 - 700, PLANT.f0 + 700, n)
+    else:
+        time, volts, frequency = 1e-4 * np.arange(n), np.where(np.arange(n) < 20, 0.0, 100.0), np.full(n, PLANT.f0)
+    clean = reference.ringing(PLANT, time, volts, frequency, np.full(n, 24.0))
+    (a, b), largest = rng.standard_normal((2, 2, n)), np.max(np.abs(clean))
+    rows = clean + floor * largest * (a[0] + 1j * a[1]) + relative * np.abs(clean) * (b[0] + 1j * b[1])
+    given = {"drive": volts, "frequency": frequency, "kind": "transient", "sampling": "instant", "bench": {"delay_s": 0.0}}
+    return sysid.Log("transient", np.exp(0.7j) * rows, time=time, **given)
+
+
+@pytest.mark.parametrize("ups", [1, 0])
+def test_errors_are_true_of_transients(ups):
+    z = deviations(swept(seed, 0.01, 0.0005, ups) for seed in range(SEEDS))
+    assert np.sum(np.abs(z) < 1.96) >= 100 and np.max(np.abs(z)) < 4.5  # as above
+    assert np.sqrt(np.mean(z[:, 1:] ** 2)) < 1.3
+    assert "% of the response" in sysid.fit([swept(0, 0.01, 0.0005, ups)]).logs[0].noise
+
+
+@pytest.mark.parametrize("ups", [1, 0])
+def test_of_even_noise_of_transients_no_part_is_taken_for_relative(ups):
+    found = [sysid.fit([swept(seed, 0.0, 0.01, ups)]).modes[0].trials[0].share for seed in range(60)]
+    assert np.count_nonzero(found) <= 2  # 0.5 % of them may, as above

@@ -1,0 +1,103 @@
+"""The plate's temperature, of what a thermometer reads: the noise of its readings is not the plate's.
+
+A reading is y_k = T_k + sqrt(r) e_k. T is constant, or a straight line and what goes on beside it: a random walk (m = 1: the
+local level model of Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) or one of its
+slope (m = 2: a smoothing spline). The cosines c_k of the rows (DCT-II) of what is beside the line are then nearly independent, of
+variance r (1 + s / e_k^m), e_k = 2 - 2 cos(pi k / n). So r has a closed form for each s, the likelihood of s is a sum, and T has
+the cosines times s / (s + e_k^m). Readings without noise have the largest s there is, and stay what they are.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import dct, idct
+
+FEW = 8  # readings, of which no noise is told
+LONG = 16384  # readings that are looked at one by one
+LEVELS = 256  # of a longer log: a temperature that went on changing from row to row would be an input that does
+AGAIN = 2.0  # times that each level is come to, on average, by readings that are held
+JUMP, FAR = 1.0, 8.0  # degC, and usual moves from row to row: what moves by more than both is another set point
+NOISY = 0.25  # degC; what differs by more from row to row is not a thermometer's noise
+WALKS = np.append(0.0, np.logspace(-9, 2, 111))  # s that are tried; the last: no noise
+SURE = 4.0  # of log-likelihood, by which a temperature that changes is told from one that does not
+APART = 5.0  # errors, by which the temperatures of logs lie apart where they are not one and the same
+
+
+class Reading(NamedTuple):
+    """The plate's temperature (n,) in each row of a log, and its typical error, degC."""
+
+    temperature: np.ndarray
+    error: float
+
+
+def of_plates(logs: Sequence[np.ndarray | None]) -> list[Reading | None]:
+    """What the readings of each log tell; None where none was read. Logs whose temperatures differ by no more than the errors
+    were recorded at one."""
+    found = [None if y is None else _steady(y) for y in logs]
+    read = [x for x in found if x is not None]
+    if not any(x.error for x in read):
+        return found
+    mean = float(np.mean([x.temperature.mean() for x in read]))
+    spread = np.sqrt(np.mean([np.mean((x.temperature - mean) ** 2) for x in read]))
+    if spread > APART * np.sqrt(np.mean([x.error**2 for x in read])):
+        return found
+    return [None if x is None else Reading(np.full(len(x.temperature), mean), 0.0) for x in found]
+
+
+def _steady(y: np.ndarray) -> Reading:
+    """What the readings of one log tell."""
+    if _held(y):
+        return Reading(y, 0.0)
+    if len(y) > LONG:
+        begins = np.linspace(0, len(y), LEVELS + 1).astype(int)
+        level, error = _steady(np.add.reduceat(y, begins[:-1]) / np.diff(begins))
+        return Reading(np.repeat(level, np.diff(begins)), error)
+    jumps = np.flatnonzero(np.abs(np.diff(y)) > max(JUMP, FAR * np.median(np.abs(np.diff(y))))) + 1
+    parts = [_smooth(part) for part in np.split(y, jumps)]
+    return Reading(np.concatenate([x.temperature for x in parts]), max(x.error for x in parts))
+
+
+def _held(y: np.ndarray) -> bool:
+    """Set points, or the steps of a coarse reading that goes one way: most readings are the one before, and few come again."""
+    moves = y[1:] != y[:-1]
+    many = np.count_nonzero(moves)
+    return bool(many <= 0.5 * len(moves) and many <= AGAIN * len(np.unique(y[1:][moves])))
+
+
+def _smooth(y: np.ndarray) -> Reading:
+    """The same of readings without a jump."""
+    if len(y) < FEW:
+        return Reading(y, 0.0)
+    n = len(y)
+    stiff = 2 - 2 * np.cos(np.pi * np.arange(1, n) / n)
+    found = [_walk(y, np.full(n, y.mean()), stiff, WALKS[:1])]
+    along = np.arange(n) - 0.5 * (n - 1)
+    line = y.mean() + along * (along @ y) / (along @ along)
+    found += [_walk(y, line, stiff**m, WALKS) for m in (1, 2)]
+    best = max(found, key=lambda f: f.likely - (0 if f is found[0] else SURE))
+    if best.walk == WALKS[-1] or best.noise > NOISY**2:
+        return Reading(y, 0.0)
+    return Reading(best.level, float(np.sqrt(best.noise * best.kept)))
+
+
+class _Walk(NamedTuple):
+    """A temperature that walks: log-likelihood, s, r in degC^2, T (n,), and the variance of its error over r."""
+
+    likely: float
+    walk: float
+    noise: float
+    level: np.ndarray
+    kept: float
+
+
+def _walk(y: np.ndarray, line: np.ndarray, stiff: np.ndarray, walks: np.ndarray) -> _Walk:
+    """The likeliest of `walks` beside a line; `stiff` (n - 1,): e_k^m."""
+    cosines = dct(y - line, norm="ortho")[1:]
+    spread = 1 + walks[:, None] / stiff
+    noise = np.maximum(np.mean(cosines**2 / spread, axis=1), np.finfo(float).tiny)
+    likely = -0.5 * len(cosines) * np.log(noise) - 0.5 * np.sum(np.log(spread), axis=1)
+    best = int(np.argmax(likely))
+    kept = walks[best] / (walks[best] + stiff)
+    beside = idct(np.append(0.0, cosines * kept), norm="ortho")
+    return _Walk(float(likely[best]), float(walks[best]), float(noise[best]), line + beside, (2 + np.sum(kept)) / len(y))

@@ -1,0 +1,61 @@
+"""A transient behind a stated lock-in filter that begins amid a drive: the filter holds what was before the first row.
+
+The truth is a matrix exponential of plant (slow mode) and filter, a chain of equal poles whose input is the plant's response and
+the drive's feedthrough. It shares no code with the package.
+"""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import sysid
+
+G, TAU, F0, DRIVEN = 0.02, 1.67e-3, 32300.0, 32280.0
+LOCKIN_TAU, SPACING, ROWS = 5e-5, 5e-5, 160
+LEVELS = np.repeat([60.0, 100.0, 30.0, 80.0], ROWS // 4)
+SEEDS = 20
+
+
+def through(order, feedthrough, state):
+    """(n,) what the filter's last pole shows just before each row's inputs act; `state` at the first row: of the plant, the
+    filter's poles."""
+    a = np.zeros((order + 2, order + 2), complex)  # plant, poles, drive
+    a[0, 0], a[0, -1] = -1 / TAU + 2j * np.pi * (F0 - DRIVEN), G / TAU
+    a[1, 0], a[1, -1] = 1 / LOCKIN_TAU, feedthrough * G / LOCKIN_TAU
+    for k in range(1, order + 1):
+        a[k, k] = -1 / LOCKIN_TAU
+        a[k, k - 1] = 1 / LOCKIN_TAU
+    step, z, found = expm(a * SPACING), np.append(state, 0.0).astype(complex), []
+    for volts in LEVELS:
+        found.append(z[-2])
+        z[-1] = volts
+        z = step @ z
+    return np.array(found)
+
+
+def log(order, seed, state=None):
+    rng = np.random.default_rng(seed)
+    clean = through(order, 0.03 * np.exp(0.6j), np.zeros(order + 1) if state is None else state)
+    rows = np.exp(0.4j) * clean + 0.01 + 2e-3 * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
+    given = {"drive": LEVELS, "frequency": np.full(ROWS, DRIVEN), "kind": "transient", "sampling": "instant"}
+    return sysid.Log(
+        "amid", rows, time=SPACING * np.arange(ROWS), bench={"lockin_tau_s": LOCKIN_TAU, "lockin_order": order}, **given
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("begins", ["at rest", "anywhere"])
+def test_what_the_filter_holds_at_the_first_row_is_no_feedthrough(order, begins):
+    """Taken for settled it moves G, whose error is small here, by some twenty errors."""
+    z = []
+    for seed in range(SEEDS):
+        state = None if begins == "at rest" else np.random.default_rng([seed, 1]).uniform(-1, 1, order + 1)
+        fit = sysid.fit([log(order, seed, state)])
+        assert fit.result.name == "successful", fit.warnings
+        z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", G), ("tau", TAU), ("f0", F0))])
+    # of 20 seeds the spread is known to 16 %: three of these above 1; G is covered too often by design
+    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 1.5)
+
+
+def test_it_is_not_reported_as_a_quantity_of_the_bench():
+    assert not any("memory" in name for name in sysid.nuisances(sysid.fit([log(2, 0)]))[0])

@@ -1,0 +1,163 @@
+"""What a thermometer's readings are taken for: the plate's temperature without the noise of reading."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+import sysid
+from sysid import Log, fit
+from sysid.thermometer import LEVELS, _walk, of_plates
+
+ROWS = 150
+
+
+def smooth(readings):
+    return of_plates([np.asarray(readings, float)])[0].temperature
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def noise(std, seed=0, rows=ROWS):
+    return std * np.random.default_rng(seed).standard_normal(rows)
+
+
+@pytest.mark.parametrize("s", [0.03, 2.0])
+@pytest.mark.parametrize("m", [1, 2])
+def test_temperature_is_the_penalised_least_squares_of_the_readings(s, m):
+    """min |y - T|^2 + |D T|^2 / s by its normal equations; for m = 2, D'D of a log that goes on as its mirror image."""
+    y = 24 + noise(0.1, rows=40)
+    differences = np.diff(np.eye(40), axis=0)
+    penalty = np.linalg.matrix_power(differences.T @ differences, m) / s
+    stiff = (2 - 2 * np.cos(np.pi * np.arange(1, 40) / 40)) ** m
+    found = _walk(y, np.full(40, y.mean()), stiff, np.array([s]))
+    np.testing.assert_allclose(found.level, np.linalg.solve(np.eye(40) + penalty, y), atol=1e-12)
+
+
+def test_likelihood_of_a_walk_is_that_of_the_normal_moves_from_row_to_row():
+    y, s = 24 + noise(0.1, rows=30) + np.cumsum(noise(0.05, 1, 30)), np.array([0.0, 0.1, 3.0])
+    stiff = 2 - 2 * np.cos(np.pi * np.arange(1, 30) / 30)
+    differences = np.diff(np.eye(30), axis=0)
+
+    def expected(walk, variance):
+        return multivariate_normal(cov=variance * (differences @ differences.T + walk * np.eye(29))).logpdf(np.diff(y))
+
+    found = [_walk(y, np.full(30, y.mean()), stiff, s[k : k + 1]) for k in range(3)]
+    rises = np.diff([f.likely for f in found])
+    np.testing.assert_allclose(rises, np.diff([expected(f.walk, f.noise) for f in found]), rtol=1e-9)
+    for f in found:  # and r is the likeliest
+        assert expected(f.walk, f.noise) > max(expected(f.walk, 0.9 * f.noise), expected(f.walk, 1.1 * f.noise))
+
+
+@pytest.mark.parametrize(
+    "course",
+    [
+        pytest.param(np.full(ROWS, 24.0), id="constant"),
+        pytest.param(np.linspace(20, 30, ROWS), id="ramp"),
+        pytest.param(np.linspace(24, 24.2, ROWS), id="slow ramp"),
+        pytest.param(24 + 4 * (1 - np.exp(-np.arange(ROWS) / 30)), id="warming"),
+        pytest.param(24 + 0.3 * np.sin(np.arange(ROWS) / 10), id="thermostat"),
+        pytest.param(np.repeat([20.0, 24, 28, 32, 36], ROWS // 5), id="plateaus"),
+    ],
+)
+def test_noise_of_reading_goes_and_the_course_stays(course):
+    for std in (0.02, 0.1):
+        assert np.mean([rms(smooth(course + noise(std, k)) - course) for k in range(20)]) < 0.6 * std
+    np.testing.assert_allclose(smooth(course), course, rtol=0, atol=1e-9)  # of 36 degC, by the cosines' rounding
+
+
+def test_a_constant_temperature_is_known_as_well_as_its_mean():
+    off = [smooth(24 + noise(0.02, k))[0] - 24 for k in range(200)]
+    assert rms(off) == pytest.approx(0.02 / np.sqrt(ROWS), rel=0.2)  # four of the 5 % that 200 seeds leave
+
+
+def test_a_coarse_reading_that_flickers_is_smoothed_and_one_that_is_set_is_kept():
+    slow = np.linspace(24, 24.2, ROWS)
+    assert rms(smooth(np.round(slow + noise(0.02), 1)) - slow) < 0.02  # the readings are 0.034 off
+    for kept in (
+        np.round(slow, 1),
+        np.repeat([24.0, 24.5], ROWS // 2),
+        np.random.default_rng(0).permutation(np.linspace(20, 30, ROWS)),
+    ):
+        np.testing.assert_array_equal(smooth(kept), kept)
+
+
+def test_what_is_recorded_of_few_rows_is_kept():
+    np.testing.assert_array_equal(smooth([24.01, 24.0, 23.98, 24.02]), [24.01, 24.0, 23.98, 24.02])
+
+
+def test_temperatures_that_differ_by_the_noise_alone_are_one_and_others_are_not():
+    same = of_plates([24 + noise(0.1, 0), None, 24 + noise(0.1, 1)])
+    assert same[1] is None
+    assert np.ptp(np.concatenate([same[0].temperature, same[2].temperature])) == 0
+    apart = of_plates([24 + noise(0.02, 0), 24.5 + noise(0.02, 1)])
+    assert apart[1].temperature.mean() - apart[0].temperature.mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_temperature_of_a_long_log_has_few_levels():
+    course = np.linspace(24, 25, 100_000)
+    found = smooth(course + noise(0.05, rows=100_000))
+    assert len(np.unique(found)) <= LEVELS
+    assert rms(found - course) < 2 / LEVELS  # a level is 1/256 degC wide
+
+
+def sweep(temperature, seed, reading=0.03, noise=0.02):
+    """Settled points of the closed form, with noise (um), read by a thermometer."""
+    rng = np.random.default_rng(seed)
+    f = np.linspace(31800, 32800, 101)
+    tau, f0 = 1.67e-3, 32300 - 10 * (temperature - 24)
+    turned = (f0**2 - f**2) * np.pi * tau / f  # exact: c - m omega^2 over omega ds
+    response = 2 / (1 - 1j * turned) * (f0 / f) + noise * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+    read = temperature + reading * rng.standard_normal(101)
+    return Log(f"{temperature} degC", response, drive=np.full(101, 100.0), frequency=f, temperature=read)
+
+
+def test_a_thermometers_noise_tells_no_temperature_coefficient():
+    """Its coefficient would be about 0 +- 2 Hz/degC, of -10."""
+    for seed in range(20):
+        found = fit([sweep(24.0, seed)])
+        assert not found.parameters["k_T"].determined
+        assert "one temperature" in found.parameters["k_T"].why
+
+
+def test_temperature_coefficient_is_covered_where_the_thermometer_is_noisy():
+    scores = []
+    for seed in range(40):
+        p = fit([sweep(t, 100 * seed + int(t)) for t in (20.0, 24.0, 30.0)]).parameters
+        scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
+    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.35)  # three of the 0.11 that 40 seeds leave
+    assert np.max(np.abs(scores)) < 4
+
+
+def test_what_a_thermometers_error_makes_of_the_resonance_is_in_the_interval():
+    """Of sweeps so quiet that 0.05 degC / sqrt(101) of error is several of their own of f0."""
+    scores, exact = [], []
+    for seed in range(30):
+        logs = [sweep(t, 100 * seed + int(t), reading=0.05, noise=1e-3) for t in (20.0, 24.0, 30.0)]
+        found = fit(logs)
+        p = found.parameters
+        scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
+        assert found.result.name == "successful"
+        exact += [fit(logs, nuisances=("rotation", "background")).parameters["k_T"].std / p["k_T"].std]
+    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.4)  # three of the 0.13 that 30 seeds leave
+    assert np.median(exact) < 0.5  # and without it the interval is less than half as wide
+
+
+def test_a_stated_error_of_the_thermometer_is_in_the_interval():
+    """Two sweeps 6 degC apart, each read within 0.5 degC: k_T to 0.5 sqrt(2) / 6."""
+    logs = [replace(sweep(t, 1, reading=0.0), bench={"temperature_std_degC": 0.5}) for t in (20.0, 26.0)]
+    k_T = fit(logs).parameters["k_T"]
+    assert k_T.std == pytest.approx(10 * 0.5 * np.sqrt(2) / 6, rel=0.05)
+
+
+def test_the_error_of_a_thermometer_is_read_from_the_metadata(tmp_path):
+    path = tmp_path / "sweep.csv"
+    table = "voltage_V,frequency_Hz,wd_um,wq_um\n1,32300,1,0\n1,32310,1,0\n"
+    path.write_text(f"# temperature_degC: 24\n# temperature_std_degC: 0.5\n{table}")
+    assert sysid.read_logs([path])[0].bench["temperature_std_degC"] == 0.5
+    path.write_text(f"# temperature_degC: 24\n# temperature_std_degC: -0.5\n{table}")
+    with pytest.raises(sysid.LogError, match=r"temperature_std_degC'?: found -0.5 degC, expected 0 or more"):
+        sysid.read_logs([path])
