@@ -11,8 +11,10 @@ Cook & Weisberg, Residuals and Influence in Regression (1982), added variables a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from sysid.coincidence import cancelling, complex_of
 from sysid.dwell import dwells
@@ -20,7 +22,7 @@ from sysid.guess import phase_falls
 from sysid.minimise import State
 from sysid.moments import ASTRAY, LATE, at_changes
 from sysid.prior import NAMES
-from sysid.term import Term
+from sysid.term import Term, together
 from sysid.terms import SHIFTED, THROUGH, one_way, own, terms, times
 from sysid.view import View
 from sysid.wording import stamps_shared
@@ -32,6 +34,8 @@ ROUGH = 5.0  # by which a residual is larger than the noise between its neighbou
 MOST = 0.3  # share of a log that it is, when the log is not what the model is about
 SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
+ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
+LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
 SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
 FARAWAY = 4.0  # of these, by what is not seen
@@ -69,6 +73,8 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     away = 0.0 if at is None else at - reference[1]
     fit = _Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
+    if len(views) > 1:
+        tried += together([t for t in tried if t.name in ALIKE and fit.tells(t)], views)
     chance = np.log(max(len(tried), 1))
     found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
     if len(views) > 1 or not any(f.harmful and f.certain for f in found):  # a log alone contradicts no other
@@ -184,6 +190,17 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
     return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "strange", i, 1)
 
 
+class _Added(NamedTuple):
+    """Rows of a term's shapes, of unit size, by log, and which of its coefficients they have; that size; products of the rows
+    with the Jacobian, with themselves and with the residual."""
+
+    rows: dict[int, tuple[np.ndarray, slice]]
+    scale: np.ndarray
+    cross: np.ndarray
+    square: np.ndarray
+    score: np.ndarray
+
+
 class _Linear:
     """The joint fit of the parameters `names`, linearised: what one more term would change of what is reported `away` (degC)
     from the mean temperature."""
@@ -203,6 +220,7 @@ class _Linear:
         self.inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
         self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
         self.before = [v.likelihood(v.recorded) for v in views]
+        self.added: dict[int, _Added | None] = {}
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
         """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
@@ -222,6 +240,11 @@ class _Linear:
             found += view.likelihood(view.r - jacobian @ shift - (rows if j == i else 0.0)) - self.before[j]
         return found
 
+    def tells(self, term: Term) -> bool:
+        """Whether the logs can tell the term from the plant and the nuisances."""
+        added = self._added(term)
+        return added is not None and bool(np.all(np.diag(self._own(added)) >= LEAST))
+
     def _believed(self, shift: np.ndarray) -> float:
         """What a shift of the parameters changes of the prior's log density."""
         return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
@@ -229,9 +252,9 @@ class _Linear:
     def doubt(self, term: Term) -> str | None:
         """What the term would do at a size of two of its standard deviations, at which it is not seen; None if that is little."""
         added = self._added(term)
-        if added is None or added[3][0, 0] < 1e-6:
+        if added is None or (own := self._own(added))[0, 0] < LEAST:
             return None
-        _, scale, cross, own = added
+        scale, cross = added.scale, added.cross
         value = 2 / np.sqrt(own[0, 0])
         moves = self.reported @ self.inverse @ cross[:, 0] * value / self.std
         k = int(np.argmax(np.abs(moves)))
@@ -239,16 +262,34 @@ class _Linear:
             return None
         return term.unseen.format(value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations")
 
-    def _added(self, term: Term) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray, np.ndarray] | None:
-        """Rows of the term's shapes, of unit size, by log; that size; their products with the Jacobian; and with themselves, less
-        what the parameters can make of them."""
+    def _added(self, term: Term) -> "_Added | None":
+        """Looked at once: a term may be part of another."""
+        if id(term) not in self.added:
+            self.added[id(term)] = self._all(term) if term.parts else self._alone(term)
+        return self.added[id(term)]
+
+    def _all(self, term: Term) -> "_Added":
+        parts = [added for t in term.parts if (added := self._added(t)) is not None]
+        begins = np.cumsum([0, *(len(a.scale) for a in parts)])
+        rows = {i: (x, slice(k, k + x.shape[1])) for a, k in zip(parts, begins, strict=False) for i, (x, _) in a.rows.items()}
+        scale, score = (np.concatenate(x) for x in zip(*((a.scale, a.score) for a in parts), strict=True))
+        cross, square = np.concatenate([a.cross for a in parts], axis=1), block_diag(*(a.square for a in parts))
+        return _Added(rows, scale, cross, square, score)
+
+    def _alone(self, term: Term) -> "_Added | None":
         rows = {i: self.views[i].off(shapes.T).T for i, shapes in term.shapes.items()}
         scale = np.sqrt(sum(np.sum(a**2, axis=0) for a in rows.values()))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
             return None
         rows = {i: a / np.where(scale > 0, scale, 1.0) for i, a in rows.items()}
         cross = sum(self.jacobians[i].T @ a for i, a in rows.items())
-        return rows, scale, cross, sum(a.T @ a for a in rows.values()) - cross.T @ self.inverse @ cross
+        square = sum(a.T @ a for a in rows.values())
+        score = sum(a.T @ self.views[i].r for i, a in rows.items())
+        return _Added({i: (a, slice(None)) for i, a in rows.items()}, scale, cross, square, score)
+
+    def _own(self, added: "_Added") -> np.ndarray:
+        """Products of a term's rows with themselves, less what the parameters can make of them."""
+        return added.square - added.cross.T @ self.inverse @ added.cross
 
     def worth(self, term: Term, chance: float) -> Found | None:
         """The term with its gain in log-likelihood and what it moves; None when it is worth no more than `chance` gives."""
@@ -256,9 +297,9 @@ class _Linear:
         added = self._added(term)
         if added is None:
             return None
-        rows, scale, cross, own = added
-        score = sum(a.T @ self.views[i].r for i, a in rows.items()) - cross.T @ self.inverse @ self.slope
-        if np.any(np.diag(own) < 1e-6):  # the plant and the nuisances can do the same
+        rows, scale, cross = added.rows, added.scale, added.cross
+        own, score = self._own(added), added.score - cross.T @ self.inverse @ self.slope
+        if np.any(np.diag(own) < LEAST):
             return None
         value = score / own[0] if len(own) == 1 else np.linalg.lstsq(own, score, rcond=1e-10)[0]
         if 0.5 * score @ value < threshold:
@@ -266,7 +307,7 @@ class _Linear:
         shift = self.inverse @ (self.slope - cross @ value)
         gained = self._believed(shift)
         for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
-            change = jacobian @ shift + (rows[i] @ value if i in rows else 0.0)
+            change = jacobian @ shift + (rows[i][0] @ value[rows[i][1]] if i in rows else 0.0)
             if change @ change > UNCHANGED:
                 gained += view.likelihood(view.r - change) - self.before[i]
         said = term.say(value / np.where(scale > 0, scale, 1.0), self.views[term.log or 0])

@@ -1,6 +1,7 @@
 """One term that a log may hold beside what the model has: a shape to first order and a sentence."""
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +20,28 @@ class Term:
     freedom: int = 1  # numbers that it has, its place on a grid among them
     beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
     unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
+    parts: tuple["Term", ...] = field(default=(), repr=False)  # of one log each, in place of shapes of its own
+
+
+def together(terms: Sequence[Term], views: Sequence[View]) -> Iterator[Term]:
+    """The same thing in several logs at once, in each by what it has: where all are off alike, none contradicts the rest."""
+    alike: dict[tuple[str, int], list[Term]] = {}
+    met: Counter[tuple[str, int]] = Counter()
+    for t in terms:
+        if t.log is not None:
+            alike.setdefault((t.name, met[t.name, t.log]), []).append(t)
+            met[t.name, t.log] += 1
+    return (_all(parts, views) for parts in alike.values() if len(parts) > 1)
+
+
+def _all(parts: Sequence[Term], views: Sequence[View]) -> Term:
+    ends = np.cumsum([next(iter(t.shapes.values())).shape[1] for t in parts])
+
+    def say(value: np.ndarray, _: View) -> str | None:
+        said = [t.say(v, views[t.log or 0]) for t, v in zip(parts, np.split(value, ends[:-1]), strict=True)]
+        return None if None in said else f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
+
+    return Term(parts[0].name, {}, say, parts[0].log, freedom=sum(t.freedom for t in parts), parts=tuple(parts))
 
 
 def of_one(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:

@@ -280,6 +280,29 @@ def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(
     assert abs(float(found[1]) - off) < 1.5  # four times what a sweep and three others tell of their f0, 0.3 Hz
 
 
+def steps_that_drift(hertz, seeds):
+    """Steps of 200 rows, in each of which the resonance goes up by as much, at a temperature that nobody recorded."""
+    plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=1.0)
+    time, logs = 1e-4 * np.arange(200), []
+    for seed in seeds:
+        volts, frequency = np.where(np.arange(200) < 20, 0.0, 100.0), np.full(200, 32270.0)
+        clean = reference.ringing(plant, time, volts, frequency, 24 + hertz * np.linspace(0, 1, 200))
+        rows = clean + reference.noise(200, 3e-3, seed)
+        given = {"drive": volts, "frequency": frequency, "kind": "transient", "sampling": "instant"}
+        logs.append(sysid.Log(f"step {seed}", rows, time=time, **given))
+    return logs
+
+
+def test_what_all_logs_hold_alike_is_found_though_none_contradicts_the_others():
+    """A drift of a tenth of a bandwidth in each of three: each alone was a misfit, and all together were called successful."""
+    fit = sysid.fit(steps_that_drift(20.0, (1, 2, 3)))
+    assert fit.result is Result.misfit
+    found = re.search(r"step 1: its resonance drifts by \+([\d.]+) Hz .*; and so in 2 other logs", " ".join(fit.warnings))
+    assert float(found[1]) == pytest.approx(20, abs=2)  # its error, by the noise, is 0.4 Hz; of a drift to first order
+    for k in range(0, 60, 3):
+        assert sysid.fit(steps_that_drift(0.0, range(k, k + 3))).result is Result.successful
+
+
 def test_a_time_in_another_unit_is_named_by_tau(bench):
     step, sweep = bench.transient(seed=40), bench.sweep(seed=41)
     fit = sysid.fit([sweep, replace(step, time=1000 * step.time)])
