@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 EXTRA = ("drift", "lag", "gain")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
 SHARE = 0.1  # of the log's duration, and of the gain
-TOLD = 0.2  # of the standard deviation of f0, below which what a thermometer's error makes of it does not matter
+TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
 
 
 def asked(trial: Trial, course: Course) -> dict[str, Extra]:
@@ -36,14 +36,20 @@ def asked(trial: Trial, course: Course) -> dict[str, Extra]:
     return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
 
 
-def with_thermometers(state: "State") -> tuple[Trial, ...]:
-    """The trials of a fit, each with its thermometer's error where that matters."""
-    k_T, error = state.theta[3], np.sqrt(state.covariance[2, 2])
-
-    def matters(trial: Trial) -> bool:
-        return trial.signed and trial.driven and abs(k_T) * trial.log.bench.get("temperature_std_degC", 0.0) > TOLD * error
-
-    return tuple(replace(t, nuisances=(*t.nuisances, "thermometer")) if matters(t) else t for t in state.trials)
+def with_thermometers(state: "State") -> tuple[tuple[Trial, ...], list[str]]:
+    """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it."""
+    trials, said = [], []
+    for trial in state.trials:
+        error = trial.log.bench.get("temperature_std_degC", 0.0)
+        share = abs(state.theta[3]) * error / np.sqrt(state.covariance[2, 2])
+        fitted = share > TOLD and trial.signed and trial.driven
+        trials.append(replace(trial, nuisances=(*trial.nuisances, "thermometer")) if fitted else trial)
+        if share > UNTOLD and not fitted:
+            said.append(
+                f"{trial.log.name}: its thermometer may be {error:.2g} degC off, which would move f0 by {share:.2g} of its"
+                " standard deviations, and is not in them; record wd and wq with their drive, or more rows"
+            )
+    return tuple(trials), said
 
 
 def possible(trial: Trial, course: Course) -> dict[str, Extra]:

@@ -83,12 +83,8 @@ def _asked(
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     if "thermometer" in nuisances and "k_T" in free:
-        states = [_with_thermometers(minimiser, s) for s in states]
+        with_errors = [with_thermometers(s) for s in states]
+        states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
+        warnings += with_errors[0][1]
     states = [unfolded(minimiser, s) for s in states]
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
-
-
-def _with_thermometers(minimiser: Minimiser, state: State) -> State:
-    """The minimum with the errors of thermometers, where they matter."""
-    trials = with_thermometers(state)
-    return state if trials == state.trials else minimiser.refine(trials, state.theta)
