@@ -11,17 +11,13 @@ The first three are fitted on request: in a sweep of one direction a drift hides
 The thermometer's error is fitted where it moves the resonance by as much as the logs could tell.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.perturbed import Course
 from sysid.trial import Extra, Trial
-
-if TYPE_CHECKING:
-    from sysid.minimise import State
 
 EXTRA = ("drift", "lag", "gain")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
@@ -36,20 +32,20 @@ def asked(trial: Trial, course: Course) -> dict[str, Extra]:
     return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
 
 
-def with_thermometers(state: "State") -> tuple[tuple[Trial, ...], list[str]]:
+def with_thermometers(trials: Sequence[Trial], k_T: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
     """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it."""
-    trials, said = [], []
-    for trial in state.trials:
+    found, said = [], []
+    for trial in trials:
         error = trial.log.bench.get("temperature_std_degC", 0.0)
-        share = abs(state.theta[3]) * error / np.sqrt(state.covariance[2, 2])
+        share = abs(k_T) * error / f0_std
         fitted = share > TOLD and trial.signed and trial.driven
-        trials.append(replace(trial, nuisances=(*trial.nuisances, "thermometer")) if fitted else trial)
+        found.append(replace(trial, nuisances=(*trial.nuisances, "thermometer")) if fitted else trial)
         if share > UNTOLD and not fitted:
             said.append(
                 f"{trial.log.name}: its thermometer may be {error:.2g} degC off, which would move f0 by {share:.2g} of its"
                 " standard deviations, and is not in them; record wd and wq with their drive, or more rows"
             )
-    return tuple(trials), said
+    return tuple(found), said
 
 
 def possible(trial: Trial, course: Course) -> dict[str, Extra]:

@@ -83,7 +83,7 @@ def _asked(
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     if "thermometer" in nuisances and "k_T" in free:
-        with_errors = [with_thermometers(s) for s in states]
+        with_errors = [with_thermometers(s.trials, s.theta[3], float(np.sqrt(s.covariance[2, 2]))) for s in states]
         states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
         warnings += with_errors[0][1]
     states = [unfolded(minimiser, s) for s in states]

@@ -34,8 +34,7 @@ from jax import Array
 
 from sysid.hold import Hold, Leaf
 from sysid.plant import Response, respond, steady
-from sysid.span import Span, best_turn, times, turn_towards
-from sysid.trial import REAL
+from sysid.span import REAL, Span, best_turn, times, turn_towards
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
 OWN = 5  # rows of an experiment, its last, for the priors of what depends on the plant

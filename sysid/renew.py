@@ -90,14 +90,24 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
 def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
     """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
     rice = np.ones(len(model)) if trial.signed or not trial.steady else rice_spread(model / np.sqrt(floor))
-    size, there, share = np.abs(model) / trial.scale, slice(None) if trial.there is None else trial.there, trial.share
-    if (trial.steady or not trial.log.relative_noise) and 0 < round_ < HELD and _is_noise(trial, model):
-        left = (trial.residual(model) * np.sqrt(trial.count))[there]
-        share = proportional(left, size[there], rice[there], trial.log.relative_noise)
-    if round_ >= HELD and (trial.signed or not trial.steady):
+    size = np.abs(model) / trial.scale
+    share = _share(trial, model, size, rice, round_)
+    if round_ >= HELD and share == trial.share and (trial.signed or not trial.steady):
         return trial
     even = share == 0 and (trial.signed or not trial.steady)
     return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * rice**2 + share * size**2))
+
+
+def _share(trial: Trial, model: np.ndarray, size: np.ndarray, rice: np.ndarray, round_: int) -> float:
+    """What part of the noise's variance is proportional to the response, as the residual shows."""
+    known = trial.log.relative_noise
+    if not trial.steady and not known and (trial.noise_time > 0 or trial.left_out > trial.lost):
+        return 0.0  # of a colour few rows are independent, and of those at rest fewer
+    if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
+        return trial.share
+    there = slice(None) if trial.there is None else trial.there
+    left = (trial.residual(model) * np.sqrt(trial.count))[there]
+    return proportional(left, size[there], rice[there], known)
 
 
 class _Residual(NamedTuple):

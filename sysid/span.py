@@ -9,6 +9,7 @@ from jax import Array
 
 from sysid.hold import Leaf
 
+REAL = 1e-3  # share of the prior of a real coefficient that its imaginary part has
 ANGLES = 32  # at which a rotation is tried before Newton's method
 TRIED = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
 NEWTON = 5  # of its steps: from a 32nd of a turn to rounding

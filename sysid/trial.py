@@ -18,7 +18,6 @@ from sysid.span import times
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
-REAL = 1e-3  # share of its prior that the imaginary part of a number has which is real
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
 

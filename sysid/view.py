@@ -7,8 +7,8 @@ import numpy as np
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
-from sysid.span import orthonormal
-from sysid.trial import REAL, Trial, freedom, whitened
+from sysid.span import REAL, orthonormal
+from sysid.trial import Trial, freedom, whitened
 
 ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
 

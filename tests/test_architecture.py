@@ -33,6 +33,7 @@ ORDER = [
     "log",
     "dwell",
     "hold",
+    "thermometer",
     "plant",
     "condense",
     "span",
