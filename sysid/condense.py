@@ -19,7 +19,7 @@ MOST = 4096  # rows of a longer one when it is condensed
 def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray]:
     """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor; its inputs; and
     how many rows each of its rows is the mean of."""
-    log = undelayed(log) if kind == "steady" else log
+    log = levelled(undelayed(log) if kind == "steady" else log)
     hold = _inputs(log, kind)
     n = len(log)
     if n <= longest or log.kind is None:  # its kind may still change
@@ -45,6 +45,42 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     return _means(log, edges), hold, count
 
 
+def levelled(log: Log) -> Log:
+    """A long log whose drive and frequency were measured and flicker about levels: with these levels, where they are few."""
+    if len(log) <= LONG:
+        return log
+    return replace(log, drive=_levels(log.drive, 2e-2), frequency=_levels(log.frequency, 1e-5))
+
+
+def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
+    """(n,) the mean of each stretch between jumps, unless the values do more within one than flicker from row to row, or by more
+    than `most` of the largest."""
+    if values is None:
+        return None
+    moves = np.abs(np.diff(values))
+    usual = float(np.median(moves))
+    begins = np.append(0, np.flatnonzero(moves > JUMP * usual) + 1)
+    if usual == 0 or len(begins) > MOST // 16:
+        return values
+    count = np.diff(np.append(begins, len(values)))
+    mean = _mean(values, begins, count)
+    level = np.repeat(mean, count)
+    return level if usual <= most * np.max(np.abs(mean)) and _independent(values - level, STEADY * usual) else values
+
+
+def _independent(values: np.ndarray, most: float) -> bool:
+    """Whether values of zero mean are noise of their own in each row, as far as their moves and the means of blocks tell."""
+    moves = np.diff(values)
+    back = -0.5 * float(moves @ moves)  # the product of a move and the next, if so
+    return float(moves[1:] @ moves[:-1]) < 0.7 * back and all(_off(values, rows) <= most for rows in BLOCKS)
+
+
+def _off(values: np.ndarray, rows: int) -> float:
+    """The largest mean of a block of `rows`, times their root: of independent values a few of their standard deviations."""
+    blocks = values[: len(values) // rows * rows].reshape(-1, rows)
+    return float(np.max(np.abs(np.mean(blocks, axis=1)))) * float(np.sqrt(rows))
+
+
 def undelayed(log: Log, sign: float = 1.0) -> Log:
     """Settled d/q points without the turn e^{-j omega t} of a stated delay t, but for what is common to all of them, which is the
     demodulator's. `sign` -1: with it again."""
@@ -55,6 +91,9 @@ def undelayed(log: Log, sign: float = 1.0) -> Log:
     return replace(log, response=log.response * turn)
 
 
+JUMP = 12.0  # usual moves from row to row, the median, that are a jump: normal ones exceed 9 in no log
+BLOCKS = (16, 256, 4096)  # rows, of which means tell whether they are level:
+STEADY = 6.0  # usual moves over the root of their rows, no more than which they are then off
 LEAST_FORCE = 0.01  # N; less is a force sensor's own
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
 

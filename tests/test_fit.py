@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 import sysid
 from sysid import Result
+from sysid.condense import levelled
 from sysid.minimise import shares
 
 FAR = 4.5  # standard deviations: seen once in 150 000 normal numbers, and there are about fifty here
@@ -281,8 +282,6 @@ def test_a_window_of_a_third_of_tau_is_too_short(bench):
 
 def test_a_step_without_a_frequency_is_first_order(bench):
     log = bench.transient(frequency=32300.0)
-    from dataclasses import replace
-
     plain = replace(log, response=(np.exp(-0.3j) * log.response).real, frequency=None)
     fit = sysid.fit([plain])
     assert fit.plant.f0 is None
@@ -311,8 +310,6 @@ def test_a_second_resonance_is_a_misfit(bench):
 
 
 def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):
-    from dataclasses import replace
-
     from sysid.minimise import Minimiser
 
     whole = Minimiser.refine
@@ -324,8 +321,6 @@ def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):
 
 
 def test_settled_points_are_the_same_in_any_order(bench):
-    from dataclasses import replace
-
     plain = bench.sweep(noise_time=0.0)
     time = 0.05 * np.arange(101)  # 30 tau apart
     stamped = replace(plain, time=time, kind=None)
@@ -461,3 +456,40 @@ def test_an_output_offset_of_a_step_without_a_baseline_is_in_the_interval_of_g(o
         z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", 0.02), ("tau", 1.67e-3))])
     assert np.std(z, axis=0) == pytest.approx([1, 1], abs=0.35)  # three of the 11 % that 40 seeds leave
     assert np.all(np.abs(np.mean(z, axis=0)) < 0.5)  # of 0.16
+
+
+@pytest.mark.parametrize("flickers", ["drive", "frequency"])
+def test_a_long_log_whose_inputs_were_measured_is_condensed_like_one_whose_inputs_were_set(bench, flickers):
+    """Row by row it would be 40 000 changes of the inputs."""
+    rng, n = np.random.default_rng(0), 40_000
+    time, volts = 1e-6 * np.arange(n), np.where(np.arange(n) < 4000, 0.0, 100.0)
+    rise = 2 * -np.expm1(-np.maximum(time - time[3999], 0) / 1.67e-3)
+    rows = rise + 0.02 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    log = sysid.Log("long", rows, time=time, drive=volts, frequency=np.full(n, 32300.0), kind="transient", sampling="instant")
+    measured = getattr(log, flickers) + {"drive": 0.05, "frequency": 0.2}[flickers] * rng.standard_normal(n)
+    as_set, as_measured = sysid.fit([log]), sysid.fit([replace(log, **{flickers: measured})])
+    assert len(as_measured.modes[0].trials[0].log) == len(as_set.modes[0].trials[0].log) < 5000
+    for name in ("G", "tau", "f0"):
+        a, b = as_set.parameters[name], as_measured.parameters[name]
+        assert abs(a.value - b.value) < 0.1 * a.std  # what is left of 0.05 % in 40 000 rows
+
+
+def test_frequencies_in_any_order_are_kept():
+    frequency = np.random.default_rng(0).permutation(np.linspace(32200, 32400, 20_000))
+    log = sysid.Log("sweep", np.ones(20_000, complex), drive=np.ones(20_000), frequency=frequency)
+    np.testing.assert_array_equal(levelled(log).frequency, frequency)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        pytest.param(np.linspace(0, 100, 20_000), id="a ramp"),
+        pytest.param(100 + np.sin(np.arange(20_000) / 300), id="a slow modulation"),
+        pytest.param(100 + np.sin(np.arange(20_000) / 3), id="a quick one"),
+        pytest.param(100 + 10 * np.random.default_rng(0).standard_normal(20_000), id="noise that drives it"),
+        pytest.param(np.repeat([0.0, 100.0], 10_000), id="levels that were set"),
+    ],
+)
+def test_a_drive_that_does_more_than_flicker_is_kept(drive):
+    log = sysid.Log("long", np.zeros(20_000, complex), time=np.arange(20_000.0), drive=drive, kind="transient")
+    np.testing.assert_array_equal(levelled(log).drive, drive)
