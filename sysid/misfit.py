@@ -73,10 +73,10 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     away = 0.0 if at is None else at - reference[1]
     fit = _Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
-    if len(views) > 1:
-        tried += together([t for t in tried if t.name in ALIKE and fit.tells(t)], views)
-    chance = np.log(max(len(tried), 1))
-    found = [f for t in tried if (f := fit.worth(t, chance + t.freedom - 1)) is not None]
+    found = fit.found(tried)
+    if len(views) > 1 and not any(f.harmful and f.certain for f in found):  # alike in several logs: freer, and so looked for last
+        alike = list(together([t for t in tried if t.name in ALIKE and fit.tells(t)], views))
+        found, tried = found + fit.found(alike, len(tried)), tried + alike
     if len(views) > 1 or not any(f.harmful and f.certain for f in found):  # a log alone contradicts no other
         found += [strange for i, v in enumerate(views) if (strange := _strange(i, v, len(views) == 1)) is not None]
     if len(views) > 1:
@@ -239,6 +239,11 @@ class _Linear:
         for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
             found += view.likelihood(view.r - jacobian @ shift - (rows if j == i else 0.0)) - self.before[j]
         return found
+
+    def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
+        """Those that the logs hold; `others`: how many were tried before."""
+        chance = np.log(max(len(tried) + others, 1))
+        return [f for t in tried if (f := self.worth(t, chance + t.freedom - 1)) is not None]
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""

@@ -16,6 +16,7 @@ from sysid.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+ABSURD = 100.0  # half bandwidths, of which a shape to first order says nothing
 HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
     " would move {{}}; sweep back as well, or record the temperature of every row"
@@ -83,7 +84,9 @@ def _drift(i: int, view: View) -> Iterator[Term]:
             continue
         shape = view.observed(c.response_to(2j * np.pi * along / np.ptp(along) * view.plate)[None])[0]
 
-        def say(value: np.ndarray, _: View, why: str = why) -> str:
+        def say(value: np.ndarray, _: View, why: str = why) -> str | None:
+            if 2 * np.pi * c.tau * abs(value[0]) > ABSURD:
+                return None
             return (
                 f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"
                 " every row, wait until it is constant, or fit a drift (--effects=+drift)"
