@@ -40,15 +40,20 @@ class Level(NamedTuple):
 
 
 def estimate(
-    residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None = None, time: float | None = None
+    residual: np.ndarray,
+    clock: np.ndarray,
+    freedom: float,
+    design: Design | None = None,
+    time: float | None = None,
+    worth: float = WORTH,
 ) -> tuple[float, float]:
     """Standard deviation per channel and correlation time (0: white) of a residual (n,), real or complex.
 
     `design()` (n, K): what the fit can make of a log, with coefficients of the residual's own kind; called when it is needed.
-    `time`: the correlation time, where it is known.
+    `time`: the correlation time, where it is known. `worth`: what colour must gain.
     """
     if time is None:
-        std, time, _ = _fitted(residual, clock, freedom, design)
+        std, time, _ = _fitted(residual, clock, freedom, design, worth)
         return std, time
     return float(np.sqrt(power_of(independent(residual, clock, time)) / freedom)), time
 
@@ -59,7 +64,9 @@ def log_likelihood(residual: np.ndarray, clock: np.ndarray, freedom: float) -> f
     return float(gained - freedom * np.log(max(std, 1e-300)))
 
 
-def _fitted(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None) -> tuple[float, float, float]:
+def _fitted(
+    residual: np.ndarray, clock: np.ndarray, freedom: float, design: Design | None, worth: float = WORTH
+) -> tuple[float, float, float]:
     """Level, correlation time, and what the determinant of its correlation adds to the log-likelihood."""
     channels = 2 if np.iscomplexobj(residual) else 1
     steps = np.diff(clock)
@@ -72,7 +79,7 @@ def _fitted(residual: np.ndarray, clock: np.ndarray, freedom: float, design: Des
     found, shrink = _whitened(residual, steps, times[:, None])
     shrunk = 0.5 * channels * np.sum(np.log(shrink), axis=-1)
     cost = shrunk + 0.5 * channels * len(residual) * np.log(power_of(found) / power)
-    if np.min(cost) > -WORTH:
+    if np.min(cost) > -worth:
         return white, 0.0, 0.0
     if design is not None:
         made = design()

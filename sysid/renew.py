@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.extra import asked
-from sysid.noise import Level, apart, apart_in_colour, estimate, independent, proportional, rice_spread, spikes, tails
+from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, rice_spread, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
@@ -16,6 +16,7 @@ from sysid.trial import Trial, freedom, joined, with_noise
 
 MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
+FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
 SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
 
@@ -139,10 +140,11 @@ class _Residual(NamedTuple):
     def shapes(self) -> np.ndarray:
         return (self.design() * self.trial.weight[:, None])[self.rows][self.used]
 
-    def level(self, ratio: float, time: float | None) -> tuple[float, float]:
-        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held."""
+    def level(self, ratio: float, time: float | None, worth: float = WORTH) -> tuple[float, float]:
+        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held;
+        `worth`: what colour must gain."""
         even = _scaled(self.left, ratio)[self.used]
-        return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time)
+        return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
 
     def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray | None]:
         """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
@@ -191,6 +193,9 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std, time = found.level(ratio, held)
     if time > 0 or found.trial.left_out > found.trial.lost:
         weight, told = np.ones(len(found.left)), 1.0
+    plain = time == 0 and told == 1 and ratio == 1 and not trial.share and found.trial.left_out == found.trial.lost
+    if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
+        std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
     time = _halfway(time, trial.noise_time) if round_ > 2 else time
     if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
         ratio = found.apart(weight, time)

@@ -15,6 +15,7 @@ STRUCTURE = 0.02  # residual that is not noise, relative to the response: more m
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
+FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -120,6 +121,8 @@ def noise(trial: Trial) -> str:
 def _colour(trial: Trial) -> str:
     if trial.noise_time == 0:
         return "white"
+    if np.median(trial.memory()[1:]) < FAINT:
+        return "white, as far as so few rows tell"
     over = f"{trial.noise_time:.2g} rows" if trial.log.time is None else seconds(trial.noise_time)
     return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 

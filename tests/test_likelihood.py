@@ -11,7 +11,7 @@ from sysid.precision import float64
 from sysid.span import best_turn
 from sysid.target import Target
 
-ROWS, STEP = 80, 1e-3  # s; far longer than a radian of the carrier
+ROWS, STEP = 120, 1e-3  # s; far longer than a radian of the carrier
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)
 TIME, FREQUENCY, DRIVE = STEP * np.arange(ROWS), PLANT.f0 + np.linspace(-300, 300, ROWS), np.append(0.0, np.full(ROWS - 1, 100.0))
 RADIAN = 1 / (2 * np.pi * np.median(FREQUENCY))
@@ -52,7 +52,7 @@ def test_density_of_a_late_sweep_is_that_of_its_definition(late):
         target.density.smooth = False
         theta, value = target.theta(z), target(z)
     expected = [log_density(found, (np.exp(t[0]), np.exp(t[1]), found.reference[0] + t[2])) for t in theta]
-    # The log's own level is integrated out with the priors in its units: a hundredth of two rows in 160.
+    # The log's own level is integrated out with the priors in its units: a hundredth of two rows in 240.
     assert np.ptp(value - expected) < 0.01 * np.ptp(expected)
 
 
