@@ -16,6 +16,7 @@ from sysid.trial import Trial, freedom, joined, with_noise
 
 MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
+EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
 SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
@@ -106,6 +107,8 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, rice: np.ndarray, 
         return 0.0  # of a colour few rows are independent, and of those at rest fewer
     if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
         return trial.share
+    if not trial.steady and not trial.share and round_ > EARLY:
+        return 0.0
     there = slice(None) if trial.there is None else trial.there
     left = (trial.residual(model) * np.sqrt(trial.count))[there]
     return proportional(left, size[there], rice[there], known)
