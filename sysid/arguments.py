@@ -25,8 +25,8 @@ def parser() -> argparse.ArgumentParser:
         "--effects",
         type=_effects,
         metavar="LIST",
-        help="what the bench may have added to the logs, rotation,background,offset,start,late unless stated; or none;"
-        " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor) and gain",
+        help="what the bench may have added to the logs, rotation,background,offset,start,late,thermometer unless stated; or"
+        " none; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor) and gain",
     )
     command.add_argument(
         "--prior",
