@@ -88,10 +88,10 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),
         toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
-        start=np.asarray(complex(trial.start)),
+        start=np.asarray(complex(trial.start) / trial.started),
         floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
-        start_free=np.asarray(trial.start_free * trial.prior("start") / trial.looseness),
+        start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
         extra=np.array(extra, complex).reshape(len(extra), rows),
     )
@@ -116,5 +116,6 @@ def padded(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, in
         elapsed=_pad(hold.elapsed[keep], rows),
         spread=_pad(hold.spread[keep], rows),
         turn=_pad(hold.turn[held], intervals),
+        begun=_pad(hold.begun[held], intervals),
         smoothing=np.asarray(hold.smoothing or 1.0),
     )

@@ -16,8 +16,9 @@ class Hold(NamedTuple):
     Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above.
     (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were averaged into
     the row (0: a single sample). Settled points are intervals of their own.
-    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `smoothing` s, the time
-    constant of a pole of the lock-in's filter.
+    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `begun` (M,) is 1 where the
+    response has settled as the interval begins, which is the first. `smoothing` s, the time constant of a pole of the lock-in's
+    filter.
     """
 
     duration: Leaf
@@ -30,6 +31,7 @@ class Hold(NamedTuple):
     elapsed: Leaf
     spread: Leaf
     turn: Leaf
+    begun: Leaf
     smoothing: Leaf = 0.0
 
 
@@ -104,6 +106,7 @@ def hold_inputs(
         elapsed=np.maximum(read - begin[row], 0.0),
         spread=np.zeros(len(row)),
         turn=np.zeros(len(first), complex) if theta is None else np.exp(-2j * np.asarray(theta)[first]),
+        begun=np.zeros(len(first)),
         **_offsets(inputs, reference),
     )
 
@@ -113,7 +116,7 @@ def settled_points(drive, frequency=None, temperature=None, contact=None, *, ref
     n = len(drive)
     zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
     inputs = _offsets(_columns(n, drive, frequency, temperature, contact), reference)
-    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, **inputs)
+    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, begun=zeros, **inputs)
 
 
 def _columns(n: int, drive, frequency, temperature, contact) -> list[np.ndarray]:

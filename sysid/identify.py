@@ -17,6 +17,10 @@ from sysid.trial import LEAST_WARMING, Trial, numbers_left
 RELATIVE = 0.2
 WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
+SETTLED_AMPLITUDE = (
+    "cannot tell, because the settled amplitude at one frequency does not say how far that is from the resonance; record a sweep"
+    " across the resonance"
+)
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -59,6 +63,11 @@ def buried(trials: Sequence[Trial]) -> bool:
     return all(t.silent or _buried(t) for t in trials)
 
 
+def ambiguous(name: str, trials: Sequence[Trial], free: Sequence[str]) -> bool:
+    """Whether settled amplitudes at one frequency each hold a parameter only as one of many images, one for each temperature."""
+    return name in ("G", "f0", "k_T") and "k_T" in free and _one_amplitude(trials)
+
+
 def shows_transient(trials: Sequence[Trial]) -> bool:
     """Whether a log shows part of a transient: else what a fit says of a tau that it does not determine is a guess."""
     return not _one_frequency(trials) and any(not (t.steady or _settles_between(t) or _buried(t)) for t in trials)
@@ -69,6 +78,12 @@ def _one_frequency(trials: Sequence[Trial]) -> bool:
     resonant = [t for t in trials if t.resonant]
     level = all(t.steady or (t.one_level and not t.from_rest) for t in resonant)
     return bool(resonant) and level and np.ptp(np.concatenate([t.log.frequency for t in resonant])) == 0
+
+
+def _one_amplitude(trials: Sequence[Trial]) -> bool:
+    """All that has a frequency are amplitudes at one each, of which none begins at rest."""
+    held = [t for t in trials if t.resonant and t.driven]
+    return bool(held) and all(t.begun and np.ptp(t.log.frequency) == 0 for t in held)
 
 
 def _buried(trial: Trial) -> bool:
@@ -117,6 +132,8 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because no row shows the response without drive, so that an output offset, a plate that still rings"
             f" and a gain look alike; record {seconds(tau)} before the step, with the drive at zero"
         )
+    if _one_amplitude(trials):
+        return SETTLED_AMPLITUDE
     driven = [t for t in trials if t.driven]
     if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
         return (
@@ -201,6 +218,8 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC); record a sweep"
             " 10 degC away from it"
         )
+    if _one_amplitude(trials):
+        return SETTLED_AMPLITUDE
     if _one_frequency(trials):
         return (
             "cannot tell, because at one frequency only the product of k_T and tau follows from how the response changes with the"

@@ -13,7 +13,9 @@ a zero-mean normal prior ten times as wide as the log's response, lateness one o
 that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
 log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `sysid/coincidence.py`). An
 amplitude log,
-w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their current values, which the fit updates.
+w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their values: steps to nu_1 and nu_3 are
+taken at each plant, nu_2 is updated by the fit. Where it is driven at its first row, h is the response that had settled by then,
+e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began with.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -125,7 +127,7 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)
         return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))
-    return respond(tau, detuning, hold, layout.both_modes, layout.carrier, layout.order)
+    return respond(tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order)
 
 
 @partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it
@@ -150,7 +152,8 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
         forced = jnp.abs(forced)
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
-    return jax.lax.optimization_barrier(Response(gain * forced, -gain * x.lateness * rate, x.start_free * free))
+    unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
+    return jax.lax.optimization_barrier(Response(gain * forced, -gain * x.lateness * rate, x.start_free * unit * free))
 
 
 def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
@@ -237,26 +240,55 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
-    """An amplitude log, linear in its start, its floor and its lateness about their present values."""
+    """An amplitude log, its start and its lateness at their optimum near their present values, its floor linear about its own."""
     now = (jnp.ones(()), x.start, x.late, x.floor)
-    size = _modelled(shapes, now, layout)
     if layout.steady:
+        size = _modelled(shapes, now, layout)
         rows = x.response - _whiten(size, x)
         return Residual(rows, size, x.start, x.floor, x.late, now[0], jnp.zeros(())), now, lambda v: v
+    now = jax.lax.fori_loop(0, ROUNDS, lambda _, now: _stepped(now, shapes, x, layout), now)
+    span, found = _about(now, shapes, x, layout)
+    size = _modelled(shapes, now, layout)
+    floor = jnp.where(x.floor_free > 0, found[2] / x.tightness, x.floor)
+    return Residual(_left(now, shapes, x, layout), size, now[1], floor, now[2], now[0], span.volume), now, span.off
+
+
+ROUNDS = 4  # of steps to the start and the lateness of an amplitude log
+SHARES = (0.0, 0.1, 0.3, 1.0)  # of such a step, of which the best is taken: near resonance the whole is too long
+
+
+def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Array, ...]:
+    """Nuisances of an amplitude log after a step of Gauss and Newton, as much of it as leaves least."""
+    _, found = _about(now, shapes, x, layout)
+    start = jnp.where(x.start_free > 0, found[0] + 1j * found[1], now[1])
+    late = found[3] if layout.late else now[2]
+
+    def part(share: Array) -> tuple[Array, ...]:
+        return now[0], now[1] + share * (start - now[1]), now[2] + share * (late - now[2]), now[3]
+
+    left = jax.vmap(lambda share: jnp.sum(_left(part(share), shapes, x, layout) ** 2))(jnp.array(SHARES))
+    return part(jnp.array(SHARES)[jnp.argmin(left)])
+
+
+def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> Array:
+    """Whitened residual of a transient's amplitude, with a row for the prior of each nuisance."""
+    values = [now[1].real, now[1].imag, x.floor_free * x.tightness * now[3], *([now[2]] if layout.late else [])]
+    rows = _off(x.response - _whiten(_modelled(shapes, now, layout), x), x)
+    return rows.at[-len(values) :].add(-x.tightness * jnp.stack(values[::-1]))
+
+
+def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
+    """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they are at best."""
+    size = _modelled(shapes, now, layout)
     towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
     along = towards * shapes.free
     scale = 1 / x.tightness
     own = [along.real, -along.imag, 0.5 / size * x.floor_free * scale]
-    values = [x.start.real, x.start.imag, x.floor / scale]
-    free = [x.start_free, x.start_free, x.floor_free]
+    values = [now[1].real, now[1].imag, now[3] / scale]
     if layout.late:
-        own, values, free = [*own, (towards * shapes.rate).real], [*values, x.late], [*free, jnp.ones(())]
+        own, values = [*own, (towards * shapes.rate).real], [*values, now[2]]
     span = Span([_held(c, i, x) for i, c in enumerate(own)])
-    target = x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
-    found = jnp.where(jnp.stack(free) > 0, span.weights(target), jnp.stack(values))
-    late = found[3] if layout.late else x.late
-    start, floor = found[0] + 1j * found[1], found[2] * scale
-    return Residual(span.off(target), size, start, floor, late, now[0], span.volume), now, span.off
+    return span, span.weights(x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x))
 
 
 def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:

@@ -1,7 +1,7 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -194,18 +194,19 @@ class Minimiser:
         trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
         untouched = np.zeros((len(points), len(FINGER)))
         starts = np.column_stack([_log_gains(search, points), points, untouched])
-        found = [self.refine(trials, starts[0], rounds=1)]
+        rounds = 4 if any(t.begun for t in trials) else 1  # what an amplitude began with is found with the plant
+        found = [self.refine(trials, starts[0], rounds)]
         reached = search.score(found[0].theta[None, 1:4], cost)[0]
         # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
         found += [
-            self.refine(trials, theta, rounds=1)
+            self.refine(trials, theta, rounds)
             for theta, short in zip(starts[1:], score[1:], strict=True)
             if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
         ]
         found.sort(key=lambda s: s.cost)
         images = found[:1]
         for _ in range(2):  # an image of an image is on the other side of two drives
-            images = [self.refine(trials, theta, rounds=1) for state in images for theta in self._mirrored(state)]
+            images = [self.refine(*image, rounds) for state in images for image in self._mirrored(state)]
             images = [s for s in images if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
             found += images
         found.sort(key=lambda s: s.cost)
@@ -315,22 +316,23 @@ class Minimiser:
         spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
-    def _mirrored(self, state: State) -> list[np.ndarray]:
+    def _mirrored(self, state: State) -> list[tuple[tuple[Trial, ...], np.ndarray]]:
         """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level; by
-        its temperature coefficient, about the temperature of the other logs."""
+        its temperature coefficient, about the temperature of the other logs. That log's start is mirrored with it."""
         resonant = [t for t in state.trials if t.resonant]
         level, drift = state.theta[2:4] * [1, "k_T" in self.free]
         warming = {id(t): float(np.mean(t.hold(self.reference).warming)) for t in resonant}
-        mirrored = set()
+        mirrored = {}
         for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
+            trials = tuple(replace(t, start=np.conj(t.start)) if t is trial else t for t in state.trials)
             image = 2 * (trial.log.frequency[0] - self.reference[0]) - level - drift * warming[id(trial)]
-            mirrored.add((image - drift * warming[id(trial)], drift))
+            mirrored[image - drift * warming[id(trial)], drift] = trials
             others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]
             if "k_T" in self.free and others:
                 pivot = float(np.mean(others))
                 slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
-                mirrored.add((level + (drift - slope) * pivot, slope))
-        return [np.array([*state.theta[:2], *image, *state.theta[4:]]) for image in sorted(mirrored)]
+                mirrored[level + (drift - slope) * pivot, slope] = trials
+        return [(trials, np.array([*state.theta[:2], *to, *state.theta[4:]])) for to, trials in sorted(mirrored.items())]
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
         """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the

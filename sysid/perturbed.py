@@ -92,16 +92,16 @@ class Course:
         if self.trial.steady:
             return (-push / poles)[hold.interval]
         target = push / poles
-        grown = np.expm1(poles * hold.duration)
-        after = accumulated(poles * hold.duration, grown * target)
-        before = np.concatenate([[0.0], after[:-1]])[hold.interval]
+        states = _from(-hold.begun[0] * target[0], poles * hold.duration, np.expm1(poles * hold.duration) * target)
+        begun, after = states[:-1], states[1:]
+        before = begun[hold.interval]
         elapsed = hold.elapsed - delay
         late = elapsed < 0  # still in the interval before: one is enough for a delay shorter than an interval
         if np.any(late):
             row = np.maximum(hold.interval - 1, 0)
-            begin = np.concatenate([[0.0], after[:-1]])[row]
+            begin = begun[row]
             since = np.maximum(hold.duration[row] + elapsed, 0.0)
-            earlier = np.where(hold.interval > 0, begin + np.expm1(poles[row] * since) * (begin + target[row]), 0.0)
+            earlier = np.where(hold.interval > 0, begin + np.expm1(poles[row] * since) * (begin + target[row]), begun[0])
         z = before + np.expm1(poles[hold.interval] * np.maximum(elapsed, 0.0)) * (before + target[hold.interval])
         z = np.where(late, earlier, z) if np.any(late) else z
         beyond = (elapsed - hold.duration[hold.interval]) * (delay < 0)
@@ -113,11 +113,17 @@ class Course:
 
     @cached_property
     def free(self) -> np.ndarray:
-        """Decay of a unit start at the beginning of the first interval."""
+        """Decay of a unit start at the beginning of the first interval; of one more settled response, where the log began so."""
         if self.trial.steady:
             return np.zeros(len(self.trial.log), complex)
         begun = np.concatenate([[0.0], np.cumsum(self.poles * self.hold.duration)[:-1]])
-        return np.exp(begun[self.hold.interval] + self.pole * self.hold.elapsed)
+        unit = self._settled if self.trial.begun else 1.0
+        return unit * np.exp(begun[self.hold.interval] + self.pole * self.hold.elapsed)
+
+    @property
+    def _settled(self) -> complex:
+        """The response as the log begins, where it has settled by then; else zero."""
+        return -self.hold.begun[0] * self.push[0] / self.poles[0]
 
     @property
     def rate(self) -> np.ndarray:
@@ -138,7 +144,8 @@ class Course:
             return -begin / self.pole
         first, last = (begin[:-1], begin[1:]) if end is None else (begin[1:], end[1:])
         z, weigh_first, weigh_last = self._steps
-        return self._behind(np.concatenate([[0.0], accumulated(z, weigh_first * first + weigh_last * last)]))
+        settled = -self.hold.begun[0] * begin[0] / self.pole[0]
+        return self._behind(_from(settled, z, weigh_first * first + weigh_last * last))
 
     def filtered(self, response: np.ndarray, tau: float, order: int) -> np.ndarray:
         """A response behind a lock-in's low-pass of `order` poles of `tau` seconds."""
@@ -146,10 +153,7 @@ class Course:
         z = np.asarray(-h / tau, complex)
         first, second = _phi(z)
         for _ in range(order):
-            push = h / tau * ((first - second) * response[:-1] + second * response[1:])
-            start = response[0]
-            response = accumulated(z, np.concatenate([[push[0] + np.exp(z[0]) * start], push[1:]]))
-            response = np.concatenate([[start], response])
+            response = _from(response[0], z, h / tau * ((first - second) * response[:-1] + second * response[1:]))
         return response
 
     def design(self, model: np.ndarray) -> np.ndarray:
@@ -174,8 +178,9 @@ class Course:
         interval = self.hold.interval
         warming, contact = self.hold.warming[interval], self.hold.contact[interval]
         turning = 2j * np.pi * response * self.trial.resonant
-        slower = self.response_to(response * self.damped[interval] / self.tau) - self._pushed(self.push)
-        own = np.zeros_like(self.forced) if self.trial.log.drive is None else self.forced
+        begun = self.trial.start * self.free if self.trial.begun else 0.0  # of the settled response's size
+        slower = self.response_to(response * self.damped[interval] / self.tau) - self._pushed(self.push) - begun
+        own = np.zeros_like(self.forced) if self.trial.log.drive is None else self.forced + begun
         return np.stack([own, slower, *(self._changed(epsilon) for epsilon in (
             turning, turning * warming, -response * contact / self.tau, turning * contact
         ))], axis=1)  # fmt: skip
@@ -193,6 +198,12 @@ def _phi(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     safe = np.where(near, 1.0, z)
     first = np.where(near, 1 + z / 2 + z**2 / 6 + z**3 / 24, np.expm1(safe) / safe)
     return first, np.where(near, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (first - 1) / safe)
+
+
+def _from(start: complex, exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
+    """A start, and z after each step of z+ = e^exponent z + push from there."""
+    first = push[:1] + np.exp(exponent[:1]) * start
+    return np.concatenate([[start], accumulated(exponent, np.concatenate([first, push[1:]]))])
 
 
 def accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:

@@ -85,6 +85,7 @@ def respond(
     hold: Hold,
     both_modes: bool = False,
     carrier: bool = False,
+    begun: bool = False,
     order: int = 0,
     omega0: Leaf | None = None,
     xp: Any = jnp,
@@ -93,7 +94,9 @@ def respond(
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
     theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
-    `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began.
+    `begun`: not from rest where `hold.begun` says that an interval begins settled; a unit start is then that state once more.
+    `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began, or
+    settled.
     `omega0` (M,) as `poles` has it. With numpy for `xp`, and no `order`, of B plants at once, (N, B): tau (B,), detuning (M, B),
     and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
@@ -101,11 +104,20 @@ def respond(
     push = s.gain * hold.drive
     ripple = xp.where(xp.isfinite(s.fast.imag), (_over if xp is jnp else np.divide)(push, s.fast), 0.0)
     kick = -xp.diff(ripple, axis=0, prepend=ripple[:1]).conj() * hold.turn if carrier else None
+    settled = _settled(s.slow, push, hold, xp) if begun else None
     if order:
-        return _smoothed(s.slow, push, ripple, hold, order)
-    slow = _propagate(s.slow, push, hold, kick, xp)
-    rest = _propagate(s.fast, -push, hold, None, xp).forced if both_modes else ripple[hold.interval]
-    return slow._replace(forced=slow.forced + rest)
+        found = _smoothed(s.slow, push, ripple, hold, order, settled)
+    else:
+        found = _propagate(s.slow, push, hold, settled if begun else kick, xp)
+        fast = _settled(s.fast, -push, hold, xp) if begun and both_modes else None
+        rest = _propagate(s.fast, -push, hold, fast, xp).forced if both_modes else ripple[hold.interval]
+        found = found._replace(forced=found.forced + rest)
+    return found if settled is None else found._replace(free=(settled[0] + (1 - hold.begun[0])) * found.free)
+
+
+def _settled(pole: Leaf, push: Leaf, hold: Hold, xp: Any) -> Leaf:
+    """(M,) the settled response of Z' = pole Z + push as an interval begins of which `hold.begun` says that it is there."""
+    return -hold.begun * (_over if xp is jnp else np.divide)(push, pole)
 
 
 @jax.custom_jvp
@@ -195,7 +207,7 @@ def _propagate(pole: Leaf, push: Leaf, hold: Hold, kick: Leaf | None, xp: Any) -
     return Response(forced, pole * (forced + target), free + grown * free)
 
 
-def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int) -> Response:
+def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int, settled: Array | None) -> Response:
     """As `_propagate`, behind a cascade of one-pole filters.
 
     Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled `ripple`. With
@@ -204,7 +216,8 @@ def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int) -
         y_j = e^{-x} (sum_{m<j} y_(j-m)(0) x^m/m! + (ripple - q) x^j phi_j(x) + (Z_0 + q) x^j phi_j(p t + x))
     """
     target = _over(push, pole)
-    (forced, free), _ = carried(expm1(pole * hold.duration), target)
+    (forced, free), _ = carried(expm1(pole * hold.duration), target, settled)
+    forced = forced if settled is None else forced + settled
     rest, swing = ripple - target, forced + target
 
     def pushed(j: int, x: Array, flat: list[Array], swung: list[Array], passed: list[Array], rest: Array, swing: Array) -> Array:
@@ -218,7 +231,9 @@ def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int) -
     passed: list[Array] = []
     for j in range(1, order + 1):
         target = jnp.where(lost == 0, 0.0, pushed(j, x, flat, swung, passed, rest, swing)) / held
-        passed.append(carried(lost.astype(complex), target)[0][0])
+        begun = None if settled is None else hold.begun * rest
+        shown = carried(lost.astype(complex), target, begun)[0][0]
+        passed.append(shown if begun is None else shown + begun)
     at = jnp.stack([pole, rest, swing, free, *passed], axis=-1)[hold.interval]
     pole, rest, swing, free, *passed = (at[..., i] for i in range(4 + order))
     x = hold.elapsed / hold.smoothing

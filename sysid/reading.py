@@ -29,7 +29,7 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
         trial = Trial.of(log, log.kind or "steady", nuisances)
         if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
             trial = read_as(trial, log.sampling, candidates(trial)[0][0])
-        if trial.start_free and not trial.signed:
+        if trial.start_free and not (trial.signed or trial.begun):
             trial = replace(trial, start=complex(np.mean(log.response[:3])))
         found.append(trial)
         warnings += [f"{log.name}: {note}" for note in wording.assumptions(trial)]

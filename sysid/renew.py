@@ -30,7 +30,7 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             driven = np.empty_like(detail.driven[k][: len(trials[i].log)])
             driven[trials[i].order] = detail.driven[k][: len(driven)]
             models[i] = trials[i].completed(driven)
-            own = complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
+            own = trials[i].started * complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
             new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=complex(detail.turn[k]))
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i], new))

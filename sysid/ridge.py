@@ -14,12 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.minimise import Minimiser, State
+from sysid.perturbed import Course
 from sysid.prior import NAMES, Prior
+from sysid.trial import Trial
 
 F0 = NAMES.index("f0")
 VAGUE = 0.25  # half bandwidths of standard deviation of f0, to first order, from which on it is none
+BENT = 2.0  # of these standard deviations, from which half of h on they are far too small
 RISE = 2.0  # of the cost: two standard deviations
-NEAR, FAR = 0.02, 2.0  # half bandwidths from which and to which it is looked for
+NEAR, FAR = 0.02, 8.0  # half bandwidths from which and to which it is looked for
+GAINED = 0.1  # of the cost, within which a minimum at the f0 of a state is the state
+WELL = 5.0  # of the cost, below a ridge that goes as far as that: there is more of the posterior on it
 HALVINGS = 4  # of the interval in which it rises so far
 HELD = 1e-4  # half bandwidths to which f0 is held
 STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
@@ -35,24 +40,26 @@ def bent(minimiser: Minimiser, state: State) -> bool:
 
 
 def unfolded(minimiser: Minimiser, state: State) -> State:
-    """The state with a covariance as wide as the likelihood, where f0 is vague to first order on a ridge that is bent:
+    """The state with a covariance as wide as the likelihood, where f0 is vague on a ridge that is bent:
 
-        std f0 = h/2,   covariance = that with f0 held + 2 (std/h)^4 d d^T,   d: what the others move until +-h, as x^2
+        std f0 = h/2,   covariance = that with f0 held + (std/h)^2 s s^T + 2 (std/h)^4 d d^T
 
-    h: where the cost has risen by RISE (a fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of
-    x^2 is 2 std^4 if x is normal).
+    s: by what theta moves until h and, the other way, -h, as x; d: until both, as x^2. h: where the cost has risen by RISE (a
+    fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of x^2 is 2 std^4 if x is normal), at most
+    FAR: an amplitude that had settled and then rings down is the same at any x.
     """
-    half = _half(state)
-    if not bent(minimiser, state) or not VAGUE * half < np.sqrt(state.covariance[F0, F0]):
+    if not bent(minimiser, state):
         return state
-    middle = _held(minimiser, state, state.theta[F0], state.theta)
-    if (found := _rises(minimiser, state, middle.cost)) is None:
+    # On a ridge a step may be long and gain nothing: what is left to gain tells better.
+    middle, first = _held(minimiser, state, state.theta[F0], state.theta), float(np.sqrt(state.covariance[F0, F0]))
+    h, (above, below) = _rises(minimiser, state, middle.cost)
+    state = replace(state, converged=state.converged or abs(state.cost - middle.cost) < GAINED)
+    if first < VAGUE * _half(state) and not (_begun(state) and 0.5 * h > BENT * first):
         return state
-    h, moved = found
-    std, others = 0.5 * h, moved - middle.theta
-    others[F0] = 0.0
-    covariance = middle.covariance + 2 * (std / h) ** 4 * np.outer(others, others)
-    covariance[F0, F0] = std**2
+    along, across = 0.5 * (above - below), 0.5 * (above + below) - middle.theta
+    if _begun(state) and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
+        along[0] = 0.5 * np.log1p(FAR**2)
+    covariance = middle.covariance + np.outer(along, along) / 4 + np.outer(across, across) / 8
     return replace(state, covariance=covariance, alone=covariance)
 
 
@@ -65,7 +72,7 @@ def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
             continue
         middle = _held(minimiser, mode, mode.theta[F0], mode.theta)
         risen = _rises(minimiser, mode, middle.cost)
-        step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0] if risen else np.inf)
+        step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0])
         sides = [_followed(minimiser, mode, sign * step, least) for sign in (-1, 1)]
         places = [*sides[0][::-1], middle, *sides[1]]
         tangents = np.gradient([s.theta for s in places], step, axis=0)
@@ -82,6 +89,11 @@ def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> l
     return places[1:]
 
 
+def _begun(state: State) -> list[Trial]:
+    """Amplitudes that are driven at their first row, whose start has a phase that is not seen."""
+    return [t for t in state.trials if t.begun]
+
+
 def _half(state: State) -> float:
     """Half bandwidth, Hz."""
     return float(1 / (2 * np.pi * np.exp(state.theta[1])))
@@ -94,22 +106,31 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
     both = minimiser.prior.precision + precision
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
-    return replace(minimiser, prior=prior).refine(mode.trials, mean, rounds=1)
+    held, begins = replace(minimiser, prior=prior), [(mode.trials, mean)]
+    if begun := _begun(mode):  # as well with the gain that a settled response has there
+        sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
+        settled = tuple(replace(t, start=0.0) if t.begun else t for t in mode.trials)
+        begins.append((settled, mean + np.log(sizes[0] / sizes[1]) * np.eye(1, len(mean))[0]))
+    return min((held.refine(*begin, rounds=1) for begin in begins), key=lambda s: s.cost)
 
 
-def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, np.ndarray] | None:
-    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, and theta there; None where it does not."""
+def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
+    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, or to FAR; and theta above and
+    below. Where the start's phase is not seen there are minima beside minima: then each side has to rise."""
 
-    def both(off: float) -> tuple[float, np.ndarray]:
+    def both(off: float) -> tuple[float, list[np.ndarray]]:
         sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
-        return float(np.mean([s.cost for s in sides])) - least, np.mean([s.theta for s in sides], axis=0)
+        cost = (min if _begun(mode) else np.mean)([s.cost for s in sides])
+        return float(cost) - least, [s.theta for s in sides]
 
-    half = _half(mode)
-    low, high = 0.0, NEAR * half
+    far = FAR * _half(mode)
+    if _begun(mode) and (furthest := both(far))[0] < WELL:
+        return far, furthest[1]
+    low, high = 0.0, NEAR / FAR * far
     while (found := both(high))[0] < RISE:
-        low, high = high, 2 * high
-        if high > FAR * half:
-            return None
+        if high == far:
+            return far, found[1]
+        low, high = high, min(2 * high, far)
     for _ in range(HALVINGS):
         between = both(0.5 * (low + high))
         if between[0] < RISE:

@@ -69,7 +69,7 @@ class Thinned:
         self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
         self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
         self.response = _off(self.bench, self._with_priors(self.weight * trial.log.response[rows, None]))
-        self.start_free = trial.start_free * trial.prior("start") / trial.looseness
+        self.start_free = trial.start_free * (trial.scale / trial.looseness if trial.begun else trial.started)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual sums of squares and gains (B,) at points (3, B)."""
@@ -87,8 +87,9 @@ class Thinned:
         if self.trial.steady:
             forced = hold.drive * steady(tau, detuning, hold.omega, np)
             return forced, np.zeros_like(forced)
-        found = respond(tau, detuning, hold, carrier=self.trial.resonant and self.trial.log.theta is not None, xp=np)
-        return found.forced, found.free
+        carrier = self.trial.resonant and self.trial.log.theta is not None
+        found = respond(tau, detuning, hold, carrier=carrier, begun=self.trial.begun, xp=np)
+        return found.forced, found.free / np.abs(found.free[:1]) if self.trial.begun else found.free
 
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of an amplitude that only decays."""

@@ -18,6 +18,7 @@ from sysid.span import times
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
+DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
 
@@ -153,6 +154,15 @@ class Trial:
         if self.steady or self.from_rest or "start" not in self.nuisances:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
+
+    @cached_property
+    def begun(self) -> bool:
+        """An amplitude that is driven at its first row, by more than an offset: its start is counted from the settled response,
+        and in units of it."""
+        if not self.start_free or self.signed or not self.driven or self.inputs.drive[0] == 0:
+            return False
+        first = np.abs(self.log.response[self.inputs.interval == 0])
+        return bool(np.median(first[-5:]) > DIED * first[0])
 
     @cached_property
     def clock(self) -> np.ndarray:
@@ -323,6 +333,11 @@ class Trial:
         """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
         return min(self.looseness, self.narrow.get(shape, np.inf))
 
+    @property
+    def started(self) -> float:
+        """Standard deviation of the start's prior over `looseness`; one settled response, where it is counted in those."""
+        return (1.0 if self.begun else self.prior("start")) / self.looseness
+
     def spans(self, keep: slice | np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each part: orthonormal basis (n + K, K) of the whitened columns, with each one's prior, and the triangle R of it."""
         columns = self.columns[:, self.used if keep is None else keep]
@@ -342,7 +357,8 @@ class Trial:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
         offset = np.nan_to_num(reference[0] + self.inputs.offset)
-        return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming)
+        begun = self.begun * np.eye(1, len(offset))[0]
+        return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
 
 
 def _read(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:

@@ -54,7 +54,9 @@ class View:
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         self.plate = self.own * (c.forced + start * c.free - trial.late * c.rate * (trial.lateness > 0))
-        columns = [Column("start_d", c.free, loose, start.real), Column("start_q", 1j * c.free, loose, start.imag)]
+        size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
+        shape, wide = c.free / size, size * trial.started * loose
+        columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
         columns = columns if trial.start_free else []
         columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
