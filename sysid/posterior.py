@@ -63,14 +63,12 @@ class Posterior:
     below: "Posterior | None" = field(repr=False)
 
     def summary(self) -> dict[str, Parameter]:
-        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined."""
-        found = {}
-        for name in self.fit.parameters:
-            if name in self.draws:
-                e = self.estimates[name]
+        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: what the fit
+        leaves open, draws about its minima do not settle."""
+        found = dict(self.fit.parameters)
+        for name, e in self.estimates.items():
+            if found[name].determined:
                 found[name] = parameter(self.fit, name, e.value, e.std, (e.low, e.high))
-            else:
-                found[name] = self.fit.parameters[name]
         return found
 
     @property

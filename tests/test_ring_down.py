@@ -52,6 +52,12 @@ def test_of_a_settled_amplitude_that_rings_down_only_tau_is_told(x, before):
         assert found.parameters["tau"].std < 0.01 * TAU
 
 
+def test_draws_do_not_settle_what_is_open():
+    """They are about the minimum that was found, and the ridge is as good elsewhere."""
+    told = sysid.sample(sysid.fit([log(0.4, 20, 30 * TAU)]), seed=0).summary()
+    assert told["tau"].determined and not told["G"].determined and not told["f0"].determined
+
+
 @pytest.mark.parametrize("x", [0.0, 0.3, 1.0])
 def test_a_response_that_still_grows_tells_the_gain(x):
     """Seven time constants are seen; whatever the phase that it began with."""
