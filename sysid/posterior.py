@@ -63,8 +63,8 @@ class Posterior:
     below: "Posterior | None" = field(repr=False)
 
     def summary(self) -> dict[str, Parameter]:
-        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: what the fit
-        leaves open, draws about its minima do not settle."""
+        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: draws
+        about its minima do not settle what the fit leaves open."""
         found = dict(self.fit.parameters)
         for name, e in self.estimates.items():
             if found[name].determined:
