@@ -48,16 +48,18 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of x^2 is 2 std^4 if x is normal), at most
     FAR: an amplitude that had settled and then rings down is the same at any x.
     """
-    if not bent(minimiser, state):
+    first, begun = float(np.sqrt(state.covariance[F0, F0])), _begun(state)
+    told = first < VAGUE * _half(state)
+    if not bent(minimiser, state) or (told and not begun):
         return state
-    # On a ridge a step may be long and gain nothing: what is left to gain tells better.
-    middle, first = _held(minimiser, state, state.theta[F0], state.theta), float(np.sqrt(state.covariance[F0, F0]))
+    middle = _held(minimiser, state, state.theta[F0], state.theta)
     h, (above, below) = _rises(minimiser, state, middle.cost)
+    # On a ridge a step may be long and gain nothing: what is left to gain tells better.
     state = replace(state, converged=state.converged or abs(state.cost - middle.cost) < GAINED)
-    if first < VAGUE * _half(state) and not (_begun(state) and 0.5 * h > BENT * first):
+    if told and 0.5 * h < BENT * first:
         return state
     along, across = 0.5 * (above - below), 0.5 * (above + below) - middle.theta
-    if _begun(state) and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
+    if begun and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
         along[0] = 0.5 * np.log1p(FAR**2)
     covariance = middle.covariance + np.outer(along, along) / 4 + np.outer(across, across) / 8
     return replace(state, covariance=covariance, alone=covariance)
