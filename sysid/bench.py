@@ -34,8 +34,9 @@ class _Shown(NamedTuple):
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
     the log states; `drift`, `lag`, `gain` and `thermometer` those of `sysid.extra`; `offset`, `feedthrough` (per unit of the
-    drive), `slope` (per Hz besides) and `start` have d and q as the log records them; `noise` is one channel's standard
-    deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q` beside it."""
+    drive), `slope` (per Hz besides) and `start` have d and q as the log records them, the start of an amplitude that is driven at
+    its first row what it has beside the settled response, along it and across; `noise` is one channel's standard deviation; where
+    those of d and q differ it is their root mean square, with `noise_d` and `noise_q` beside it."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
