@@ -1,7 +1,8 @@
 """Logs of millions of rows, as the means of neighbouring rows: what the fit then takes, with nothing assumed about tau.
 
 Blocks are densest after each change of the inputs and widen with the time since, as the response slows down. A block keeps
-the mean and the variance of its times, so that the model of its mean response is exact to fourth order in (block / tau).
+the mean and the variance of its times, so that the model of its mean response is exact to fourth order in (block / tau); of a
+mean amplitude, which is none of a mean response, to second order.
 """
 
 from dataclasses import replace
@@ -40,7 +41,8 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     square = np.square(hold.elapsed)
     square += hold.spread
     spread = np.maximum(_mean(square, edges, count) - elapsed**2, 0.0)
-    spread = np.where(count > 1, spread, hold.spread[edges])
+    means = (count > 1) & (not log.amplitude_only)
+    spread = np.where(means, spread, hold.spread[edges])
     hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
     return _means(log, edges), hold, count
 

@@ -89,7 +89,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         lateness=np.asarray(trial.lateness / trial.looseness),
         toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
         start=np.asarray(complex(trial.start) / trial.started),
-        floor=np.asarray(trial.floor or (1e-3 * trial.scale) ** 2),
+        floor=np.asarray(trial.lift),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),

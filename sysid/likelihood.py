@@ -12,10 +12,10 @@ plant; phi by its closed-form optimum, so that a fit and a posterior over any nu
 a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where
 that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
 log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `sysid/coincidence.py`). An
-amplitude log,
-w = sqrt(|G h + nu_1 e - nu_3 G h'|^2 + nu_2), is linear in its nuisances only about their values: steps to nu_1 and nu_3 are
-taken at each plant, nu_2 is updated by the fit. Where it is driven at its first row, h is the response that had settled by then,
-e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began with.
+amplitude log, w^2 = |G h + nu_1 e - nu_3 G h'|^2 + nu_2, lifted as noise does it (`sysid.rice`), is linear in its nuisances only
+about their values: steps to nu_1 and nu_3 are taken at each plant, nu_2 is updated by the fit. Where it is driven at its first
+row, h is the response that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides:
+no phase shows what else it began with.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -34,6 +34,7 @@ import jax.export
 import jax.numpy as jnp
 from jax import Array
 
+from sysid import rice
 from sysid.hold import Hold, Leaf
 from sysid.plant import Response, respond, steady
 from sysid.span import REAL, Span, best_turn, times, turn_towards
@@ -157,21 +158,12 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
 
 
 def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
-    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, sqrt(|h + start e + late h'|^2 + floor); of a
-    settled amplitude the mean of Rice's distribution, whose level is the root of the floor."""
+    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's distribution about its
+    size, whose level is the root of the floor."""
     turn, start, late, *floor = nuisances
     w = turn * shapes.forced + start * shapes.free
     w = w + late * shapes.rate if layout.late else w
-    if not floor:
-        return w
-    square = w.real**2 + w.imag**2
-    return jnp.sqrt(square + floor[0] * (_lifted(square / floor[0]) if layout.steady else 1.0))
-
-
-def _lifted(square: Array) -> Array:
-    """(mean^2 - amplitude^2)/level^2 of Rice's distribution by (amplitude/level)^2: from pi/2 to 1. Its mean is right to 6e-5."""
-    a, (p, q, r, s) = jnp.pi / 2 - 1, (0.06086816, 0.01296187, 0.43944372, 0.08492763)
-    return 1 + a * (1 + square * (p + square * q)) / (1 + square * (r + square * (s + square * 2 * a * q)))
+    return rice.mean(w, floor[0]) if floor else w
 
 
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
@@ -280,10 +272,11 @@ def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layou
 def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
     """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they are at best."""
     size = _modelled(shapes, now, layout)
-    towards = jnp.conj(_modelled(shapes, now[:3], layout)) / size
+    plate = _modelled(shapes, now[:3], layout)
+    towards = rice.towards(plate, now[3])
     along = towards * shapes.free
     scale = 1 / x.tightness
-    own = [along.real, -along.imag, 0.5 / size * x.floor_free * scale]
+    own = [along.real, -along.imag, rice.by_floor(plate, now[3]) * x.floor_free * scale]
     values = [now[1].real, now[1].imag, now[3] / scale]
     if layout.late:
         own, values = [*own, (towards * shapes.rate).real], [*values, now[2]]

@@ -25,6 +25,7 @@ NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard d
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 MOST = 128  # steps of a search
 ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
+ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
 STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
@@ -384,6 +385,7 @@ def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> floa
 
 def _invert(gram: np.ndarray) -> np.ndarray:
     """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    gram = gram + ROUNDING * np.max(np.diag(gram)) * np.eye(len(gram))
     size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
     inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, i0e, i1e
+from scipy.special import gammaln
 
 from sysid.span import orthonormal
 
@@ -274,14 +274,3 @@ def _student(square: np.ndarray, nu: np.ndarray, channels: int) -> tuple[np.ndar
     norm = gammaln(0.5 * (nu + channels)) - gammaln(0.5 * nu) + 0.5 * channels * np.log(2 / nu)
     cost = 0.5 * (nu + channels) * np.log1p(square / (nu * level)) + 0.5 * channels * np.log(level) - norm
     return np.sum(cost, axis=1), weight
-
-
-_AMPLITUDE = np.linspace(0, 12, 600)
-_HALVED = _AMPLITUDE**2 / 4
-_MEAN = np.sqrt(np.pi / 2) * ((1 + 2 * _HALVED) * i0e(_HALVED) + 2 * _HALVED * i1e(_HALVED))
-
-
-def rice_spread(mean: np.ndarray) -> np.ndarray:
-    """Standard deviation over level of Rice's distribution, by its mean over level: from 0.655 of pure noise to 1."""
-    variance = 2 + _AMPLITUDE**2 - _MEAN**2
-    return np.sqrt(np.interp(mean, _MEAN, variance))

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
+from sysid import rice
 from sysid.hold import Hold
 from sysid.plant import steady
 from sysid.trial import Trial
@@ -156,7 +157,7 @@ class Course:
             response = _from(response[0], z, h / tau * ((first - second) * response[:-1] + second * response[1:]))
         return response
 
-    def design(self, model: np.ndarray) -> np.ndarray:
+    def design(self) -> np.ndarray:
         """(n, K) what the fit can make of this log, to first order: plant and nuisances, with coefficients of the log's kind."""
         trial = self.trial
         if trial.steady:
@@ -167,7 +168,7 @@ class Course:
         if trial.signed:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
         plate = self.forced + trial.start * self.free
-        along = np.conj(plate) / np.maximum(np.abs(model), 1e-300)
+        along = rice.towards(plate, trial.lift)
         made = [along * s * turn for s in shapes for turn in (1, 1j)]
         # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
         return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)

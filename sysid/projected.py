@@ -17,12 +17,12 @@ from sysid.perturbed import Course, accumulated
 from sysid.trial import Trial, whitened
 
 
-def efficiency(trial: Trial, course: Course, model: np.ndarray) -> float:
+def efficiency(trial: Trial, course: Course) -> float:
     """Information about the plant that a log of amplitudes holds over what is stated of it: the least of its parameters, at most
-    1. `model` (n,): the modelled amplitude."""
+    1."""
     used = trial.used
     now, before = trial.whitening()
-    made = course.design(model)[used].T
+    made = course.design()[used].T
     made = made[np.any(made != 0, axis=1)]
     white = whitened(made / np.linalg.norm(made, axis=1, keepdims=True), now, before)
     unweighted = now * white

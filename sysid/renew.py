@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid import rice
 from sysid.extra import asked
-from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, rice_spread, spikes, tails
+from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
@@ -71,12 +72,12 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
     model = model.real if trial.log.amplitude_only else model
-    trial = _with_spread(trial, model, floor, round_) if trial.steady or trial.signed else trial
-    new = _with_noise_of(trial, model, lambda: course.design(model), round_)
+    trial = trial if trial.log.relative_noise and not trial.steady else _with_spread(trial, model, floor, round_)
+    new = _with_noise_of(trial, model, course.design, round_)
     if trial.log.relative_noise and not trial.steady:  # of the next round: what a first model makes of a tail in dB is no level
         new = _with_spread(new, model, floor, round_)
     if new.noise_time > 0 and not new.signed:
-        new = replace(new, efficiency=efficiency(new, course, model))
+        new = replace(new, efficiency=efficiency(new, course))
     late = late * trial.lateness / trial.looseness
     if trial.signed:
         return replace(new, late=late, extra=asked(new, course))
@@ -91,16 +92,30 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
 
 def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
     """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
-    rice = np.ones(len(model)) if trial.signed or not trial.steady else rice_spread(model / np.sqrt(floor))
-    size = np.abs(model) / trial.scale
-    share = _share(trial, model, size, rice, round_)
+    least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
+    share = _share(trial, model, size, least, round_)
     if round_ >= HELD and share == trial.share and (trial.signed or not trial.steady):
         return trial
-    even = share == 0 and (trial.signed or not trial.steady)
-    return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * rice**2 + share * size**2))
+    even = share == 0 and bool(np.all(least == 1))
+    return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * least**2 + share * size**2))
 
 
-def _share(trial: Trial, model: np.ndarray, size: np.ndarray, rice: np.ndarray, round_: int) -> float:
+def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
+    """(n,) noise of each row over that of a strong response: Rice's, which of a transient it need not be; there it is if likelier
+    than even noise."""
+    even = np.ones(len(model))
+    if trial.signed or floor <= 0 or (trial.log.relative_noise and not trial.steady):
+        return even
+    least = rice.spread(model / np.sqrt(floor))
+    if trial.steady:
+        return least
+    there = slice(None) if trial.there is None else trial.there
+    left, own = (trial.residual(model) * np.sqrt(trial.count))[there], least[there]
+    gained = -0.5 * len(left) * np.log(np.mean((left / own) ** 2) / np.mean(left**2)) - np.sum(np.log(own))
+    return least if gained > 0 else even
+
+
+def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray, round_: int) -> float:
     """What part of the noise's variance is proportional to the response, as the residual shows."""
     known = trial.log.relative_noise
     if not trial.steady and not known and (trial.noise_time > 0 or trial.left_out > trial.lost):
@@ -111,7 +126,7 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, rice: np.ndarray, 
         return 0.0
     there = slice(None) if trial.there is None else trial.there
     left = (trial.residual(model) * np.sqrt(trial.count))[there]
-    return proportional(left, size[there], rice[there], known)
+    return proportional(left, size[there], least[there], known)
 
 
 class _Residual(NamedTuple):

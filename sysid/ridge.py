@@ -36,7 +36,8 @@ def bent(minimiser: Minimiser, state: State) -> bool:
     """Whether all that the logs tell of f0 are amplitudes at one frequency each."""
     if "f0" not in minimiser.free or "k_T" in minimiser.free:
         return False
-    return all(t.log.amplitude_only and np.ptp(t.log.frequency) == 0 for t in state.trials if t.resonant)
+    told = [t for t in state.trials if t.resonant and t.driven]
+    return bool(told) and all(t.log.amplitude_only and np.ptp(t.log.frequency) == 0 for t in told)
 
 
 def unfolded(minimiser: Minimiser, state: State) -> State:

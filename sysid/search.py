@@ -6,7 +6,7 @@ Of each log no more than SEARCH_ROWS rows are looked at, their noise taken for w
 
 with h the plant's response per unit G and e the free decay from the unknown start. The columns of the bench are projected out
 once and for all; a, the gain, and s at each plant, by Gram-Schmidt over all candidates side by side. Priors are those of
-`sysid.likelihood`, a row each. An amplitude that nothing drives, w = sqrt(|s e|^2 + floor), is linear in its start and its floor
+`sysid.likelihood`, a row each. An amplitude that nothing drives, |s e| lifted by its floor, is linear in its start and its floor
 about what is known of them.
 """
 
@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sysid import rice
 from sysid.experiment import bucket, padded
 from sysid.plant import ONE_LANE, respond, steady
 from sysid.trial import Trial, freedom
@@ -93,12 +94,10 @@ class Thinned:
 
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Of an amplitude that only decays."""
-        trial, scale = self.trial, self.trial.looseness
-        floor = trial.floor or (1e-3 * trial.scale) ** 2
+        trial, scale, floor = self.trial, self.trial.looseness, self.trial.lift
         plate = complex(trial.start) * free
-        size = np.sqrt(plate.real**2 + plate.imag**2 + floor)
-        along = np.conj(plate) / size * free
-        shapes = [along.real, -along.imag, 0.5 / size * float(trial.floor_free) * scale]
+        size, along = rice.mean(plate, floor), rice.towards(plate, floor) * free
+        shapes = [along.real, -along.imag, rice.by_floor(plate, floor) * float(trial.floor_free) * scale]
         begun = trial.start.real * shapes[0] + trial.start.imag * shapes[1] + floor / scale * shapes[2]
         return self._explained(shapes, self.response + self._with_priors(self.weight * (begun - size)))
 

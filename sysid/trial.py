@@ -98,6 +98,13 @@ class Trial:
         return float(np.max(np.abs(self.log.response))) or 1.0
 
     @property
+    def lift(self) -> float:
+        """Square of the noise that lifts a mean amplitude (`sysid.rice`), as known so far; nothing where the gain is its own."""
+        if self.steady and self.log.drive is None:
+            return FLOOR * self.scale**2
+        return self.floor or (1e-3 * self.scale) ** 2
+
+    @property
     def rounding(self) -> float:
         """Square of the noise that float64 makes over the log's."""
         return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid import rice
 from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
@@ -62,7 +63,7 @@ class View:
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
             columns.append(Column("gain", np.abs(c.forced), loose, self.own))
-        floor = Column("floor", 0.5 / np.maximum(self.model, 1e-300), loose**2, trial.floor)
+        floor = Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, trial.floor)
         return columns if trial.steady else [*columns, floor]
 
     def _in_dq(self) -> list[Column]:
@@ -93,7 +94,7 @@ class View:
         """(m, n) shapes of the plate's part as they show in the log."""
         if self.trial.signed:
             return self.turn * shapes
-        return (np.conj(self.plate) * shapes).real / np.maximum(self.model, 1e-300)
+        return (rice.towards(self.plate, self.trial.lift) * shapes).real
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
         """Columns as real, weighted rows, with a row for each one's prior."""

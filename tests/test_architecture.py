@@ -37,6 +37,7 @@ ORDER = [
     "plant",
     "condense",
     "span",
+    "rice",
     "likelihood",
     "noise",
     "lost",

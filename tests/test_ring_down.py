@@ -146,3 +146,25 @@ def test_the_linear_view_is_that_of_the_fit():
         course = Course(trial, trial.hold(found.reference), state.theta)
         given = course.derivatives(plate(state.theta))[:, k]
         np.testing.assert_allclose(given, slope, atol=2e-3 * np.max(np.abs(slope)))  # between rows a straight line
+
+
+def test_one_that_dies_into_its_noise_is_told_as_well_as_is_said():
+    """Rice's mean and spread: taken for noise of one size about sqrt(|W|^2 + floor), tau was 1.7 of its errors too small."""
+    time, seeds = TAU / 250 * np.arange(2000), 25
+    scores = []
+    for seed in range(seeds):
+        rows = np.abs(np.exp(-time / TAU) + reference.noise(len(time), 0.2, seed))
+        recorded = sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")
+        tau = sysid.fit([recorded]).parameters["tau"]
+        scores.append((tau.value - TAU) / tau.std)
+    # Three standard deviations of the mean and of the variance of as many normal numbers.
+    assert abs(np.mean(scores)) < 3 / np.sqrt(seeds)
+    assert abs(np.mean(np.square(scores)) - 1) < 3 * np.sqrt(2 / seeds)
+
+
+def test_a_long_one_that_dies_into_its_noise_is_no_misfit():
+    time = 8 * TAU / 100_000 * np.arange(100_000)
+    rows = np.abs(np.exp(-time / TAU) + reference.noise(len(time), 0.05, 3))
+    found = sysid.fit([sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")])
+    assert found.result is Result.undetermined  # G and f0
+    assert errors(found, "tau") < 4 and found.parameters["tau"].std < 2e-3 * TAU

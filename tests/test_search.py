@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from scipy.special import i0e, i1e
 
 from sysid import Log
 from sysid.plant import ONE_LANE
@@ -112,14 +113,16 @@ def test_a_sweep(amplitude, recorded):
 
 
 def test_an_amplitude_that_only_decays():
-    """w = sqrt(|s e|^2 + floor) is linear in its start and its floor about what is known of them."""
+    """The mean of Rice's distribution is linear in its start and its floor about what is known of them."""
     y = np.abs(noisy(2 * ringing(POINTS[0], np.zeros(ROWS), np.full(ROWS, F0))[1]))
     log = Log("log", y, time=TIME, drive=np.zeros(ROWS), frequency=np.full(ROWS, F0), temperature=np.full(ROWS, DEGC))
     trial = Trial.of(log, "transient")
     loose, level, floor = 10 * trial.scale, 0.05 * trial.scale, (1e-3 * trial.scale) ** 2
 
     def modelled(values, free):
-        return np.sqrt(np.abs((values[0] + 1j * values[1]) * free) ** 2 + loose * values[2])
+        square = loose * values[2]
+        h = np.abs((values[0] + 1j * values[1]) * free) ** 2 / (4 * square)
+        return np.sqrt(0.5 * np.pi * square) * ((1 + 2 * h) * i0e(h) + 2 * h * i1e(h))
 
     trial, now = replace(trial, start=1.8 - 0.4j), np.array([1.8, -0.4, floor / loose])
     found = Search([trial], (F0, 24.0)).sums(POINTS)[:, 0]
@@ -130,7 +133,8 @@ def test_an_amplitude_that_only_decays():
         design = np.concatenate([np.transpose(slopes) / level, np.eye(3) / loose])
         data = np.concatenate([(y - modelled(now, free) + now @ slopes) / level, np.zeros(3)])
         left = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
-        assert value == pytest.approx(left @ left, rel=1e-5)
+        # The mean is a fit, right to 6e-5 of the level, and moves with the floor by one that is right to 1e-3.
+        assert value == pytest.approx(left @ left, rel=1e-4)
 
 
 def test_of_a_long_log_a_few_rows_are_seen_and_what_is_beyond_all_numbers_is_worst():
