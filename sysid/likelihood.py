@@ -13,7 +13,7 @@ a zero-mean normal prior ten times as wide as the log's response, lateness one o
 that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
 log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `sysid/coincidence.py`). An
 amplitude log, w^2 = |G h + nu_1 e - nu_3 G h'|^2 + nu_2, lifted as noise does it (`sysid.rice`), is linear in its nuisances only
-about their values: steps to nu_1 and nu_3 are taken at each plant, nu_2 is updated by the fit. Where it is driven at its first
+about their values: steps to these are taken at each plant. Where it is driven at its first
 row, h is the response that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides:
 no phase shows what else it began with.
 
@@ -245,7 +245,8 @@ def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     return Residual(_left(now, shapes, x, layout), size, now[1], floor, now[2], now[0], span.volume), now, span.off
 
 
-ROUNDS = 4  # of steps to the start and the lateness of an amplitude log
+ROUNDS = 4  # of steps to the nuisances of an amplitude log
+LEAST = 0.1  # of its floor that a step leaves
 SHARES = (0.0, 0.1, 0.3, 1.0)  # of such a step, of which the best is taken: near resonance the whole is too long
 
 
@@ -254,9 +255,10 @@ def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: La
     _, found = _about(now, shapes, x, layout)
     start = jnp.where(x.start_free > 0, found[0] + 1j * found[1], now[1])
     late = found[3] if layout.late else now[2]
+    floor = jnp.where(x.floor_free > 0, jnp.maximum(found[2] / x.tightness, LEAST * now[3]), now[3])
 
     def part(share: Array) -> tuple[Array, ...]:
-        return now[0], now[1] + share * (start - now[1]), now[2] + share * (late - now[2]), now[3]
+        return now[0], *(old + share * (new - old) for old, new in zip(now[1:], (start, late, floor), strict=True))
 
     left = jax.vmap(lambda share: jnp.sum(_left(part(share), shapes, x, layout) ** 2))(jnp.array(SHARES))
     return part(jnp.array(SHARES)[jnp.argmin(left)])

@@ -207,7 +207,7 @@ class Minimiser:
         found.sort(key=lambda s: s.cost)
         images = found[:1]
         for _ in range(2):  # an image of an image is on the other side of two drives
-            images = [self.refine(*image, rounds) for state in images for image in self._mirrored(state)]
+            images = [self.refine(*image, rounds) for s in images for image in (*self._mirrored(s), *_as_settled(s))]
             images = [s for s in images if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
             found += images
         found.sort(key=lambda s: s.cost)
@@ -352,6 +352,15 @@ class Minimiser:
 
     def _q(self, theta: np.ndarray) -> float:
         return float(np.pi * max(self.reference[0] + theta[2], 1e-300) * np.exp(theta[1]))
+
+
+def _as_settled(state: State) -> list[tuple[tuple[Trial, ...], np.ndarray]]:
+    """With amplitudes that had settled as they began: another start and another G may look alike."""
+    begun = [t for t in state.trials if t.begun]
+    if not begun:
+        return []
+    trials = tuple(replace(t, start=0.0) if t.begun else t for t in state.trials)
+    return [(trials, state.theta + np.log(abs(1 + begun[0].start) or 1.0) * np.eye(1, len(NAMES))[0])]
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
