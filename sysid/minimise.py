@@ -21,6 +21,7 @@ from sysid.search import Search
 from sysid.start import joint, local
 from sysid.trial import LEAST_WARMING, Trial, with_noise
 
+SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 MOST = 128  # steps of a search
@@ -131,8 +132,9 @@ def _search(theta, directions, most, mean, precision, layouts, groups):
         radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
         theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
         step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
-        still = (jnp.max(jnp.abs(s.step)) < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
-        done = (taken & ~first & still) | ~jnp.all(jnp.isfinite(step))
+        size = jnp.max(jnp.abs(s.step))
+        still = taken & (size < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
+        done = (~first & (still | (size < SHORTEST))) | ~jnp.all(jnp.isfinite(step))
         return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
 
     shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))

@@ -109,12 +109,15 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
     both = minimiser.prior.precision + precision
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
-    held, begins = replace(minimiser, prior=prior), [(mode.trials, mean)]
-    if begun := _begun(mode):  # as well with the gain that a settled response has there
-        sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
-        settled = tuple(replace(t, start=0.0) if t.begun else t for t in mode.trials)
-        begins.append((settled, mean + np.log(sizes[0] / sizes[1]) * np.eye(1, len(mean))[0]))
-    return min((held.refine(*begin, rounds=1) for begin in begins), key=lambda s: s.cost)
+    held, begun = replace(minimiser, prior=prior), _begun(mode)
+    found = held.refine(mode.trials, mean, rounds=1)
+    if not begun or found.cost < mode.cost + RISE:
+        return found
+    # As well with the gain that a settled response has there.
+    sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
+    settled = tuple(replace(t, start=0.0) if t.begun else t for t in mode.trials)
+    other = held.refine(settled, mean + np.log(sizes[0] / sizes[1]) * np.eye(1, len(mean))[0], rounds=1)
+    return min(found, other, key=lambda s: s.cost)
 
 
 def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
