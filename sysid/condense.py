@@ -22,8 +22,8 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
     how many rows each of its rows is the mean of."""
     log = levelled(undelayed(log) if kind == "steady" else log)
     hold = _inputs(log, kind)
-    n = len(log)
-    if n <= longest or log.kind is None:  # its kind may still change
+    n, alike = len(log), _alike(log, kind)
+    if (n <= longest and alike == 1) or log.kind is None:  # its kind may still change
         return log, hold, np.ones(n)
     if kind == "steady":
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
@@ -33,9 +33,9 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
         edges = np.linspace(0, n, MOST + 1).astype(int)[:-1]
         short = _means(log, edges)
         return short, _inputs(short, kind), np.diff(np.append(edges, n)).astype(float)
-    if len(hold.drive) > MOST // 8:
+    if len(hold.drive) > (MOST // 8 if n > longest else n // (4 * alike)):
         return log, hold, np.ones(n)
-    edges = _edges(hold)
+    edges = _edges(hold, alike, MOST if n > longest else n)
     count = np.diff(np.append(edges, n)).astype(float)
     elapsed = _mean(hold.elapsed, edges, count)
     square = np.square(hold.elapsed)
@@ -113,6 +113,7 @@ def from_rest(log: Log) -> bool:
     return log.response_unit in OFFSET_UNITS or bool(abs(log.response[0]) < 0.1 * np.max(np.abs(log.response)))
 
 
+ALIKE = 0.2  # of the time constants of a filter's poles together
 STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
 SOME = 100_000  # rows of which the usual step is taken
 LONGER = 1.5  # times the usual step from row to row is a gap
@@ -180,12 +181,25 @@ def _contact(log: Log) -> np.ndarray | None:
     return contact(force, xp=np)
 
 
-def _edges(hold: Hold) -> np.ndarray:
-    """First rows of the blocks: none crosses a change of the inputs, and within a stretch they widen linearly."""
+def _alike(log: Log, kind: str) -> int:
+    """How many neighbouring rows of a transient hold about the same noise. Behind a filter of several poles it is smoother than
+    the Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not there."""
+    tau, order = log.bench.get("lockin_tau_s", 0.0), log.bench.get("lockin_order", 1)
+    if kind == "steady" or order < 2 or log.time is None or len(log) < 2 or log.theta is not None:
+        return 1
+    step = float(np.median(np.diff(log.time)))
+    return int(np.clip(np.ceil(ALIKE * order * tau / step - 1e-6), 1, len(log))) if step > 0 else 1
+
+
+def _edges(hold: Hold, least: int, most: int) -> np.ndarray:
+    """First rows of the blocks, each of `least` rows: none crosses a change of the inputs; where they would be more than `most`
+    of one row, they widen linearly within a stretch."""
     starts = np.searchsorted(hold.interval, np.arange(len(hold.drive)))
     stops = np.append(starts[1:], len(hold.interval))
-    share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
-    edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
+    edges = [np.arange(a, b, least) for a, b in zip(starts, stops, strict=True)]
+    if most < len(hold.interval):
+        share = np.linspace(0, 1, most // len(starts), endpoint=False) ** 2
+        edges = [some[np.unique((share * len(some)).astype(int))] for some in edges if len(some)]
     return np.unique(np.concatenate([[0, 1], *edges]))
 
 

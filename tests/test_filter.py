@@ -7,6 +7,7 @@ the drive's feedthrough. It shares no code with the package.
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 import sysid
 
@@ -59,3 +60,30 @@ def test_what_the_filter_holds_at_the_first_row_is_no_feedthrough(order, begins)
 
 def test_it_is_not_reported_as_a_quantity_of_the_bench():
     assert not any("memory" in name for name in sysid.nuisances(sysid.fit([log(2, 0)]))[0])
+
+
+def behind(order, rows, step):
+    """Rows `step` apart, held from each to the next, behind the filter."""
+    keep = np.exp(-step / LOCKIN_TAU)
+    for _ in range(order):
+        rows = lfilter([1 - keep], [1, -keep], rows)
+    return rows
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_noise_that_came_through_the_filter_too(order):
+    """Ten rows to its time constant: smoother than an Ornstein-Uhlenbeck process, by which errors were half as large."""
+    step, rows, fine, seeds = LOCKIN_TAU / 10, 2000, 8, 30
+    a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
+    since = step / fine * np.maximum(np.arange(rows * fine) - rows * fine // 10, 0)
+    clean = behind(order, -G / TAU * 60.0 / a * (1 - np.exp(a * since)), step / fine)[::fine]
+    drive, z = np.where(np.arange(rows) < rows // 10, 0.0, 60.0), []
+    given = {"time": step * np.arange(rows), "drive": drive, "frequency": np.full(rows, DRIVEN), "sampling": "instant"}
+    for seed in range(seeds):
+        rng, n = np.random.default_rng(seed), rows * fine + 8000
+        noise = behind(order, rng.standard_normal(n) + 1j * rng.standard_normal(n), step / fine)[8000::fine]
+        bench, response = {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order}, clean + 0.012 / np.std(noise) * noise
+        fit = sysid.fit([sysid.Log("step", response, kind="transient", bench=bench, **given)])
+        z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", G), ("tau", TAU), ("f0", F0))])
+    # Of 30 seeds the spread is known to 13 %: three of these above 1.
+    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 1.4)
