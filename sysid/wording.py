@@ -8,6 +8,7 @@ from sysid.condense import OFFSET_UNITS
 from sysid.guess import phase_falls
 from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import seconds
+from sysid.noise import independent
 from sysid.trial import Trial
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
@@ -15,6 +16,9 @@ STRUCTURE = 0.02  # residual that is not noise, relative to the response: more m
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
+LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
+LAGS = (1, 2, 3)  # rows, and by chance no more than
+CHANCE = 3.0  # standard deviations
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
@@ -134,7 +138,7 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     part, chance = _structure(residual[order])
     if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
         return None
-    if not trial.steady and not _near_changes(trial, residual, tau):
+    if (not trial.steady and not _near_changes(trial, residual, tau)) or _is_coloured_noise(trial, residual, model):
         return None
     said = f"the residual holds {100 * part / size:.1f} % of the response that is not noise"
     if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
@@ -213,6 +217,21 @@ def _structure(residual: np.ndarray) -> tuple[float, float]:
     shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
     channels = 2 if np.iscomplexobj(residual) else 1
     return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
+
+
+def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
+    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
+    taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
+    if trial.noise_time == 0 or len(residual) < LEAST_ROWS:
+        return False
+    own = independent(residual * trial.weight, trial.clock, trial.noise_time)
+    own = own[trial.used]
+    channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
+    shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
+    large = np.abs(model[trial.used]) > np.median(np.abs(model[trial.used]))
+    ratio = np.sum(np.abs(own[large]) ** 2) / power * len(own) / np.sum(large)
+    uneven = (ratio - 1) * np.sqrt(0.5 * channels * len(own))
+    return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
 
 
 def _near_changes(trial: Trial, residual: np.ndarray, tau: float) -> bool:
