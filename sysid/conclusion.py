@@ -110,20 +110,21 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     finger does is fitted."""
     harmful = any(f.harmful and f.certain for f in found)
     named = {f.log for f in found} if harmful else set()
-    said = []
+    said, doubts = [], []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         if trial.silent:
             continue
         model = model.real if trial.log.amplitude_only else model
         what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
         if not what and not named & {i, None}:
-            what = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
+            what, doubt = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
+            doubts += [f"{trial.log.name}: {doubt}"] if doubt else []
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:
         likely = {f.name: f.sentence for f in reversed(found)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
     steps = {i for i, trial in enumerate(state.trials) if wording.coarse(trial)}  # which are no noise, and look like anything
-    return said, [f"{f.sentence} ({_unharmed(f)})" for f in found[:1] if f.log not in steps]
+    return said, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in found[:1] if f.log not in steps)]
 
 
 def _unharmed(found: Found) -> str:

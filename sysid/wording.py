@@ -131,21 +131,25 @@ def _colour(trial: Trial) -> str:
     return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 
 
-def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> str | None:
-    """A sentence when the residual of a log holds more than noise, by an amount that could matter; else None."""
+def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> tuple[str | None, str | None]:
+    """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
+    is noise that could hide as much."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
     order = np.argsort(trial.log.frequency, kind="stable") if trial.steady and trial.resonant else slice(None)
     part, chance = _structure(residual[order])
+    much = f"{100 * part / (size or 1.0):.1f} %"
     if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
-        return None
-    if (not trial.steady and not _near_changes(trial, residual, tau)) or _is_coloured_noise(trial, residual, model):
-        return None
-    said = f"the residual holds {100 * part / size:.1f} % of the response that is not noise"
+        return None, None
+    if not trial.steady and not _near_changes(trial, residual, tau):
+        return None, None
+    if _is_coloured_noise(trial, residual, model):
+        return None, f"noise that neighbouring rows share is {much} of the response, and may hide as much of a misfit"
+    said = f"the residual holds {much} of the response that is not noise"
     if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
-        return f"{said}: the phase rises through the resonance; if the demodulator's sign is the other one, say phase_sign = -1"
+        return f"{said}: the phase rises through the resonance; if the demodulator has the other sign, say phase_sign = -1", None
     moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
     what = "saturated, a second resonance, an interfering line, a background that is not a slope"
-    return f"{said}: {what}{moved}, or noise that many rows share"
+    return f"{said}: {what}{moved}, or noise that many rows share", None
 
 
 def _warm(trial: Trial) -> bool:
@@ -228,9 +232,9 @@ def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) ->
     own = own[trial.used]
     channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
     shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
-    large = np.abs(model[trial.used]) > np.median(np.abs(model[trial.used]))
-    ratio = np.sum(np.abs(own[large]) ** 2) / power * len(own) / np.sum(large)
-    uneven = (ratio - 1) * np.sqrt(0.5 * channels * len(own))
+    strong = np.abs(model[trial.used]) ** 2
+    strong = (strong - np.mean(strong)) / (np.std(strong) or 1.0)
+    uneven = np.sum(strong * np.abs(own) ** 2) / power * np.sqrt(0.5 * channels * len(own))
     return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
 
 
