@@ -13,9 +13,9 @@ a zero-mean normal prior ten times as wide as the log's response, lateness one o
 that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
 log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `sysid/coincidence.py`). An
 amplitude log, w^2 = |G h + nu_1 e - nu_3 G h'|^2 + nu_2, lifted as noise does it (`sysid.rice`), is linear in its nuisances only
-about their values: steps to these are taken at each plant. Where it is driven at its first
-row, h is the response that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides:
-no phase shows what else it began with.
+about their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had
+settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it
+began with.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.

@@ -228,8 +228,7 @@ def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) ->
     taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
     if trial.noise_time == 0 or len(residual) < LEAST_ROWS:
         return False
-    own = independent(residual * trial.weight, trial.clock, trial.noise_time)
-    own = own[trial.used]
+    own = independent((residual * trial.weight)[trial.used], trial.clock[trial.used], trial.noise_time)
     channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
     shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
     strong = np.abs(model[trial.used]) ** 2
