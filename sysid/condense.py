@@ -2,7 +2,8 @@
 
 Blocks are densest after each change of the inputs and widen with the time since, as the response slows down. A block keeps
 the mean and the variance of its times, so that the model of its mean response is exact to fourth order in (block / tau); of a
-mean amplitude, which is none of a mean response, to second order.
+mean amplitude, which is none of a mean response, to second order. Rows behind a filter that are closer than it can tell apart
+are taken together in logs of any length.
 """
 
 from dataclasses import replace

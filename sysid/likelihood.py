@@ -232,7 +232,7 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
-    """An amplitude log, its start and its lateness at their optimum near their present values, its floor linear about its own."""
+    """An amplitude log, the nuisances of a transient at their optimum near their present values."""
     now = (jnp.ones(()), x.start, x.late, x.floor)
     if layout.steady:
         size = _modelled(shapes, now, layout)

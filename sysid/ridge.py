@@ -121,8 +121,8 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
 
 
 def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
-    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, or to FAR; and theta above and
-    below. Where the start's phase is not seen there are minima beside minima: then each side has to rise."""
+    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, or to FAR; and theta above and below. Where
+    the start's phase is not seen there are minima beside minima: then each side has to rise."""
 
     def both(off: float) -> tuple[float, list[np.ndarray]]:
         sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
