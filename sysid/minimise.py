@@ -1,7 +1,7 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from sysid.experiment import group
+from sysid.images import images
 from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
@@ -19,7 +20,7 @@ from sysid.prior import FINGER, FLAT, NAMES, Prior
 from sysid.renew import update
 from sysid.search import Search
 from sysid.start import joint, local
-from sysid.trial import LEAST_WARMING, Trial, with_noise
+from sysid.trial import Trial, with_noise
 
 SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
@@ -207,11 +208,12 @@ class Minimiser:
             if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
         ]
         found.sort(key=lambda s: s.cost)
-        images = found[:1]
+        latest, drifts = found[:1], "k_T" in self.free
         for _ in range(2):  # an image of an image is on the other side of two drives
-            images = [self.refine(*image, rounds) for s in images for image in (*self._mirrored(s), *_as_settled(s))]
-            images = [s for s in images if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
-            found += images
+            begins = [begin for s in latest for begin in images(s.trials, s.theta, self.reference, drifts)]
+            latest = [self.refine(*begin, rounds) for begin in begins]
+            latest = [s for s in latest if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
+            found += latest
         found.sort(key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
@@ -319,24 +321,6 @@ class Minimiser:
         spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
-    def _mirrored(self, state: State) -> list[tuple[tuple[Trial, ...], np.ndarray]]:
-        """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level; by
-        its temperature coefficient, about the temperature of the other logs. That log's start is mirrored with it."""
-        resonant = [t for t in state.trials if t.resonant]
-        level, drift = state.theta[2:4] * [1, "k_T" in self.free]
-        warming = {id(t): float(np.mean(t.hold(self.reference).warming)) for t in resonant}
-        mirrored = {}
-        for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
-            trials = tuple(replace(t, start=np.conj(t.start)) if t is trial else t for t in state.trials)
-            image = 2 * (trial.log.frequency[0] - self.reference[0]) - level - drift * warming[id(trial)]
-            mirrored[image - drift * warming[id(trial)], drift] = trials
-            others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]
-            if "k_T" in self.free and others:
-                pivot = float(np.mean(others))
-                slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
-                mirrored[level + (drift - slope) * pivot, slope] = trials
-        return [(trials, np.array([*state.theta[:2], *to, *state.theta[4:]])) for to, trials in sorted(mirrored.items())]
-
     def _directions(self, theta: np.ndarray) -> np.ndarray:
         """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the
         plate's own damping, a half bandwidth."""
@@ -354,15 +338,6 @@ class Minimiser:
 
     def _q(self, theta: np.ndarray) -> float:
         return float(np.pi * max(self.reference[0] + theta[2], 1e-300) * np.exp(theta[1]))
-
-
-def _as_settled(state: State) -> list[tuple[tuple[Trial, ...], np.ndarray]]:
-    """With amplitudes that had settled as they began: another start and another G may look alike."""
-    begun = [t for t in state.trials if t.begun]
-    if not begun:
-        return []
-    trials = tuple(replace(t, start=0.0) if t.begun else t for t in state.trials)
-    return [(trials, state.theta + np.log(abs(1 + begun[0].start) or 1.0) * np.eye(1, len(NAMES))[0])]
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

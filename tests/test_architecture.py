@@ -55,6 +55,7 @@ ORDER = [
     "identify",
     "wording",
     "reading",
+    "images",
     "minimise",
     "ridge",
     "fitted",
