@@ -18,13 +18,14 @@ LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed
 
 
-def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray]:
+def prepare(log: Log, kind: str, longest: int = LONG, means: bool = False) -> tuple[Log, Hold, np.ndarray]:
     """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor; its inputs; and
-    how many rows each of its rows is the mean of."""
+    how many rows each of its rows is the mean of. `means`: it has been condensed."""
     log = levelled(undelayed(log) if kind == "steady" else log)
     hold = _inputs(log, kind)
-    n, alike = len(log), _alike(log, kind)
-    if (n <= longest and alike == 1) or log.kind is None:  # its kind may still change
+    n = len(log)
+    blocks = np.arange(n) if kind == "steady" or means else _alike(log, hold)
+    if means or (n <= longest and len(blocks) == n) or log.kind is None:  # its kind may still change
         return log, hold, np.ones(n)
     if kind == "steady":
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
@@ -34,16 +35,15 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.nda
         edges = np.linspace(0, n, MOST + 1).astype(int)[:-1]
         short = _means(log, edges)
         return short, _inputs(short, kind), np.diff(np.append(edges, n)).astype(float)
-    if len(hold.drive) > (MOST // 8 if n > longest else n // (4 * alike)):
+    if len(hold.drive) > MOST // 8 and len(blocks) > longest:
         return log, hold, np.ones(n)
-    edges = _edges(hold, alike, MOST if n > longest else n)
+    edges = blocks if len(blocks) <= longest else _edges(hold, blocks)
     count = np.diff(np.append(edges, n)).astype(float)
     elapsed = _mean(hold.elapsed, edges, count)
     square = np.square(hold.elapsed)
     square += hold.spread
     spread = np.maximum(_mean(square, edges, count) - elapsed**2, 0.0)
-    means = (count > 1) & (not log.amplitude_only)
-    spread = np.where(means, spread, hold.spread[edges])
+    spread = np.where((count > 1) & (not log.amplitude_only), spread, hold.spread[edges])
     hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
     return _means(log, edges), hold, count
 
@@ -115,6 +115,7 @@ def from_rest(log: Log) -> bool:
 
 
 ALIKE = 0.2  # of the time constants of a filter's poles together
+FEWEST = 64  # blocks of rows that hold about the same noise: a filter as long as the log is one that was not there
 STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
 SOME = 100_000  # rows of which the usual step is taken
 LONGER = 1.5  # times the usual step from row to row is a gap
@@ -182,26 +183,24 @@ def _contact(log: Log) -> np.ndarray | None:
     return contact(force, xp=np)
 
 
-def _alike(log: Log, kind: str) -> int:
-    """How many neighbouring rows of a transient hold about the same noise. Behind a filter of several poles it is smoother than
-    the Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not there."""
+def _alike(log: Log, hold: Hold) -> np.ndarray:
+    """(blocks,) first rows of blocks that hold about the same noise. Behind a filter of several poles it is smoother than the
+    Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not there."""
     tau, order = log.bench.get("lockin_tau_s", 0.0), log.bench.get("lockin_order", 1)
-    if kind == "steady" or order < 2 or log.time is None or len(log) < 2 or log.theta is not None:
-        return 1
-    step = float(np.median(np.diff(log.time)))
-    return int(np.clip(np.ceil(ALIKE * order * tau / step - 1e-6), 1, len(log))) if step > 0 else 1
+    if not tau or order < 2 or log.theta is not None:
+        return np.arange(len(log))
+    since = log.time - log.time[np.searchsorted(hold.interval, hold.interval)]
+    block = np.floor(since / min(ALIKE * order * tau, (log.time[-1] - log.time[0]) / FEWEST) + 1e-6)
+    return np.unique([0, 1, *(np.flatnonzero((np.diff(block) != 0) | (np.diff(hold.interval) != 0)) + 1)])
 
 
-def _edges(hold: Hold, least: int, most: int) -> np.ndarray:
-    """First rows of the blocks, each of `least` rows: none crosses a change of the inputs; where they would be more than `most`
-    of one row, they widen linearly within a stretch."""
-    starts = np.searchsorted(hold.interval, np.arange(len(hold.drive)))
-    stops = np.append(starts[1:], len(hold.interval))
-    edges = [np.arange(a, b, least) for a, b in zip(starts, stops, strict=True)]
-    if most < len(hold.interval):
-        share = np.linspace(0, 1, most // len(starts), endpoint=False) ** 2
-        edges = [some[np.unique((share * len(some)).astype(int))] for some in edges if len(some)]
-    return np.unique(np.concatenate([[0, 1], *edges]))
+def _edges(hold: Hold, blocks: np.ndarray) -> np.ndarray:
+    """(longer blocks,) their first rows: none crosses a change of the inputs, and within a stretch they widen linearly."""
+    starts = np.searchsorted(hold.interval[blocks], np.arange(len(hold.drive)))
+    stops = np.append(starts[1:], len(blocks))
+    share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
+    edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
+    return blocks[np.unique(np.concatenate([[0], *edges]))]
 
 
 def _mean(values: np.ndarray, edges: np.ndarray, count: np.ndarray) -> np.ndarray:

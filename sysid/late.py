@@ -99,7 +99,7 @@ class _Costs:
 def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})  # of a long file the means, which are rows at its steps
-    new = replace(Trial.of(log, trial.kind, trial.nuisances), count=trial.count, there=trial.there, kept=trial.there)
+    new = replace(Trial.of(log, trial.kind, trial.nuisances, means=True), count=trial.count, there=trial.there, kept=trial.there)
     narrow = {"feedthrough": THROUGH * trial.scale}
     new = replace(new, start=trial.start, floor=trial.floor, turn=trial.turn, narrow=narrow)
     return with_noise(new, trial.noise_std, 0.0)

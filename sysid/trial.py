@@ -61,9 +61,9 @@ class Trial:
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
-    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
-        """A log as it is read at first: nothing known of its noise."""
-        short, inputs, count, there = _read(log, kind)
+    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES, means: bool = False) -> "Trial":
+        """A log as it is read at first: nothing known of its noise. `means`: its rows are means already."""
+        short, inputs, count, there = _read(log, kind, means=means)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         whole = log if len(short) < len(log) else None
@@ -368,10 +368,10 @@ class Trial:
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
 
 
-def _read(log: Log, kind: str, longest: int = LONG) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:
+def _read(log: Log, kind: str, longest: int = LONG, means: bool = False) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:
     """`prepare` of a log, and which of its rows hold a signal (None: all do)."""
     gone = lost(log)
-    short, inputs, count = prepare(filled(log, gone), kind, longest)
+    short, inputs, count = prepare(filled(log, gone), kind, longest, means)
     if not np.any(gone):
         return short, inputs, count, None
     if kind == "steady" and len(short) < len(log):

@@ -87,3 +87,25 @@ def test_noise_that_came_through_the_filter_too(order):
         z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", G), ("tau", TAU), ("f0", F0))])
     # Of 30 seeds the spread is known to 13 %: three of these above 1.
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < 1.4)
+
+
+GRIDS = {
+    "even": 1e-5 * np.arange(1000),
+    "jittered": 1e-5 * np.arange(1000) + np.random.default_rng(0).uniform(-4e-6, 4e-6, 1000),
+    "denser at the step": np.append(2e-6 * np.arange(500), 1e-3 + 2e-5 * np.arange(500)),
+}
+
+
+@pytest.mark.parametrize(("late", "lockin_tau"), [(0.0, 1e-9), (0.0, 1e-4), (0.0, 1.0), (2e-4, 1e-9), (2e-4, 1.0)])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_a_filter_that_was_not_there_on_rows_of_any_times(grid, late, lockin_tau):
+    """Nothing but one that is too short to matter is believed, and no late trigger."""
+    time, rng = GRIDS[grid] - GRIDS[grid][0], np.random.default_rng(1)
+    a, on = -1 / TAU + 2j * np.pi * (F0 - DRIVEN), np.arange(len(time)) >= 100
+    clean = -G / TAU * 60.0 / a * (1 - np.exp(a * np.maximum(time - time[100] - late, 0.0)))
+    response = clean + 0.012 * (rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time)))
+    bench = {"lockin_tau_s": lockin_tau, "lockin_order": 4}
+    given = {"drive": np.where(on, 60.0, 0.0), "frequency": np.full(len(time), DRIVEN), "sampling": "instant", "bench": bench}
+    fit = sysid.fit([sysid.Log("step", response, time=time, kind="transient", **given)])
+    assert (fit.result.name == "successful") == (lockin_tau == 1e-9 and late == 0.0), fit.warnings
+    assert not any("record ten points" in (p.why or "") for p in fit.parameters.values())
