@@ -38,6 +38,7 @@ ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept to
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
 SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
+ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -108,7 +109,7 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
 
 
 def _outlying(i: int, view: View) -> Found | None:
-    """An outlier at a change of the inputs, of all rows, that shows the response farther along than it may be early."""
+    """The worst outlier of a log at a change of its inputs, if it is what the response is later, by more than it may be early."""
     trial, rows = view.trial, at_changes(view.trial)
     weight = np.ones(len(trial.log)) if trial.tail is None else np.array(trial.tail)
     weight[~trial.kept if trial.kept is not None else []] = 0.0
@@ -116,8 +117,12 @@ def _outlying(i: int, view: View) -> Found | None:
         return None
     row = min(rows, key=lambda k: weight[k])
     worth = -float(np.log(len(rows) * np.mean(weight <= weight[row])))
-    farther = np.abs(view.residual[row]) > TENSE * trial.lateness * np.max(np.abs(view.course.push))
-    if worth < ENOUGH or not farther:
+    if worth < ENOUGH or np.abs(view.residual[row]) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
+        return None
+    c = view.course
+    farther = [view.observed((c.forced_at(c.poles, -t) - c.forced)[None])[0, row] for t in c.tau * np.geomspace(0.01, 4, 48)]
+    off = np.min(np.abs(view.residual[row] - np.array(farther)))
+    if off > max(SURELY * trial.noise_std, ROUGHLY * np.abs(view.residual[row])):
         return None
     return Found(ASTRAY.format(trial.log.name, trial.log.time[row]), worth, {"G": np.inf}, "astray", i, 2)
 

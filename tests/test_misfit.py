@@ -349,6 +349,17 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
         assert any("as if the change had been before" in said for said in fit.warnings), fit.warnings
 
 
+@pytest.mark.parametrize(("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)])
+def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(bench, aside, expected):
+    """The largest of ten in a thousand rows, and the response is not where it is: it was an outlier whose row is the change's."""
+    log = bench.transient(seed=3, volts=np.repeat([0.0, 100.0], [20, 980]))
+    rng, row = np.random.default_rng(3), int(np.flatnonzero(np.diff(log.drive))[0]) + 1
+    later, response = log.response[row + 4] - log.response[row], log.response.copy()
+    response[rng.choice(np.arange(row + 20, 1000), 9, replace=False)] += 0.7 * abs(later) * np.exp(1j * np.arange(9))
+    response[row] += aside * later
+    assert sysid.fit([replace(log, response=response)]).result is expected
+
+
 def behind(log, late, **bench):
     """A sweep through a sensor that is `late` (s): e^{-j omega t}."""
     return replace(log, response=log.response * np.exp(-2j * np.pi * log.frequency * late), bench=bench)
