@@ -6,53 +6,88 @@ mean amplitude, which is none of a mean response, to second order. Rows behind a
 are taken together in logs of any length.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sysid.hold import Hold, contact, hold_inputs, settled_points
 from sysid.log import Log
+from sysid.lost import filled, lost
 
 LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed
 
 
-def prepare(log: Log, kind: str, longest: int = LONG, means: bool = False) -> tuple[Log, Hold, np.ndarray]:
-    """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor; its inputs; and
-    how many rows each of its rows is the mean of. `means`: it has been condensed."""
-    log = levelled(undelayed(log) if kind == "steady" else log)
-    hold = _inputs(log, kind)
-    n = len(log)
-    blocks = np.arange(n) if kind == "steady" or means else _alike(log, hold)
-    if means or (n <= longest and len(blocks) == n) or log.kind is None:  # its kind may still change
-        return log, hold, np.ones(n)
-    if kind == "steady":
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """A log as a fit takes it."""
+
+    log: Log
+    inputs: Hold
+    count: np.ndarray  # (n,) rows of the file that each row is the mean of, less those without a signal
+    there: np.ndarray | None  # (n,) rows that have any; None: all
+    dark: int  # rows of the file without a signal
+    gap: float  # s, the longest without a row in which an input changed, who knows when
+    most: int  # rows, if condensed no more than a filter asks for
+
+
+def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
+    """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor."""
+    gone, steady = lost(log), kind == "steady"
+    log = levelled(undelayed(filled(log, gone)) if steady else filled(log, gone))
+    unseen = np.zeros(len(log)) if steady else gaps(log)
+    hold, n = _inputs(log, kind, unseen), len(log)
+    there = ~gone if np.any(gone) else None
+    blocks = np.arange(n) if steady else _alike(log, hold)
+    rows = Rows(log, hold, np.ones(n), there, int(np.sum(gone)), float(np.max(unseen, initial=0.0)), len(blocks))
+    if (n <= longest and len(blocks) == n) or log.kind is None:  # its kind may still change
+        return rows
+    if steady:
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
-            return log, hold, np.ones(n)
+            return rows
         order = np.argsort(log.frequency, kind="stable")
-        log = taken(replace(log, time=None, kind="steady"), order)
+        log, gone = taken(replace(log, time=None, kind="steady"), order), gone[order]
         edges = np.linspace(0, n, MOST + 1).astype(int)[:-1]
-        short = _means(log, edges)
-        return short, _inputs(short, kind), np.diff(np.append(edges, n)).astype(float)
+        weight, count, there = _weights(gone, edges)
+        short = _means(log, edges, weight)
+        return replace(rows, log=short, inputs=_inputs(short, kind, unseen), count=count, there=there)
     if len(hold.drive) > MOST // 8 and len(blocks) > longest:
-        return log, hold, np.ones(n)
+        return rows
     edges = blocks if len(blocks) <= longest else _edges(hold, blocks)
-    count = np.diff(np.append(edges, n)).astype(float)
-    elapsed = _mean(hold.elapsed, edges, count)
+    weight, count, there = _weights(gone, edges)
+    elapsed = _mean(hold.elapsed, edges, weight)
     square = np.square(hold.elapsed)
     square += hold.spread
-    spread = np.maximum(_mean(square, edges, count) - elapsed**2, 0.0)
+    spread = np.maximum(_mean(square, edges, weight) - elapsed**2, 0.0)
     spread = np.where((count > 1) & (not log.amplitude_only), spread, hold.spread[edges])
     hold = hold._replace(interval=hold.interval[edges], elapsed=elapsed, spread=spread)
-    return _means(log, edges), hold, count
+    return replace(rows, log=_means(log, edges, weight), inputs=hold, count=count, there=there)
+
+
+def _weights(gone: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
+    """Weight of each row in the mean of its block (None: all one); of each block, how many rows with a signal it has, at least 1;
+    and which have any (None: all)."""
+    length = np.diff(np.append(edges, len(gone)))
+    if not np.any(gone):
+        return None, length.astype(float), None
+    count = np.add.reduceat((~gone).astype(float), edges)
+    return np.where(np.repeat(count == 0, length), 1.0, ~gone), np.maximum(count, 1.0), count > 0
 
 
 def levelled(log: Log) -> Log:
-    """A long log whose drive and frequency were measured and flicker about levels: with these levels, where they are few."""
-    if len(log) <= LONG:
-        return log
-    return replace(log, drive=_levels(log.drive, 2e-2), frequency=_levels(log.frequency, 1e-5))
+    """A log whose drive was measured and flickers about levels, which are few: with these levels, unless the response flickers as
+    the drive does. Of a long log the frequency as well."""
+    drive = _levels(log.drive, 2e-2)
+    if len(log) > LONG:
+        return replace(log, drive=drive, frequency=_levels(log.frequency, 1e-5))
+    return replace(log, drive=drive) if drive is not log.drive and not _followed(log, drive) else log
+
+
+def _followed(log: Log, level: np.ndarray) -> bool:
+    """Whether the response is smoother, row after row, per drive than per its level."""
+    by_drive, by_level = (np.diff(log.response * (level / np.where(of == 0, np.inf, of)), 2) for of in (log.drive, level))
+    return bool(np.sum(np.abs(by_drive) ** 2) < np.sum(np.abs(by_level) ** 2))
 
 
 def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
@@ -61,13 +96,12 @@ def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
     if values is None:
         return None
     moves = np.abs(np.diff(values))
-    usual = float(np.median(moves))
+    usual = float(np.median(moves)) if len(moves) >= BLOCKS[0] else 0.0
     begins = np.append(0, np.flatnonzero(moves > JUMP * usual) + 1)
-    if usual == 0 or len(begins) > MOST // 16:
+    if usual == 0 or len(begins) > min(MOST, len(values)) // 16:
         return values
-    count = np.diff(np.append(begins, len(values)))
-    mean = _mean(values, begins, count)
-    level = np.repeat(mean, count)
+    mean = _mean(values, begins)
+    level = np.repeat(mean, np.diff(np.append(begins, len(values))))
     return level if usual <= most * np.max(np.abs(mean)) and _independent(values - level, STEADY * usual) else values
 
 
@@ -75,7 +109,9 @@ def _independent(values: np.ndarray, most: float) -> bool:
     """Whether values of zero mean are noise of their own in each row, as far as their moves and the means of blocks tell."""
     moves = np.diff(values)
     back = -0.5 * float(moves @ moves)  # the product of a move and the next, if so
-    return float(moves[1:] @ moves[:-1]) < 0.7 * back and all(_off(values, rows) <= most for rows in BLOCKS)
+    blocks = [rows for rows in BLOCKS if rows <= len(values)]
+    much = 0.7 - 2 / np.sqrt(len(values))  # of few rows by chance
+    return float(moves[1:] @ moves[:-1]) < much * back and all(_off(values, rows) <= most for rows in blocks)
 
 
 def _off(values: np.ndarray, rows: int) -> float:
@@ -114,8 +150,9 @@ def from_rest(log: Log) -> bool:
     return log.response_unit in OFFSET_UNITS or bool(abs(log.response[0]) < 0.1 * np.max(np.abs(log.response)))
 
 
-ALIKE = 0.2  # of the time constants of a filter's poles together
-FEWEST = 64  # blocks of rows that hold about the same noise: a filter as long as the log is one that was not there
+ALIKE = 0.5  # of the time constants of a filter's poles together: noise of few poles is then about an Ornstein-Uhlenbeck process
+NEW, WIDER = 0.2, 0.25  # of the longest, the first after a change; of the time since, by which the others are longer
+FEWEST = 20  # blocks of rows that hold about the same noise: a filter as long as the log is one that was not there
 STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
 SOME = 100_000  # rows of which the usual step is taken
 LONGER = 1.5  # times the usual step from row to row is a gap
@@ -158,14 +195,13 @@ def _slope(time: np.ndarray, response: np.ndarray) -> float:
     return float(np.abs(rise) / max(over, 1e-300))
 
 
-def _inputs(log: Log, kind: str) -> Hold:
+def _inputs(log: Log, kind: str, unseen: np.ndarray) -> Hold:
     drive = log.drive
     if drive is None:  # unknown: settled points have a gain of their own, a transient is taken as undriven
         drive = np.full(len(log), 1.0 if kind == "steady" else 0.0)
     if kind == "steady":
         return settled_points(drive, log.frequency, log.temperature, _contact(log))
     given = {"settled": log.sampling == "settled", "delay": log.bench.get("delay_s", 0.0), "theta": log.theta}
-    unseen = gaps(log)
     given |= {"early": 0.5 * unseen} if np.any(unseen) and log.sampling != "settled" else {}
     hold = hold_inputs(log.time, drive, log.frequency, log.temperature, _contact(log), at_rest=from_rest(log), **given)
     width = log.bench.get("lockin_boxcar_s", 0.0)
@@ -187,10 +223,13 @@ def _alike(log: Log, hold: Hold) -> np.ndarray:
     """(blocks,) first rows of blocks that hold about the same noise. Behind a filter of several poles it is smoother than the
     Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not there."""
     tau, order = log.bench.get("lockin_tau_s", 0.0), log.bench.get("lockin_order", 1)
-    if not tau or order < 2 or log.theta is not None:
+    if not tau or order < 2 or log.theta is not None or log.time[-1] <= log.time[0]:
         return np.arange(len(log))
     since = log.time - log.time[np.searchsorted(hold.interval, hold.interval)]
-    block = np.floor(since / min(ALIKE * order * tau, (log.time[-1] - log.time[0]) / FEWEST) + 1e-6)
+    longest = min(ALIKE * order * tau, (log.time[-1] - log.time[0]) / FEWEST)
+    first, grown = NEW * longest, (1 - NEW) * longest / WIDER
+    block = np.log1p(WIDER * np.minimum(since, grown) / first) / WIDER + np.maximum(since - grown, 0.0) / longest
+    block = np.floor(block + 1e-6)
     return np.unique([0, 1, *(np.flatnonzero((np.diff(block) != 0) | (np.diff(hold.interval) != 0)) + 1)])
 
 
@@ -200,20 +239,21 @@ def _edges(hold: Hold, blocks: np.ndarray) -> np.ndarray:
     stops = np.append(starts[1:], len(blocks))
     share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
     edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
-    return blocks[np.unique(np.concatenate([[0], *edges]))]
+    return blocks[np.unique(np.concatenate([[0, 1], *edges]))]
 
 
-def _mean(values: np.ndarray, edges: np.ndarray, count: np.ndarray) -> np.ndarray:
-    return np.add.reduceat(values, edges) / count
+def _mean(values: np.ndarray, edges: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    if weight is None:
+        return np.add.reduceat(values, edges) / np.diff(np.append(edges, len(values)))
+    return np.add.reduceat(values * weight, edges) / np.add.reduceat(weight, edges)
 
 
-def _means(log: Log, edges: np.ndarray) -> Log:
-    count = np.diff(np.append(edges, len(log))).astype(float)
+def _means(log: Log, edges: np.ndarray, weight: np.ndarray | None) -> Log:
     arrays: dict[str, Any] = {}
     for name in ("response", "time", "drive", "frequency", "theta", "temperature", "force"):
         values = getattr(log, name)
         constant = name in ("drive", "theta") or (name == "frequency" and log.kind != "steady")
-        arrays[name] = None if values is None else values[edges] if constant else _mean(values, edges, count)
+        arrays[name] = None if values is None else values[edges] if constant else _mean(values, edges, weight)
     return replace(log, **arrays)
 
 

@@ -149,7 +149,7 @@ def beside(state: State) -> tuple[FittedLog, ...]:
             FittedLog(
                 log=log,
                 kind=trial.kind,
-                rows=int(trial.count.sum()),
+                rows=len(trial.whole or trial.log),
                 response=model,
                 residual=left,
                 nrmse_percent=_percent(left, log.response - np.mean(log.response)),

@@ -1,6 +1,7 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,4 +88,5 @@ def _asked(
         states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
         warnings += with_errors[0][1]
     states = [unfolded(minimiser, s) for s in states]
+    again = tuple(replace(t, nuisances=s.nuisances) for t, s in zip(again, states[0].trials, strict=True))
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states

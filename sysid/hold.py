@@ -111,6 +111,13 @@ def hold_inputs(
     )
 
 
+def read_at(hold: Hold, time: np.ndarray, delay: float) -> Hold:
+    """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first interval."""
+    begin, read = time[0] + np.append(0.0, np.cumsum(hold.duration)[:-1]), time - delay
+    row = np.maximum(np.searchsorted(begin, read) - 1, 0)
+    return hold._replace(interval=row.astype(np.int32), elapsed=np.maximum(read - begin[row], 0.0))
+
+
 def settled_points(drive, frequency=None, temperature=None, contact=None, *, reference=(0.0, 0.0)) -> Hold:
     """Settled points (n,) as a `Hold`: each is an interval of its own; without a frequency: at resonance."""
     n = len(drive)

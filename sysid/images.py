@@ -12,7 +12,8 @@ Begin = tuple[tuple[Trial, ...], np.ndarray]
 
 def images(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
     """All of a minimum at theta; `drifts`: whether k_T is free."""
-    return [*_mirrored(trials, theta, reference, drifts), *_as_settled(trials, theta)]
+    begun = any(t.begun for t in trials)
+    return [*_mirrored(trials, theta, reference, drifts), *([as_settled(trials, theta)] if begun else [])]
 
 
 def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
@@ -34,10 +35,8 @@ def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float
     return [(turned, np.array([*theta[:2], *to, *theta[4:]])) for to, turned in sorted(mirrored.items())]
 
 
-def _as_settled(trials: Sequence[Trial], theta: np.ndarray) -> list[Begin]:
-    """Amplitudes that had settled as they began: another start and another G may look alike."""
-    begun = [t for t in trials if t.begun]
-    if not begun:
-        return []
+def as_settled(trials: Sequence[Trial], theta: np.ndarray, more: float = 1.0) -> Begin:
+    """Amplitudes that had settled as they began: another start and another G may look alike. `more`: times as much G besides."""
+    size = next(abs(1 + t.start) for t in trials if t.begun) or 1.0
     settled = tuple(replace(t, start=0.0) if t.begun else t for t in trials)
-    return [(settled, theta + np.log(abs(1 + begun[0].start) or 1.0) * np.eye(1, len(theta))[0])]
+    return settled, theta + np.log(size * more) * np.eye(1, len(theta))[0]

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.hold import read_at
 from sysid.minimise import Minimiser, State
 from sysid.misfit import Found
 from sysid.moments import EARLY, FILTERED, LATE
@@ -98,8 +99,9 @@ class _Costs:
 
 def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
-    log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})  # of a long file the means, which are rows at its steps
-    new = replace(Trial.of(log, trial.kind, trial.nuisances, means=True), count=trial.count, there=trial.there, kept=trial.there)
+    log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
+    spread = trial.uneven(trial.share, log.response) if trial.share else None
+    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, extra={}, late=0.0)
     narrow = {"feedthrough": THROUGH * trial.scale}
-    new = replace(new, start=trial.start, floor=trial.floor, turn=trial.turn, narrow=narrow)
+    new = replace(plain, log=log, inputs=read_at(trial.inputs, log.time, delay), narrow=narrow)
     return with_noise(new, trial.noise_std, 0.0)

@@ -143,10 +143,10 @@ def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
 
 
 def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -> str | None:
-    """A sweep's feedthrough that is real and negative in the plate's own frame may be the turn of a sensor that is late by t, as
-    -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau."""
-    trial = seen.trial
-    if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or "delay_s" in trial.log.bench:
+    """A sweep's feedthrough that is real in the plate's own frame may be the turn of a sensor that is late by t, as
+    -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau. Of a reference that is late t is negative."""
+    trial, stated = seen.trial, seen.trial.log.bench.get("delay_s")
+    if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or stated == 0:
         return None
     view = View(trial, seen.model, state, reference, coloured=True)
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
@@ -154,9 +154,12 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     covariance = view.covariance(state.covariance)
     along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
     error = float(np.sqrt(state.covariance[0, 0]))
-    if share.real > -max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
+    if abs(share.real) < max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
         return None
-    return THROUGH.format(trial.log.name, -100 * share.real, -share.real / (1 + share.real) * float(np.exp(state.theta[1])))
+    late, size = -share.real / (1 + share.real) * float(np.exp(state.theta[1])), 100 * abs(share.real)
+    which, change = ("sensor that is", "smaller") if late > 0 else ("reference that is", "larger")
+    beside = f" beside the {stated:.3g} s that are stated" if stated else ""
+    return THROUGH.format(trial.log.name, size, which, abs(late), beside, size, change)
 
 
 def _error_of_lateness(view: View, fit: "_Linear") -> float:

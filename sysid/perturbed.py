@@ -16,7 +16,7 @@ from scipy.linalg import lapack
 
 from sysid import rice
 from sysid.hold import Hold
-from sysid.plant import steady
+from sysid.plant import poles, steady
 from sysid.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
@@ -68,19 +68,21 @@ class Course:
     @cached_property
     def forced(self) -> np.ndarray:
         """Response to the drive from rest, behind the lock-in's filter."""
-        return self._behind(self.forced_at(self.poles))
+        return self.forced_at(self.poles)
 
     @cached_property
     def exact(self) -> np.ndarray:
-        """`forced` as the fit has it: the exact settled response, the settled ripple of the fast mode in a transient."""
-        hold, omega = self.hold, self.hold.omega
+        """`forced` as the fit has it: the exact settled response; in a transient the exact slow pole, and the settled ripple of
+        the fast one."""
+        hold, tau = self.hold, self.tau / self.damped
         if self.trial.steady:
-            settled = steady(self.tau / self.damped, self.detuning, omega, np) / self.damped
+            settled = steady(tau, self.detuning, hold.omega, np) / self.damped
             return (self.gain * hold.drive * settled)[hold.interval]
-        known = np.isfinite(omega)
-        fast = -1 / self.tau - 1j * (2 * np.where(known, omega, 0.0) + self.poles.imag)
-        ripple = np.where(known, self.gain / self.tau * hold.drive / fast, 0.0)
-        return self.forced + self._behind(ripple[hold.interval])
+        if not self.trial.resonant:
+            return self.forced
+        slow, fast, gain = poles(tau, self.detuning, hold.omega, xp=np)
+        push = self.gain * gain / self.damped * hold.drive
+        return self._behind(self._from_rest(slow, push) + (push / fast)[hold.interval])
 
     def _behind(self, response: np.ndarray) -> np.ndarray:
         """A response from rest behind the lock-in's filter, as far as that is stated."""
@@ -88,11 +90,15 @@ class Course:
         return self.filtered(response, tau, order) if order else response
 
     def forced_at(self, poles: np.ndarray, delay: float = 0.0) -> np.ndarray:
-        """Response from rest of a mode with other poles (M,), by `delay` (s) later, or earlier by less than an interval."""
-        hold, push = self.hold, self.gain / self.tau * self.hold.drive
+        """`forced` of a mode with other poles (M,), by `delay` (s) later or earlier, by one interval at most."""
+        push = self.gain / self.tau * self.hold.drive
         if self.trial.steady:
-            return (-push / poles)[hold.interval]
-        target = push / poles
+            return (-push / poles)[self.hold.interval]
+        return self._behind(self._from_rest(poles, push, delay))
+
+    def _from_rest(self, poles: np.ndarray, push: np.ndarray, delay: float = 0.0) -> np.ndarray:
+        """Response of Z' = poles Z + push (M,), or settled where the log begins so, before any filter."""
+        hold, target = self.hold, push / poles
         states = _from(-hold.begun[0] * target[0], poles * hold.duration, np.expm1(poles * hold.duration) * target)
         begun, after = states[:-1], states[1:]
         before = begun[hold.interval]
@@ -129,7 +135,8 @@ class Course:
     @property
     def rate(self) -> np.ndarray:
         """Rate of change of `forced`, 1/s."""
-        return self._behind(self.pole * self.forced_at(self.poles) + self.push)
+        before = self.forced if self.trial.steady else self._from_rest(self.poles, self.gain / self.tau * self.hold.drive)
+        return self._behind(self.pole * before + self.push)
 
     @cached_property
     def _steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,6 +24,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -239,8 +240,17 @@ def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int, s
     x = hold.elapsed / hold.smoothing
     flat, swung = phis(jnp.zeros_like(x) + 0j, x, order), phis(pole * hold.elapsed, x, order)
     stages = [jnp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]
-    before = stages[-2] if order > 1 else rest + swing * jnp.exp(pole * hold.elapsed)
-    return Response(stages[-1], (before - stages[-1]) / hold.smoothing, free * jnp.exp(pole * hold.elapsed))
+    decay = jnp.exp(pole * hold.elapsed)
+    chain = [rest + swing * decay, *stages]
+    rates = [pole * swing * decay, *((before - y) / hold.smoothing for before, y in pairwise(chain))]
+    # The mean over the samples of a row is y + y'' variance / 2, to third order; long after a change, of the plate's alone.
+    over = (x > SETTLED) & (jnp.abs(pole * hold.smoothing) < 0.5)
+    left = pole**2 * swing * decay / (1 + jnp.where(over, pole * hold.smoothing, 0.0)) ** order
+    bent = jnp.where(over, left, (rates[-2] - rates[-1]) / hold.smoothing)
+    return Response(stages[-1] + 0.5 * hold.spread * bent, rates[-1], free * decay)
+
+
+SETTLED = 50.0  # time constants of a pole of the filter, after which it has forgotten
 
 
 def phis(turned: Array, x: Array, order: int) -> list[Array]:

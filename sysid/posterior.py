@@ -91,7 +91,7 @@ class Posterior:
             return None
         share = PER_DRAW if self.below is None else self.evaluations / self.ess
         trials = self.fit.modes[0].trials
-        kept, rows = sum(len(t.log) for t in trials), sum(int(t.count.sum()) for t in trials)
+        kept, rows = sum(len(t.log) for t in trials), sum(t.most for t in trials)
         seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
         if rung.every_row and rows > kept:
             seconds += ROWS * self.exact_pace * rows / kept

@@ -22,6 +22,9 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
             log = replace(log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench})
+        if log.frequency is not None and not np.any(log.frequency) and (log.time is not None or log.drive is not None):
+            log = replace(log, frequency=None)
+            warnings.append(f"{log.name}: its frequency is 0 in every row, as of a source that was not read back; not used")
         if log.temperature is None and recorded and log.frequency is not None:
             mean = float(np.mean(recorded))
             log = replace(log, temperature=np.full(len(log), mean))

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.special import i0e, i1e
 
+from sysid.log import Log
+
 A, (P, Q, R, S) = np.pi / 2 - 1, (0.06086816, 0.01296187, 0.43944372, 0.08492763)
 _AMPLITUDE = np.linspace(0, 12, 600)
 _HALVED = _AMPLITUDE**2 / 4
@@ -48,3 +50,29 @@ def _lifted(u: Any) -> tuple[Any, Any]:
     above, below = 1 + u * (P + u * Q), 1 + u * (R + u * (S + u * 2 * A * Q))
     slope = (P + 2 * Q * u - above / below * (R + u * (2 * S + u * 6 * A * Q))) / below
     return 1 + A * above / below, A * slope
+
+
+FEW = 8  # rows at rest, of which nothing is told
+QUIET = 0.2  # of the largest response, no more than which rows at rest show
+
+
+def rectified(log: Log) -> bool:
+    """Whether a response of one sign is an amplitude: its rows at rest, before the first drive or last after it, are likelier by
+    Rayleigh's law, of noise that has lost its sign, than normal about an offset. The noise is that of the other rows, by their
+    second differences."""
+    w, drive = log.response, log.drive
+    if np.iscomplexobj(w) or drive is None or log.time is None or not np.any(drive) or np.any(w < 0):
+        return False
+    driven = np.flatnonzero(drive)
+    rest, rows = w[: driven[0]], w[driven[0] + 1 : driven[-1] + 1]
+    if len(rest) < FEW:
+        after = w[driven[-1] + 1 :]
+        rest = after[3 * len(after) // 4 :]
+    if min(len(rest), len(rows) - 2) < FEW or np.mean(rest) > QUIET * np.max(w):
+        return False
+    variance = float(np.median(np.abs(np.diff(rows, 2))) / 0.6745) ** 2 / 6
+    if variance == 0 or np.any(rest == 0):
+        return False
+    rayleigh = np.log(rest / variance) - rest**2 / (2 * variance)
+    normal = -0.5 * np.log(2 * np.pi * variance) - (rest - np.mean(rest)) ** 2 / (2 * variance)
+    return bool(np.sum(rayleigh - normal) > 0)

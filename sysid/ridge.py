@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.images import as_settled
 from sysid.minimise import Minimiser, State
 from sysid.perturbed import Course
 from sysid.prior import NAMES, Prior
@@ -115,8 +116,7 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
         return found
     # As well with the gain that a settled response has there.
     sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
-    settled = tuple(replace(t, start=0.0) if t.begun else t for t in mode.trials)
-    other = held.refine(settled, mean + np.log(sizes[0] / sizes[1]) * np.eye(1, len(mean))[0], rounds=1)
+    other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), rounds=1)
     return min(found, other, key=lambda s: s.cost)
 
 

@@ -27,9 +27,11 @@ SHIFTED = (
 )
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 THROUGH = (
-    "{0}: a feedthrough of {1:.2g} % of the response, or a sensor that is late by {2:.2g} s, by which G would be {1:.2g} %"
-    " smaller; state delay_s (0 if nothing is late)"
+    "{}: a feedthrough of {:.2g} % of the response, or a {} late by {:.2g} s{}, by which G would be {:.2g} % {}; state delay_s"
+    " (0 if nothing is late)"
 )
+
+
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
     """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
     return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)))
@@ -79,13 +81,14 @@ def _drift(i: int, view: View) -> Iterator[Term]:
     c, log = view.course, view.trial.log
     order = np.arange(len(log)) if log.time is None else log.time
     heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
+    swept = float(np.ptp(log.frequency))  # Hz; moved by most of it, the resonance has left the sweep
     for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
         if np.ptp(along) == 0:
             continue
         shape = view.observed(c.response_to(2j * np.pi * along / np.ptp(along) * view.plate)[None])[0]
 
         def say(value: np.ndarray, _: View, why: str = why) -> str | None:
-            if 2 * np.pi * c.tau * abs(value[0]) > ABSURD:
+            if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
                 return None
             return (
                 f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"

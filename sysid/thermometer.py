@@ -18,7 +18,8 @@ LONG = 16384  # readings that are looked at one by one
 LEVELS = 256  # of a longer log: a temperature that went on changing from row to row would be an input that does
 AGAIN = 2.0  # times that each level is come to, on average, by readings that are held
 JUMP, FAR = 1.0, 8.0  # degC, and usual moves from row to row: what moves by more than both is another set point
-NOISY = 0.25  # degC; what differs by more from row to row is not a thermometer's noise
+NOISY = 1.0  # degC; what differs by more from row to row is not a thermometer's noise
+COARSE = 0.3  # degC, the largest step of a reading between whose steps the temperature goes on; set points lie farther apart
 WALKS = np.append(0.0, np.logspace(-9, 2, 111))  # s that are tried; the last: no noise
 SURE = 4.0  # of log-likelihood, by which a temperature that changes is told from one that does not
 APART = 5.0  # errors, by which the temperatures of logs lie apart where they are not one and the same
@@ -48,14 +49,27 @@ def of_plates(logs: Sequence[np.ndarray | None]) -> list[Reading | None]:
 def _steady(y: np.ndarray) -> Reading:
     """What the readings of one log tell."""
     if _held(y):
-        return Reading(y, 0.0)
-    if len(y) > LONG:
-        begins = np.linspace(0, len(y), LEVELS + 1).astype(int)
-        level, error = _steady(np.add.reduceat(y, begins[:-1]) / np.diff(begins))
-        return Reading(np.repeat(level, np.diff(begins)), error)
-    jumps = np.flatnonzero(np.abs(np.diff(y)) > max(JUMP, FAR * np.median(np.abs(np.diff(y))))) + 1
+        return Reading(_crept(y) if len(y) <= LONG else y, 0.0)
+    moves = np.abs(np.diff(y))
+    jumps = np.flatnonzero(moves > max(JUMP, FAR * np.median(moves))) + 1
+    if len(y) > LONG and len(jumps) > LEVELS // 16:  # the spikes of a long log are no set points
+        jumps = jumps[:0]
     parts = [_smooth(part) for part in np.split(y, jumps)]
     return Reading(np.concatenate([x.temperature for x in parts]), max(x.error for x in parts))
+
+
+def _crept(y: np.ndarray) -> np.ndarray:
+    """A temperature whose reading has small steps of one size passes between two readings where it steps from one to the other,
+    and goes straight from there to the next; set points stay."""
+    rows = np.flatnonzero(np.diff(y))
+    steps = np.abs(np.diff(y)[rows])
+    if len(rows) < 2 or steps.max() > min(1.5 * steps.min(), COARSE):
+        return y
+    at, between, last = rows + 0.5, 0.5 * (y[rows] + y[rows + 1]), len(y) - 1
+    slopes = np.diff(between)[[0, -1]] / np.diff(at)[[0, -1]]
+    ends = np.array([between[0] - slopes[0] * at[0], between[-1] + slopes[1] * (last - at[-1])])
+    ends = np.clip(ends, y[[0, -1]] - 0.5 * steps.max(), y[[0, -1]] + 0.5 * steps.max())
+    return np.interp(np.arange(len(y)), [0, *at, last], [ends[0], *between, ends[1]])
 
 
 def _held(y: np.ndarray) -> bool:
@@ -69,6 +83,10 @@ def _smooth(y: np.ndarray) -> Reading:
     """The same of readings without a jump."""
     if len(y) < FEW:
         return Reading(y, 0.0)
+    if len(y) > LONG:
+        begins = np.linspace(0, len(y), LEVELS + 1).astype(int)
+        level, error = _steady(np.add.reduceat(y, begins[:-1]) / np.diff(begins))
+        return Reading(np.repeat(level, np.diff(begins)), error)
     n = len(y)
     stiff = 2 - 2 * np.cos(np.pi * np.arange(1, n) / n)
     found = [_walk(y, np.full(n, y.mean()), stiff, WALKS[:1])]

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainc
 
-from sysid.condense import LONG, from_rest, gaps, one_level, prepare
+from sysid import rice
+from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
-from sysid.lost import filled, lost
 from sysid.noise import Level
 from sysid.span import times
 
@@ -42,6 +42,9 @@ class Trial:
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
+    dark: int = 0  # rows of the file that hold no signal
+    most: int = 0  # rows, if condensed no more than a filter asks for
+    rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
@@ -61,26 +64,29 @@ class Trial:
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
-    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES, means: bool = False) -> "Trial":
-        """A log as it is read at first: nothing known of its noise. `means`: its rows are means already."""
-        short, inputs, count, there = _read(log, kind, means=means)
+    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
+        """A log as it is read at first: nothing known of its noise."""
+        read = prepare(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        whole = log if len(short) < len(log) else None
-        gap = 0.0 if kind == "steady" else float(np.max(gaps(log), initial=0.0))
-        trial = cls(short, kind, inputs, count, nuisances, spacing, gap, there=there, kept=there, whole=whole)
+        trial = cls(read.log, kind, read.inputs, read.count, nuisances, spacing, read.gap, read.dark, read.most)
+        rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
+        whole = log if len(read.log) < len(log) else None
+        trial = replace(trial, there=read.there, kept=read.there, whole=whole, rectified=rectified)
         share = DECIBEL[kind] if log.relative_noise else 0.0
-        return replace(trial, share=share, spread=trial.uneven(share, short.response)) if share else trial
+        return replace(trial, share=share, spread=trial.uneven(share, read.log.response)) if share else trial
 
     def uncondensed(self) -> "Trial":
-        """The trial over every row of the file, with what is known of its noise but the weights of single rows."""
+        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows."""
         if self.whole is None:
             return self
-        log, inputs, count, there = _read(self.whole, self.kind, len(self.whole))
+        read = prepare(self.whole, self.kind, len(self.whole))
+        log, there = read.log, read.there
         rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
         levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
-        plain = replace(self, log=log, inputs=inputs, count=count, whole=None, noise_time=rows * self.noise_time, levels=levels)
+        plain = replace(self, log=log, inputs=read.inputs, count=read.count, whole=None)
+        plain = replace(plain, noise_time=rows * self.noise_time, levels=levels)
         spread = plain.uneven(self.share, log.response) if self.share else None
         return replace(plain, spread=spread, tail=None, there=there, kept=there, efficiency=told, extra={})
 
@@ -132,7 +138,7 @@ class Trial:
     @cached_property
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
-        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise)
+        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
 
     @cached_property
     def one_level(self) -> bool:
@@ -334,7 +340,8 @@ class Trial:
     @property
     def _radian(self) -> float:
         """Of the carrier, in s."""
-        return 1 / (2 * np.pi * float(np.median(self.log.frequency))) if self.resonant else 0.0
+        highest = float(np.max(self.log.frequency)) if self.resonant else 0.0
+        return 1 / (2 * np.pi * highest) if highest else 0.0
 
     def prior(self, shape: str) -> float:
         """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
@@ -366,18 +373,6 @@ class Trial:
         offset = np.nan_to_num(reference[0] + self.inputs.offset)
         begun = self.begun * np.eye(1, len(offset))[0]
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
-
-
-def _read(log: Log, kind: str, longest: int = LONG, means: bool = False) -> tuple[Log, Hold, np.ndarray, np.ndarray | None]:
-    """`prepare` of a log, and which of its rows hold a signal (None: all do)."""
-    gone = lost(log)
-    short, inputs, count = prepare(filled(log, gone), kind, longest, means)
-    if not np.any(gone):
-        return short, inputs, count, None
-    if kind == "steady" and len(short) < len(log):
-        gone = gone[np.argsort(log.frequency, kind="stable")]
-    begins = np.append(0, np.cumsum(count)[:-1]).astype(int)
-    return short, inputs, count, np.add.reduceat(gone.astype(int), begins) == 0
 
 
 def joined(parts: Sequence[np.ndarray]) -> np.ndarray:

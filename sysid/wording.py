@@ -26,9 +26,9 @@ CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smalle
 def assumptions(trial: Trial) -> list[str]:
     """What had to be taken for granted to read a log at all, and what of it could not be read."""
     log, found = trial.log, []
-    if trial.lost:
-        gone = f"{trial.lost} of {len(log)} rows read exactly zero, or what the row before them reads, amid a response that moves"
-        found.append(f"{gone}: the signal was lost; they are left out")
+    if trial.dark:
+        gone = f"{trial.dark} of {len(trial.whole or log)} rows read exactly zero, or what the row before them reads"
+        found.append(f"{gone}, amid a response that moves: the signal was lost; they are left out")
     if not trial.steady and (shared := stamps_shared(trial)):
         found.append(
             f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are taken as rows of one"
@@ -47,6 +47,8 @@ def assumptions(trial: Trial) -> list[str]:
             "no drive is recorded, and the response grows: taken as one that rings freely, which does not; add a voltage_* or"
             " drive_* column, with the step"
         )
+    if trial.rectified:
+        found.append("its rows at rest are of noise without a sign: taken as an amplitude, with no output offset")
     if not trial.resonant and not trial.steady:
         found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
     return found

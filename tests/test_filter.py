@@ -4,12 +4,20 @@ The truth is a matrix exponential of plant (slow mode) and filter, a chain of eq
 the drive's feedthrough. It shares no code with the package.
 """
 
+import re
+from itertools import pairwise
+
+import jax
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
 import sysid
+from sysid.hold import hold_inputs
+from sysid.perturbed import Course
+from sysid.plant import respond
+from sysid.trial import Trial
 
 G, TAU, F0, DRIVEN = 0.02, 1.67e-3, 32300.0, 32280.0
 LOCKIN_TAU, SPACING, ROWS = 5e-5, 5e-5, 160
@@ -109,3 +117,61 @@ def test_a_filter_that_was_not_there_on_rows_of_any_times(grid, late, lockin_tau
     fit = sysid.fit([sysid.Log("step", response, time=time, kind="transient", **given)])
     assert (fit.result.name == "successful") == (lockin_tau == 1e-9 and late == 0.0), fit.warnings
     assert not any("record ten points" in (p.why or "") for p in fit.parameters.values())
+
+
+def course(order, step, rows, f0=1500.0, tau=10e-3):
+    """A step at a tenth of the rows, by 3 Hz above a plate of Q 47: its trial, the course, and the fit's own model, per G V."""
+    time, drive = step * np.arange(rows), np.where(np.arange(rows) < rows // 10, 0.0, 1.0)
+    bench = {"lockin_tau_s": 1e-3, "lockin_order": order} if order else {}
+    given = {"drive": drive, "frequency": np.full(rows, f0 + 3.0), "kind": "transient", "sampling": "instant", "bench": bench}
+    trial = Trial.of(sysid.Log("step", np.ones(rows, complex), time=time, **given), "transient")
+    found = Course(trial, trial.hold((f0, 0.0)), np.array([0.0, np.log(tau), 0.0, 0.0, 0.0, 0.0]))
+    with jax.enable_x64(True):
+        return trial, found, np.asarray(respond(tau, found.detuning, found.hold, order=order).forced)
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_the_course_is_that_of_the_fit_at_any_q(order):
+    """The ripple of the fast mode and what it pulls the slow one by cancel where the response has settled."""
+    _, found, model = course(order, 1e-4, 4000)
+    # behind a filter the response is taken as straight between rows, a tenth of its time constant apart: 1/12 of its square
+    np.testing.assert_allclose(found.exact, model, rtol=0, atol=1e-3 if order else 1e-13)
+
+
+def test_a_response_that_is_later_is_later_behind_the_filter():
+    _, found, _ = course(1, 1e-4, 4000)
+    np.testing.assert_array_equal(found.forced_at(found.poles), found.forced)
+    late = found.forced_at(found.poles, 3e-4)
+    np.testing.assert_allclose(late[3:], found.forced[:-3], atol=1e-3)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_a_block_of_rows_shows_their_mean(order):
+    """To fourth order in the block's length."""
+    trial, found, model = course(order, 2e-5, 4000)
+    assert len(trial.log) < 1000
+    fine = hold_inputs(trial.whole.time, trial.whole.drive, trial.whole.frequency, reference=(1500.0, 0.0))
+    with jax.enable_x64(True):
+        every = np.asarray(respond(found.tau, 2 * np.pi * fine.offset, fine._replace(smoothing=1e-3), order=order).forced)
+    ends = np.append(0, np.cumsum(trial.count).astype(int))
+    mean = [np.mean(every[a:b]) for a, b in pairwise(ends)]
+    np.testing.assert_allclose(model, mean, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("dark", [0.05, 0.3])
+@pytest.mark.parametrize("order", [0, 4])
+def test_rows_without_a_signal_are_no_part_of_the_mean_of_their_block(order, dark):
+    rng, rows, step = np.random.default_rng(2), 20_000 if not order else 4000, LOCKIN_TAU / 10
+    a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
+    clean = -G / TAU * 60.0 / a * (1 - np.exp(a * step * np.maximum(np.arange(rows) - rows // 10, 0)))
+    response = behind(order, clean, step) + 0.012 * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
+    response[gone := rng.random(rows) < dark] = 0.0
+    bench = {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order} if order else {}
+    given = {"drive": np.where(np.arange(rows) < rows // 10, 0.0, 60.0), "frequency": np.full(rows, DRIVEN), "bench": bench}
+    fit = sysid.fit([sysid.Log("step", response, time=step * np.arange(rows), kind="transient", sampling="instant", **given)])
+    said = re.search(r"(\d+) of (\d+) rows read exactly zero", " ".join(fit.warnings))
+    assert abs(int(said[1]) - np.sum(gone[rows // 10 :])) < 0.2 * np.sum(gone) and int(said[2]) == rows
+    for name, truth in (("G", G), ("tau", TAU), ("f0", F0)):
+        p = fit.parameters[name]
+        assert abs(p.value - truth) < 4 * p.std
+    assert fit.parameters["tau"].std < 0.01 * TAU  # most blocks have rows that hold a signal

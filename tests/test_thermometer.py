@@ -77,12 +77,25 @@ def test_a_constant_temperature_is_known_as_well_as_its_mean():
 def test_a_coarse_reading_that_flickers_is_smoothed_and_one_that_is_set_is_kept():
     slow = np.linspace(24, 24.2, ROWS)
     assert rms(smooth(np.round(slow + noise(0.02), 1)) - slow) < 0.02  # the readings are 0.034 off
+    np.testing.assert_allclose(smooth(np.round(slow, 1)), slow, atol=0.002)  # half of a row's step where the reading changes
+    falls = np.linspace(27, 24, ROWS)
+    np.testing.assert_allclose(smooth(np.round(falls / 0.25) * 0.25), falls, atol=0.02)
     for kept in (
-        np.round(slow, 1),
         np.repeat([24.0, 24.5], ROWS // 2),
+        np.repeat([24.0, 25.0, 26.0, 27.0], ROWS // 4),
         np.random.default_rng(0).permutation(np.linspace(20, 30, ROWS)),
     ):
         np.testing.assert_array_equal(smooth(kept), kept)
+
+
+def test_a_cheap_thermometer_does_not_make_the_plate_flicker():
+    """Of 0.5 degC from row to row; temperatures that are set in any order differ by more."""
+    assert rms([smooth(24 + noise(0.5, k))[0] - 24 for k in range(50)]) == pytest.approx(0.5 / np.sqrt(ROWS), rel=0.4)
+
+
+def test_the_step_of_a_long_log_is_where_its_readings_have_it():
+    y = np.where(np.arange(100_000) < 43_210, 24.0, 34.0)
+    assert rms(smooth(y + noise(0.02, rows=len(y))) - y) < 0.01
 
 
 def test_what_is_recorded_of_few_rows_is_kept():

@@ -1,0 +1,133 @@
+"""Columns as instruments write them: frequencies in whole hertz, a drive that was measured, a thermometer of tenths of a degree,
+an amplitude whose noise has no sign. What they leave is noise, and no misfit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+
+import sysid
+
+SEEDS = 12
+WITHIN = 1.7  # rms of (fit - truth)/std over 12 seeds, which is known to 20 %: three and a half of these above 1
+
+
+def scores(bench, made, names=("G", "tau", "f0"), **given):
+    """(seeds, names): (fit - truth)/std of logs that are all to be successful."""
+    found = []
+    for seed in range(SEEDS):
+        fit = sysid.fit(made(np.random.default_rng(seed)), **given)
+        assert fit.result is sysid.Result.successful, fit.warnings
+        found.append([(fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std for n in names])
+    return np.array(found)
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def swept(bench, rng, drive=None, frequency=None, temperature=24.0, level=0.01, **given):
+    """A sweep of settled points over six half bandwidths at 100 V; recorded are a drive and a frequency of their own."""
+    true = 32300.0 + bench.plant.k_T * (np.mean(temperature) - 24.0) + np.linspace(-285, 285, 81)
+    warm = np.broadcast_to(temperature, 81)
+    clean = reference.steady(bench.plant, np.full(81, 100.0), true, warm)
+    response = np.exp(0.3j) * clean + level * (rng.standard_normal(81) + 1j * rng.standard_normal(81))
+    given = {"temperature": warm, "kind": "steady"} | given
+    drive = np.full(81, 100.0) if drive is None else drive
+    return sysid.Log("sweep", response, drive=drive, frequency=true if frequency is None else frequency(true), **given)
+
+
+@pytest.mark.parametrize("digit", [0.5, 1.0, 2.0])
+def test_frequencies_that_are_rounded(bench, digit):
+    """Points 7.1 Hz apart. A drift fits any rounding, by more than the sweep is wide."""
+    made = lambda rng: [swept(bench, rng, frequency=lambda f: np.round(f / digit) * digit)]  # noqa: E731
+    assert np.all(rms(scores(bench, made)) < WITHIN)
+
+
+@pytest.mark.parametrize("share", [0.003, 0.01])
+@pytest.mark.parametrize("followed", [False, True])
+def test_a_drive_that_was_measured(bench, share, followed):
+    """Noise of the meter is not the plate's drive; a drive that does vary is."""
+
+    def made(rng):
+        drive = 100 * (1 + share * rng.standard_normal(81))
+        log = swept(bench, rng, drive)
+        return [replace(log, response=log.response * drive / 100) if followed else log]
+
+    z = scores(bench, made)
+    assert np.all(rms(z[:, 1:]) < WITHIN)
+    assert followed or rms(z[:, 0]) < 2 * WITHIN  # the mean of the meter's 81 readings is G's error too, of a tenth of its noise
+
+
+def test_a_step_whose_drive_was_measured(bench):
+    def made(rng):
+        log = bench.transient(seed=int(rng.integers(1000)))
+        return [replace(log, drive=log.drive * (1 + 0.01 * rng.standard_normal(len(log))))]
+
+    assert np.all(rms(scores(bench, made)) < WITHIN)
+
+
+@pytest.mark.parametrize(("digit", "flicker", "ramp"), [(0.1, 0.0, 3.0), (0.25, 0.0, 3.0), (0.0, 0.4, 0.0), (0.1, 0.3, 0.0)])
+def test_temperatures_as_thermometers_tell_them(bench, digit, flicker, ramp):
+    """Creeping and read to a tenth of a degree; constant and read with noise. Of this k_T took nothing, and was zero."""
+
+    def made(rng):
+        logs = []
+        for middle in (24.0, 34.0):
+            warm = middle + ramp * np.linspace(-0.5, 0.5, 81)
+            read = warm + flicker * rng.standard_normal(81)
+            log = swept(bench, rng, temperature=warm)
+            logs.append(replace(log, temperature=np.round(read / digit) * digit if digit else read))
+        return logs
+
+    z = scores(bench, made, ("G", "tau", "k_T"))
+    assert np.all(rms(z) < WITHIN)
+
+
+def test_one_temperature_that_flickers_tells_no_k_T(bench):
+    def made(rng):
+        log = swept(bench, rng)
+        return [replace(log, temperature=24 + 0.4 * rng.standard_normal(81))]
+
+    for seed in range(SEEDS):
+        assert not sysid.fit(made(np.random.default_rng(seed))).parameters["k_T"].determined
+
+
+@pytest.mark.parametrize("rest", [30, 120])
+@pytest.mark.parametrize("level", [0.01, 0.03])
+def test_an_amplitude_without_a_frequency_has_no_offset(bench, rest, level):
+    """Driven at resonance: noise at rest reads 1.25 of its standard deviation, by which G was too small."""
+
+    def made(rng, sign=1.0, offset=0.0):
+        time, drive = 1e-4 * np.arange(rest + 250), np.repeat([0.0, 100.0], [rest, 250])
+        grown = bench.plant.G * 100 * -np.expm1(-np.maximum(time - time[rest], 0) / bench.plant.tau)
+        noise = 2 * level * (rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time)))
+        response = np.abs(grown + noise) if sign else grown + noise.real + offset
+        return [sysid.Log("step", response, time=time, drive=drive, kind="transient", sampling="instant")]
+
+    assert np.all(rms(scores(bench, made, ("G", "tau"))) < WITHIN)
+    signed = lambda rng: made(rng, 0.0, 6 * level)  # noqa: E731, an offset of three standard deviations
+    assert np.all(rms(scores(bench, signed, ("G", "tau"))) < WITHIN)
+
+
+def test_a_reference_that_may_be_late_is_named(bench):
+    """The mirror image of a sensor that is late; G is too small."""
+
+    def said(log):
+        return [w for w in sysid.fit([log]).warnings if "a reference that is late by" in w]
+
+    log = swept(bench, np.random.default_rng(0))
+    turned = lambda t: replace(log, response=log.response * np.exp(2j * np.pi * t * (log.frequency - 32300)))  # noqa: E731
+    assert not said(log)
+    assert said(turned(60e-6)) and not said(turned(-60e-6))
+    assert "beside the 2e-05 s that are stated" in said(replace(turned(60e-6), bench={"delay_s": 2e-5}))[0]
+    assert not said(replace(turned(60e-6), bench={"delay_s": 0.0}))
+
+
+def test_a_frequency_of_zero_throughout_is_none(bench):
+    log = bench.transient(seed=3, frequency=bench.plant.f0)
+    fit = sysid.fit([replace(log, frequency=np.zeros(len(log)))])
+    assert any("its frequency is 0 in every row" in said for said in fit.warnings)
+    assert abs(fit.parameters["tau"].value - bench.plant.tau) < 4 * fit.parameters["tau"].std
+    assert "no frequency is recorded" in fit.parameters["f0"].why
