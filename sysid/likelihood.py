@@ -40,7 +40,7 @@ from sysid.plant import Response, respond, steady
 from sysid.span import REAL, Span, best_turn, times, turn_towards
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
-OWN = 5  # rows of an experiment, its last, for the priors of what depends on the plant
+OWN = 6  # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of `extra`
 
 
 class Layout(NamedTuple):

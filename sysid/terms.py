@@ -55,12 +55,14 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
-        yield from moments(i, view)
+        yield from chain(_creeping(i, view), moments(i, view))
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:
     c = view.course
     half_bandwidth = 1 / (2 * np.pi * c.tau)
+    one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
+    out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
     for beside in (*-BESIDE, *BESIDE):
         shape = c.forced_at(c.poles + 2j * np.pi * beside * half_bandwidth)
         shapes = view.observed(np.stack([shape, 1j * shape])).T
@@ -70,7 +72,7 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
             share = 100 * size * np.hypot(*value)
             return (
                 f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
-                f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; leave its frequencies out"
+                f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; {out}"
             )
 
         yield Term("second resonance", {i: shapes}, say, i, freedom=3)
@@ -166,6 +168,22 @@ def _background(i: int, view: View) -> Iterator[Term]:
     yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
     shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
     yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
+
+
+def _creeping(i: int, view: View) -> Iterator[Term]:
+    """An output offset of a transient that goes on in proportion to the time."""
+    log = view.trial.log
+    if not view.trial.signed or len(log) < 8 or log.time[-1] == log.time[0]:
+        return
+    along = ((log.time - log.time[0]) / (log.time[-1] - log.time[0]) + 0j)[:, None]
+    shapes = along if log.amplitude_only else np.concatenate([along, 1j * along], axis=1)
+
+    def say(value: np.ndarray, view: View) -> str:
+        share = 100 * float(np.hypot(*value) if len(value) > 1 else abs(value[0])) / view.trial.scale
+        said = f"its output offset drifts by {share:.2g} % of the response from the first row to the last"
+        return f"{log.name}: {said}; record a shorter log, or wait until it is constant"
+
+    yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

@@ -8,8 +8,7 @@ from sysid.condense import OFFSET_UNITS
 from sysid.guess import phase_falls
 from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import seconds
-from sysid.noise import independent
-from sysid.trial import Trial
+from sysid.trial import Trial, whitened
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
@@ -137,12 +136,13 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
     is noise that could hide as much."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
-    order = np.argsort(trial.log.frequency, kind="stable") if trial.steady and trial.resonant else slice(None)
-    part, chance = _structure(residual[order])
+    rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+    order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
+    part, chance = _structure(residual[rows[order]])
     much = f"{100 * part / (size or 1.0):.1f} %"
     if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
         return None, None
-    if not trial.steady and not _near_changes(trial, residual, tau):
+    if not trial.steady and not _near_changes(residual[rows], trial.since_change[rows], tau):
         return None, None
     if _is_coloured_noise(trial, residual, model):
         return None, f"noise that neighbouring rows share is {much} of the response, and may hide as much of a misfit"
@@ -228,9 +228,9 @@ def _structure(residual: np.ndarray) -> tuple[float, float]:
 def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
     """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
     taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
-    if trial.noise_time == 0 or len(residual) < LEAST_ROWS:
+    if not any(p.noise_time for p in trial.parts) or len(residual) < LEAST_ROWS:
         return False
-    own = independent((residual * trial.weight)[trial.used], trial.clock[trial.used], trial.noise_time)
+    own = whitened(residual[trial.used], *trial.whitening())
     channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
     shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
     strong = np.abs(model[trial.used]) ** 2
@@ -239,9 +239,8 @@ def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) ->
     return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
 
 
-def _near_changes(trial: Trial, residual: np.ndarray, tau: float) -> bool:
-    """Whether the residual is larger after changes of the inputs than at rest: a misfit; coloured noise is everywhere."""
-    since = trial.since_change
+def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
+    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is everywhere."""
     near = since < 5 * tau
     if near.sum() < 8 or (~near).sum() < 20:
         return True

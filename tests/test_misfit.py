@@ -414,3 +414,15 @@ def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
     # D = r tau/(1 - r), to second order in D (f - f0): a tenth
     assert float(told[2]) == pytest.approx(100e-6, rel=0.1) and float(told[1]) == pytest.approx(5.7, rel=0.1)
     assert not said(replace(late, bench={"delay_s": 0.0}))
+
+
+@pytest.mark.parametrize("turn", [1.0, 1j])
+def test_an_offset_that_drifts_in_a_step_is_named(bench, turn):
+    """By 2 % of the response from the first row to the last: it was a resonance that drifts, or a second one, or no misfit."""
+    for seed in range(8):
+        log = bench.transient(seed=seed, noise=0.005)
+        creeping = 0.02 * 2.0 * turn * np.linspace(0, 1, len(log))
+        fit = sysid.fit([replace(log, response=log.response + creeping)])
+        assert fit.result is Result.misfit and "its output offset drifts by" in fit.warnings[-1], fit.warnings
+        share = float(re.search(r"offset drifts by (\S+) %", fit.warnings[-1])[1])
+        assert 1 < share < 3
