@@ -85,9 +85,18 @@ def levelled(log: Log) -> Log:
 
 
 def _followed(log: Log, level: np.ndarray) -> bool:
-    """Whether the response is smoother, row after row, per drive than per its level."""
+    """Whether the response goes with the drive beside its level: it is smoother, row after row, per drive; or it moves after the
+    drive did. A drive of a few values is no meter's noise."""
+    beside = log.drive - level
+    if len(np.unique(beside)) <= DIGITS * len(np.unique(level)):
+        return True
     by_drive, by_level = (np.diff(log.response * (level / np.where(of == 0, np.inf, of)), 2) for of in (log.drive, level))
-    return bool(np.sum(np.abs(by_drive) ** 2) < np.sum(np.abs(by_level) ** 2))
+    if np.sum(np.abs(by_drive) ** 2) < np.sum(np.abs(by_level) ** 2):
+        return True
+    moves = np.diff(log.response)
+    moves = moves / np.maximum(np.abs(moves), 3 * np.median(np.abs(moves)) or 1.0)  # of a step no more than of the rows about it
+    size = float(np.sqrt(np.mean(np.abs(moves) ** 2) * np.sum(beside**2))) or 1.0
+    return any(abs(np.sum(moves[k:] * beside[: len(moves) - k])) > FOLLOWED * size for k in range(min(AFTER, len(moves))))
 
 
 def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
@@ -132,6 +141,8 @@ def undelayed(log: Log, sign: float = 1.0) -> Log:
 
 JUMP = 12.0  # usual moves from row to row, the median, that are a jump: normal ones exceed 9 in no log
 BLOCKS = (16, 256, 4096)  # rows, of which means tell whether they are level:
+DIGITS = 3  # values beside its level, at most, of a drive that is meant to vary
+FOLLOWED, AFTER = 4.0, 8  # standard deviations of chance by which a response moves with the drive, of some of so many rows before
 STEADY = 6.0  # usual moves over the root of their rows, no more than which they are then off
 LEAST_FORCE = 0.01  # N; less is a force sensor's own
 OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response

@@ -329,5 +329,7 @@ class _Linear:
         moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
         if term.beside is not None and term.beside[0] in moves:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
+        if term.squared is not None and term.squared[0] in moves:
+            moves[term.squared[0]] += term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
         found = Found(said, float(gained), moves, term.name, term.log, term.freedom, bool(gained >= chance + ENOUGH))
         return found if found.certain or found.harmful else None

@@ -19,6 +19,7 @@ class Term:
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
     beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
+    squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
     unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
     parts: tuple["Term", ...] = field(default=(), repr=False)  # of one log each, in place of shapes of its own
 

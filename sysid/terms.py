@@ -52,6 +52,8 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
+    elif trial.driven and not trial.steady and not trial.log.amplitude_only:
+        yield _off_resonance(i, view)
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
@@ -76,6 +78,20 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
             )
 
         yield Term("second resonance", {i: shapes}, say, i, freedom=3)
+
+
+def _off_resonance(i: int, view: View) -> Term:
+    """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is taken to be. By x half
+    bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by about x^2."""
+    name, x = view.trial.log.name, 2 * np.pi * view.course.tau
+
+    def say(value: np.ndarray, _: View) -> str:
+        return (
+            f"{name}: it was driven about {abs(value[0]):.2g} Hz off the resonance, and no frequency is recorded; add a"
+            " frequency_* column, or its value as metadata"
+        )
+
+    return Term("off resonance", {i: _changed(view, 2j * np.pi * view.plate)[:, :1]}, say, i, squared=("tau", x**2))
 
 
 def _drift(i: int, view: View) -> Iterator[Term]:

@@ -41,10 +41,11 @@ def assumptions(trial: Trial) -> list[str]:
         found.append("taken as settled, with the drive at zero, before its first row")
     if log.amplitude_only and trial.resonant and trial.driven:
         found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
-    if log.drive is None and not trial.steady and _grows(np.abs(log.response)):
+    if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
+        drive = "no drive is recorded" if log.drive is None else "the drive is zero in every row"
         found.append(
-            "no drive is recorded, and the response grows: taken as one that rings freely, which does not; add a voltage_* or"
-            " drive_* column, with the step"
+            f"{drive}, and the response grows: taken as one that rings freely, which does not; add a voltage_* or drive_* column,"
+            " with the step"
         )
     if trial.rectified:
         found.append("its rows at rest are of noise without a sign: taken as an amplitude, with no output offset")

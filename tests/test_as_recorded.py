@@ -68,6 +68,18 @@ def test_a_step_whose_drive_was_measured(bench):
     assert np.all(rms(scores(bench, made)) < WITHIN)
 
 
+@pytest.mark.parametrize("kind", ["of two values", "normal"])
+def test_a_drive_that_is_made_to_vary_about_its_level_is_not_a_meters_noise(bench, kind):
+    """By 1 % of 100 V in each row of a log that tells tau by nothing else."""
+
+    def made(rng):
+        beside = np.sign(rng.standard_normal(4000)) if kind == "of two values" else rng.standard_normal(4000)
+        return [bench.transient(seed=int(rng.integers(1000)), volts=100 + beside, noise=1e-4, frequency=32300.0)]
+
+    z = scores(bench, made, ("tau", "f0"))
+    assert np.all(rms(z) < WITHIN)
+
+
 @pytest.mark.parametrize(("digit", "flicker", "ramp"), [(0.1, 0.0, 3.0), (0.25, 0.0, 3.0), (0.0, 0.4, 0.0), (0.1, 0.3, 0.0)])
 def test_temperatures_as_thermometers_tell_them(bench, digit, flicker, ramp):
     """Creeping and read to a tenth of a degree; constant and read with noise. Of this k_T took nothing, and was zero."""

@@ -216,6 +216,9 @@ def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench):
     """A plate that rings freely dies away; this response grows from rest."""
     found = sysid.fit([bench.transient(drive=False)])
     assert any("no drive is recorded, and the response grows" in w for w in found.warnings)
+    log = bench.transient()
+    found = sysid.fit([replace(log, drive=np.zeros(len(log)))])
+    assert any("the drive is zero in every row, and the response grows" in w for w in found.warnings)
     ringing = bench.transient(volts=np.repeat([100.0, 0.0], [60, 180]))
     kept = {name: getattr(ringing, name)[70:] for name in ("response", "time", "frequency")}
     free = sysid.fit([replace(ringing, **kept, drive=None, temperature=None)])
@@ -426,3 +429,17 @@ def test_an_offset_that_drifts_in_a_step_is_named(bench, turn):
         assert fit.result is Result.misfit and "its output offset drifts by" in fit.warnings[-1], fit.warnings
         share = float(re.search(r"offset drifts by (\S+) %", fit.warnings[-1])[1])
         assert 1 < share < 3
+
+
+@pytest.mark.parametrize("off", [0.25, 0.5])
+def test_a_step_off_its_resonance_without_a_frequency_is_named(bench, off):
+    """By so many half bandwidths: W turns as it grows, which at the resonance it does not."""
+    hertz = off / (2 * np.pi * bench.plant.tau)
+    for sign in (1, -1):
+        log = bench.transient(seed=5, frequency=bench.plant.f0 + sign * hertz)
+        fit = sysid.fit([replace(log, frequency=None)])
+        assert fit.result is Result.misfit
+        found = re.search(r"driven about (\S+) Hz off the resonance", fit.warnings[-1])
+        assert float(found[1]) == pytest.approx(hertz, rel=0.3)  # to first order
+    fit = sysid.fit([replace(bench.transient(seed=5, frequency=bench.plant.f0), frequency=None)])
+    assert fit.result is Result.successful
