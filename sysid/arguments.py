@@ -26,7 +26,8 @@ def parser() -> argparse.ArgumentParser:
         type=_effects,
         metavar="LIST",
         help="what the bench may have added to the logs, rotation,background,offset,start,late,thermometer unless stated; or"
-        " none; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor) and gain",
+        " none; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor), gain"
+        " and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",

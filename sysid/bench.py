@@ -34,9 +34,9 @@ class _Shown(NamedTuple):
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
     the log states; `drift`, `lag`, `gain` and `thermometer` those of `sysid.extra`; `offset`, `feedthrough` (per unit of the
-    drive), `slope` (per Hz besides) and `start` have d and q as the log records them, the start of an amplitude that is driven at
-    its first row what it has beside the settled response, along it and across; `noise` is one channel's standard deviation; where
-    those of d and q differ it is their root mean square, with `noise_d` and `noise_q` beside it."""
+    drive), `slope` (per Hz besides), `baseline` (per s) and `start` have d and q as the log records them, the start of an
+    amplitude that is driven at its first row what it has beside the settled response, along it and across; `noise` is one
+    channel's standard deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
@@ -83,7 +83,7 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     if kind == "start":
         return _Shown(shown, unit, 1.0)
     per_drive, per_both = (f"{unit}/{drive}", f"{unit}/({drive} Hz)") if drive else (unit, f"{unit}/Hz")
-    per = {"offset": unit, "feedthrough": per_drive, "slope": per_both}[kind]
+    per = {"offset": unit, "feedthrough": per_drive, "slope": per_both, "baseline": f"{unit}/s"}[kind]
     return _Shown(shown, per, 1 / float(np.max(np.abs(trial.shapes[kind]))))
 
 

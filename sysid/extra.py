@@ -8,7 +8,8 @@
 All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `sysid/perturbed.py`: to first order,
 so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
-The thermometer's error is fitted where it moves the resonance by as much as the logs could tell.
+The thermometer's error is fitted where it moves the resonance by as much as the logs could tell. A baseline that goes on with the
+time, on request as well, does not depend on the plate: it is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ import numpy as np
 from sysid.perturbed import Course
 from sysid.trial import Extra, Trial
 
-EXTRA = ("drift", "lag", "gain")
+EXTRA = ("drift", "lag", "gain", "baseline")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
 SHARE = 0.1  # of the log's duration, and of the gain
 TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted

@@ -189,7 +189,7 @@ def _background(i: int, view: View) -> Iterator[Term]:
 def _creeping(i: int, view: View) -> Iterator[Term]:
     """An output offset of a transient that goes on in proportion to the time."""
     log = view.trial.log
-    if not view.trial.signed or len(log) < 8 or log.time[-1] == log.time[0]:
+    if not view.trial.signed or "baseline" in view.trial.nuisances or len(log) < 8 or log.time[-1] == log.time[0]:
         return
     along = ((log.time - log.time[0]) / (log.time[-1] - log.time[0]) + 0j)[:, None]
     shapes = along if log.amplitude_only else np.concatenate([along, 1j * along], axis=1)
@@ -197,7 +197,7 @@ def _creeping(i: int, view: View) -> Iterator[Term]:
     def say(value: np.ndarray, view: View) -> str:
         share = 100 * float(np.hypot(*value) if len(value) > 1 else abs(value[0])) / view.trial.scale
         said = f"its output offset drifts by {share:.2g} % of the response from the first row to the last"
-        return f"{log.name}: {said}; record a shorter log, or wait until it is constant"
+        return f"{log.name}: {said}; record a shorter log, wait until it is constant, or fit it (--effects=+baseline)"
 
     yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
 

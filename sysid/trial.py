@@ -254,8 +254,9 @@ class Trial:
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
-        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; what
-        the lock-in's filter still holds of what was before a log that begins amid a drive."""
+        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; a
+        baseline (per s) that goes on with the time; what the lock-in's filter still holds of what was before a log that begins
+        amid a drive."""
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
@@ -274,6 +275,8 @@ class Trial:
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._smoothed(drive)
+            if "baseline" in self.nuisances:
+                shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:
                 shapes |= self._remembered()
         return {name: shape for name, shape in shapes.items() if np.any(shape)}
