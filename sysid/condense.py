@@ -39,9 +39,10 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
     unseen = np.zeros(len(log)) if steady else gaps(log)
     hold, n = _inputs(log, kind, unseen), len(log)
     there = ~gone if np.any(gone) else None
-    blocks = np.arange(n) if steady else _alike(log, hold)
-    rows = Rows(log, hold, np.ones(n), there, int(np.sum(gone)), float(np.max(unseen, initial=0.0)), len(blocks))
-    if (n <= longest and len(blocks) == n) or log.kind is None:  # its kind may still change
+    blocks = None if steady else _alike(log, hold)
+    most = n if blocks is None else len(blocks)
+    rows = Rows(log, hold, np.ones(n), there, int(np.sum(gone)), float(np.max(unseen, initial=0.0)), most)
+    if (n <= longest and most == n) or log.kind is None:  # its kind may still change
         return rows
     if steady:
         if (log.drive is not None and np.ptp(log.drive) > 0) or log.frequency is None:
@@ -52,9 +53,9 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
         weight, count, there = _weights(gone, edges)
         short = _means(log, edges, weight)
         return replace(rows, log=short, inputs=_inputs(short, kind, unseen), count=count, there=there)
-    if len(hold.drive) > MOST // 8 and len(blocks) > longest:
+    if len(hold.drive) > MOST // 8 and most > longest:
         return rows
-    edges = blocks if len(blocks) <= longest else _edges(hold, blocks)
+    edges = blocks if blocks is not None and most <= longest else _edges(hold, blocks)
     weight, count, there = _weights(gone, edges)
     elapsed = _mean(hold.elapsed, edges, weight)
     square = np.square(hold.elapsed)
@@ -230,12 +231,13 @@ def _contact(log: Log) -> np.ndarray | None:
     return contact(force, xp=np)
 
 
-def _alike(log: Log, hold: Hold) -> np.ndarray:
-    """(blocks,) first rows of blocks that hold about the same noise. Behind a filter of several poles it is smoother than the
-    Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not there."""
+def _alike(log: Log, hold: Hold) -> np.ndarray | None:
+    """(blocks,) first rows of blocks that hold about the same noise; None: each row is one. Behind a filter of several poles
+    noise is smoother than the Ornstein-Uhlenbeck process that it is taken for, which finds in the differences of rows what is not
+    there."""
     tau, order = log.bench.get("lockin_tau_s", 0.0), log.bench.get("lockin_order", 1)
     if not tau or order < 2 or log.theta is not None or log.time[-1] <= log.time[0]:
-        return np.arange(len(log))
+        return None
     since = log.time - log.time[np.searchsorted(hold.interval, hold.interval)]
     longest = min(ALIKE * order * tau, (log.time[-1] - log.time[0]) / FEWEST)
     first, grown = NEW * longest, (1 - NEW) * longest / WIDER
@@ -244,13 +246,15 @@ def _alike(log: Log, hold: Hold) -> np.ndarray:
     return np.unique([0, 1, *(np.flatnonzero((np.diff(block) != 0) | (np.diff(hold.interval) != 0)) + 1)])
 
 
-def _edges(hold: Hold, blocks: np.ndarray) -> np.ndarray:
+def _edges(hold: Hold, blocks: np.ndarray | None) -> np.ndarray:
     """(longer blocks,) their first rows: none crosses a change of the inputs, and within a stretch they widen linearly."""
-    starts = np.searchsorted(hold.interval[blocks], np.arange(len(hold.drive)))
-    stops = np.append(starts[1:], len(blocks))
+    interval = hold.interval if blocks is None else hold.interval[blocks]
+    starts = np.searchsorted(interval, np.arange(len(hold.drive)))
+    stops = np.append(starts[1:], len(interval))
     share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
     edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
-    return blocks[np.unique(np.concatenate([[0, 1], *edges]))]
+    found = np.unique(np.concatenate([[0, 1], *edges]))
+    return found if blocks is None else blocks[found]
 
 
 def _mean(values: np.ndarray, edges: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
