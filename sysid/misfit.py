@@ -157,9 +157,9 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     if abs(share.real) < max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
         return None
     late, size = -share.real / (1 + share.real) * float(np.exp(state.theta[1])), 100 * abs(share.real)
-    which, change = ("sensor that is", "smaller") if late > 0 else ("reference that is", "larger")
+    which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
     beside = f" beside the {stated:.3g} s that are stated" if stated else ""
-    return THROUGH.format(trial.log.name, size, which, abs(late), beside, size, change)
+    return THROUGH.format(trial.log.name, size, which, abs(late), beside, change)
 
 
 def _error_of_lateness(view: View, fit: "_Linear") -> float:

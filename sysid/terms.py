@@ -27,8 +27,8 @@ SHIFTED = (
 )
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 THROUGH = (
-    "{}: a feedthrough of {:.2g} % of the response, or a {} late by {:.2g} s{}, by which G would be {:.2g} % {}; state delay_s"
-    " (0 if nothing is late)"
+    "{0}: a feedthrough of {1:.2g} % of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1:.2g} % {5};"
+    " state delay_s (0 if nothing is late)"
 )
 
 

@@ -69,10 +69,22 @@ class Trial:
         read = prepare(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        trial = cls(read.log, kind, read.inputs, read.count, nuisances, spacing, read.gap, read.dark, read.most)
         rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
-        whole = log if len(read.log) < len(log) else None
-        trial = replace(trial, there=read.there, kept=read.there, whole=whole, rectified=rectified)
+        trial = cls(
+            read.log,
+            kind,
+            read.inputs,
+            read.count,
+            nuisances,
+            spacing,
+            gap=read.gap,
+            dark=read.dark,
+            most=read.most,
+            rectified=rectified,
+            there=read.there,
+            kept=read.there,
+            whole=log if len(read.log) < len(log) else None,
+        )
         share = DECIBEL[kind] if log.relative_noise else 0.0
         return replace(trial, share=share, spread=trial.uneven(share, read.log.response)) if share else trial
 
