@@ -228,7 +228,7 @@ def text(rng, bench: Bench, given: Inputs, rows: np.ndarray, temperature: float,
     metadata, columns = {}, {}
     if given.time is not None:
         columns[f"time_{time}"] = given.time * TIMES[time]
-        metadata["sampling"] = "instant"
+        metadata["sampling"] = "settled" if given.kind == "timed sweep" else "instant"
         if given.kind != "timed sweep":
             metadata["kind"] = "transient"
             metadata |= {"lockin_tau_s": bench.filter * tau, "lockin_order": bench.poles} if bench.stated else {}

@@ -14,7 +14,8 @@ own 97 % of the intervals held the truth (with half of s^2: 85 %); of a bench wi
 priors stay wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
 
 In the same way a rest before the step that is short beside tau shows the sum of an offset and of a plate that still rings, and
-neither alone: both get priors of the size of that sum.
+neither alone: both get priors of the size of that sum. And settled points at one frequency show the sum of the plate's response
+and of a feedthrough: that is as large, per volt, as those of the other logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,6 +42,26 @@ def tightened(state: State, reference: tuple[float, float], names: Sequence[str]
             narrow |= PAIRS[name].size(view, state.covariance) if PAIRS[name].held(trial, view.course.tau) else {}
         found.append(replace(trial, narrow=narrow))
     return tuple(found)
+
+
+def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
+    """The trials, those of settled points at one frequency with a feedthrough, whose prior is of the size that the others show;
+    as wide as any where none shows one."""
+    if not any(t.at_one_frequency for t in state.trials):
+        return state.trials
+    squares = []
+    for trial, model in zip(state.trials, state.models, strict=True):
+        if "feedthrough" not in trial.shapes:
+            continue
+        view = View(trial, model, state, reference, coloured=True)
+        through = complex_of(view, "feedthrough", 1 / float(np.max(np.abs(trial.shapes["feedthrough"]))))
+        value = abs(through @ np.array([c.value for c in view.columns]))
+        squares.append(0.5 * value**2 + 0.5 * float((through @ view.covariance(state.covariance) @ through.conj()).real))
+    size = float(np.sqrt(np.mean(squares))) if squares else np.inf
+    return tuple(
+        replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))}) if t.at_one_frequency else t
+        for t in state.trials
+    )
 
 
 def loosened(trial: Trial) -> Trial:

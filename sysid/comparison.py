@@ -138,8 +138,8 @@ def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
     if physics == "exact":
         return log.response - turn * (view.model - view.bench) / view.turn
     if physics == "envelope":
-        return log.response - turn * course.forced
-    settling = course.forced_at(-1 / course.tau + 0 * course.poles)
+        return log.response - turn * course.envelope.forced
+    settling = course.envelope.at(-1j * course.detuning).forced
     along = np.vdot(settling, log.response - view.bench)
     return log.response - settling * (along / abs(along) if along and "rotation" in kept else 1.0)
 

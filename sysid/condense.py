@@ -221,14 +221,20 @@ def _inputs(log: Log, kind: str, unseen: np.ndarray) -> Hold:
 
 
 def _contact(log: Log) -> np.ndarray | None:
-    """Of the recorded force, of either sign, from row to row at its middle; None where there is none but the sensor's own."""
+    """Of the recorded force, of either sign, held from row to row, or at its middle where it runs on; None where there is none
+    but the sensor's own."""
     if log.force is None or np.max(np.abs(log.force)) < LEAST_FORCE:
         return None
     force = np.abs(log.force)
     force = np.where(force < LEAST_FORCE, 0.0, force)
     if log.kind != "steady" and log.sampling != "settled":
-        force = 0.5 * (force + np.append(force[1:], force[-1]))
+        move = np.append(np.diff(force), 0.0)
+        beside = np.maximum(*(np.sign(move) * np.append(*pair) for pair in ((0.0, move[:-1]), (move[1:], 0.0))))
+        force = force + np.where(beside > RUNS_ON * np.abs(move), 0.5 * move, 0.0)
     return contact(force, xp=np)
+
+
+RUNS_ON = 0.2  # of a force's move from row to row, by which it also moves before or after: less is a step
 
 
 def _alike(log: Log, hold: Hold) -> np.ndarray | None:

@@ -1,5 +1,7 @@
 """Sweeps whose points dwell until the plate has settled: what their rows belong to, where that is not stated."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sysid.log import Log
@@ -20,6 +22,13 @@ def of_own_inputs(log: Log) -> bool:
     same inputs then agree with one another."""
     inputs = np.stack([c for c in (log.drive, log.frequency) if c is not None], axis=1)
     return _apart(inputs[1:], log.response[1:]) < _apart(inputs[:-1], log.response[1:])
+
+
+def of_the_row_before(log: Log) -> Log:
+    """Rows that show what the inputs of the row before have led to, as rows of those inputs; of the first nothing is known."""
+    columns = {name: getattr(log, name) for name in ("drive", "frequency", "temperature", "force")}
+    earlier = {name: column[:-1] for name, column in columns.items() if column is not None}
+    return replace(log, response=log.response[1:], time=log.time[1:], sampling="settled", **earlier)
 
 
 def _apart(inputs: np.ndarray, response: np.ndarray) -> float:

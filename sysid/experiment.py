@@ -74,6 +74,9 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     now, before = trial.whitening(used)
     y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
     y = _pad(whitened(y, now, before), rows)
+    if extra:  # behind those of start and lateness
+        own = rows - (0 if trial.steady else 1 + late) - np.arange(1, len(extra) + 1)
+        y[own] = -trial.pulls
     bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans(used)]
     channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(

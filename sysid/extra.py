@@ -22,15 +22,39 @@ from sysid.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
+STRIDE = 0.5  # half bandwidths, of which a response to first order tells
 SHARE = 0.1  # of the log's duration, and of the gain
 TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
 
 
-def asked(trial: Trial, course: Course) -> dict[str, Extra]:
+def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
     """Those that are asked for, of those that the log can hold, by name."""
     if set(UNITS).isdisjoint(trial.nuisances):
         return {}
-    return {name: extra for name, extra in possible(trial, course).items() if name in trial.nuisances}
+    return {name: extra for name, extra in possible(trial, course, beside).items() if name in trial.nuisances}
+
+
+def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
+    """The trial with the shapes that are asked for, at the plate's own temperature, which is off what was read by as much as it
+    was and, to first order, `numbers` (E,) of the course's columns more: far away it is come to step by step."""
+    trial = course.trial
+    if "thermometer" in trial.extra:
+        most = STRIDE / (2 * np.pi * course.tau * abs(course.theta[3]))
+        size = trial.extra["thermometer"].prior / trial.looseness
+        more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
+        new = replace(new, warmer=trial.warmer + float(np.clip(more, -most, most)))
+        course = replace(course, hold=course.hold._replace(warming=course.hold.warming + new.warmer - trial.warmer))
+    return replace(new, extra=asked(new, course, (new.start, -new.late)))
+
+
+def followed(trial: Trial, theta: np.ndarray, new: np.ndarray, reference: tuple[float, float]) -> Trial:
+    """The trial as theta becomes `new`, its resonance where it was: what the logs' thermometers may be off by, f0 and k_T may go
+    without a change of what is seen, and the shapes stay those of what is seen."""
+    if "thermometer" not in trial.extra or not new[3]:
+        return trial
+    warm = float(np.mean(trial.log.temperature)) - reference[1]
+    f0 = theta[2] + theta[3] * (warm + trial.warmer)
+    return replace(trial, warmer=float((f0 - new[2]) / new[3]) - warm)
 
 
 def with_thermometers(trials: Sequence[Trial], k_T: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
@@ -49,26 +73,26 @@ def with_thermometers(trials: Sequence[Trial], k_T: float, f0_std: float) -> tup
     return tuple(found), said
 
 
-def possible(trial: Trial, course: Course) -> dict[str, Extra]:
-    """Those that the log can hold, by name."""
+def possible(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
+    """Those that the log can hold, by name; `beside`: start and lateness, as `Course.changed` has them."""
     if not (trial.signed and trial.driven):
         return {}
-    found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course)}
+    found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course, beside)}
     return {name: extra for name, extra in found.items() if np.any(extra.shape)}
 
 
-def _shapes(trial: Trial, course: Course) -> Iterator[tuple[str, np.ndarray, float]]:
+def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> Iterator[tuple[str, np.ndarray, float]]:
     log, tau = trial.log, course.tau
-    turning = 2j * np.pi * course.exact
+    turning, held = 2j * np.pi * np.ones(len(log)), np.ones(len(course.hold.drive))
     along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
     sorted_by_frequency = trial.steady and trial.whole is not None  # the means of a long sweep
     if trial.resonant and along[-1] > 0 and not sorted_by_frequency:
-        yield "drift", course.response_to((2 * along / along[-1] - 1) * turning), 1 / (2 * np.pi * tau)
+        yield "drift", course.along((2 * along / along[-1] - 1) * turning, *beside), 1 / (2 * np.pi * tau)
     if trial.resonant and log.temperature is not None and log.time is not None and log.time[-1] > log.time[0]:
         stamps, first = np.unique(log.time, return_index=True)
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
-        yield "lag", course.response_to(course.theta[3] * rate * turning), SHARE * float(np.ptp(log.time))
-    yield "gain", course.exact, SHARE
+        yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
+    yield "gain", course.forced, SHARE
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:
-        yield "thermometer", course.response_to(course.theta[3] * turning), error
+        yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

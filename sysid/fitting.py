@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid import reading, wording
-from sysid.coincidence import hangs, tightened
+from sysid.coincidence import hangs, tightened, with_feedthroughs
 from sysid.conclusion import Question, conclude
 from sysid.extra import EXTRA, with_thermometers
 from sysid.fitted import Fit
@@ -83,10 +83,12 @@ def _asked(
         states = minimiser.minima(again, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
+    through = [with_feedthroughs(s, reference) for s in states]
+    states = [s if t is s.trials else minimiser.refine(t, s.theta) for s, t in zip(states, through, strict=True)]
     if "thermometer" in nuisances and "k_T" in free:
         with_errors = [with_thermometers(s.trials, s.theta[3], float(np.sqrt(s.covariance[2, 2]))) for s in states]
         states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
         warnings += with_errors[0][1]
     states = [unfolded(minimiser, s) for s in states]
-    again = tuple(replace(t, nuisances=s.nuisances) for t, s in zip(again, states[0].trials, strict=True))
+    again = tuple(replace(t, nuisances=s.nuisances, narrow=s.narrow) for t, s in zip(again, states[0].trials, strict=True))
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states

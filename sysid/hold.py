@@ -118,6 +118,26 @@ def read_at(hold: Hold, time: np.ndarray, delay: float) -> Hold:
     return hold._replace(interval=row.astype(np.int32), elapsed=np.maximum(read - begin[row], 0.0))
 
 
+def cut(hold: Hold) -> tuple[Hold, np.ndarray]:
+    """The same inputs in shorter intervals (M'), that end where a row is read as well; and the row that each leads to (M')."""
+    begin = np.append(0.0, np.cumsum(hold.duration)[:-1])
+    read = begin[hold.interval] + hold.elapsed
+    when, of = np.append(read, begin), np.append(hold.interval, np.arange(len(begin)))
+    order = np.argsort(when, kind="stable")  # what is read as an interval begins belongs to the one before
+    place = np.argsort(order, kind="stable")[: len(read)]
+    when, of = when[order], np.maximum.accumulate(of[order])
+    row = np.maximum(place - 1, 0)
+    held = {name: getattr(hold, name)[of] for name in ("drive", "omega", "offset", "warming", "contact", "turn", "begun")}
+    end = max(begin[-1] + hold.duration[-1], when[-1])
+    finer = hold._replace(
+        duration=np.diff(np.append(when, end)),
+        interval=row.astype(np.int32),
+        elapsed=when[place] - when[row],
+        **held,
+    )
+    return finer, np.minimum(np.searchsorted(place, np.arange(len(when)), side="right"), len(read) - 1)
+
+
 def settled_points(drive, frequency=None, temperature=None, contact=None, *, reference=(0.0, 0.0)) -> Hold:
     """Settled points (n,) as a `Hold`: each is an interval of its own; without a frequency: at resonance."""
     n = len(drive)

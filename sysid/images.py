@@ -1,4 +1,4 @@
-"""Where else a fit of amplitudes may have its minimum: images of one that was found, each as trials and theta to begin from."""
+"""Where else a fit that sees amplitudes alone may have its minimum: images of one that was found, as trials and theta."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,13 +17,14 @@ def images(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, f
 
 
 def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
-    """The resonance as far on the other side of each constant drive of which only the amplitude is known: by its level; by
-    its temperature coefficient, about the temperature of the other logs. That log's start is mirrored with it."""
+    """The resonance as far on the other side of each constant drive of which only the amplitude is known, as of settled points
+    that a demodulator of any phase has turned: by its level; by its temperature coefficient, about the temperature of the other
+    logs. That log's start is mirrored with it."""
     resonant = [t for t in trials if t.resonant]
     level, drift = theta[2:4] * [1, drifts]
     warming = {id(t): float(np.mean(t.hold(reference).warming)) for t in resonant}
     mirrored = {}
-    for trial in (t for t in resonant if t.log.amplitude_only and np.ptp(t.log.frequency) == 0):
+    for trial in (t for t in resonant if _of_size_alone(t) and np.ptp(t.log.frequency) == 0):
         turned = tuple(replace(t, start=np.conj(t.start)) if t is trial else t for t in trials)
         image = 2 * (trial.log.frequency[0] - reference[0]) - level - drift * warming[id(trial)]
         mirrored[image - drift * warming[id(trial)], drift] = turned
@@ -33,6 +34,10 @@ def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float
             slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
             mirrored[level + (drift - slope) * pivot, slope] = turned
     return [(turned, np.array([*theta[:2], *to, *theta[4:]])) for to, turned in sorted(mirrored.items())]
+
+
+def _of_size_alone(trial: Trial) -> bool:
+    return trial.log.amplitude_only or (trial.steady and "rotation" in trial.nuisances)
 
 
 def as_settled(trials: Sequence[Trial], theta: np.ndarray, more: float = 1.0) -> Begin:

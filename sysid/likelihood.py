@@ -97,8 +97,9 @@ class Experiment(NamedTuple):
 
 class Residual(NamedTuple):
     """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values;
-    `late` in units of `lateness`; `turn` is by what the demodulator turns the plate's response, times its gain where that is the
-    log's own; `volume` half the logarithm of the determinant of the nuisances' information, as far as it depends on the plant."""
+    `late` in units of `lateness`, `extra` (E,) of the columns; `turn` is by what the demodulator turns the plate's response,
+    times its gain where that is the log's own; `volume` half the logarithm of the determinant of the nuisances' information, as
+    far as it depends on the plant."""
 
     rows: Array
     driven: Array
@@ -107,6 +108,7 @@ class Residual(NamedTuple):
     late: Array
     turn: Array
     volume: Array
+    extra: Array
 
 
 for _type in (Hold, Experiment, Residual):  # so that a traced program can be kept
@@ -190,6 +192,11 @@ def _with_extra(driven: Array, weights: Array, x: Experiment, layout: Layout) ->
     return driven + weights[len(weights) - layout.extra :] @ x.extra if layout.extra else driven
 
 
+def _numbers(weights: Array, x: Experiment, layout: Layout) -> Array:
+    """(E,) of the log's own shapes, which are real in the plate's frame."""
+    return (weights[len(weights) - layout.extra :] * x.toward[0].conj()).real
+
+
 def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
     """Start and lateness of the weights that `_own` was given."""
     zero = jnp.zeros((), weights.dtype)
@@ -218,7 +225,7 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     late = (nuisances[2] * jnp.conj(turn)).real
     rows = left - turn.real * shape - turn.imag * ahead
     volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
-    return Residual(rows, driven, x.start, x.floor, late, turn, volume), nuisances, off
+    return Residual(rows, driven, nuisances[1], x.floor, late, turn, volume, _numbers(weights, x, layout)), nuisances, off
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
@@ -227,7 +234,8 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     weights = _weights(span, x.response, x, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, weights[0], span.volume)
+    numbers = _numbers(weights, x, layout)
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, weights[0], span.volume, numbers)
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
@@ -237,12 +245,13 @@ def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _whiten(size, x)
-        return Residual(rows, size, x.start, x.floor, x.late, now[0], jnp.zeros(())), now, lambda v: v
+        return Residual(rows, size, x.start, x.floor, x.late, now[0], jnp.zeros(()), jnp.zeros(0)), now, lambda v: v
     now = jax.lax.fori_loop(0, ROUNDS, lambda _, now: _stepped(now, shapes, x, layout), now)
     span, found = _about(now, shapes, x, layout)
     size = _modelled(shapes, now, layout)
     floor = jnp.where(x.floor_free > 0, found[2] / x.tightness, x.floor)
-    return Residual(_left(now, shapes, x, layout), size, now[1], floor, now[2], now[0], span.volume), now, span.off
+    rows = _left(now, shapes, x, layout)
+    return Residual(rows, size, now[1], floor, now[2], now[0], span.volume, jnp.zeros(0)), now, span.off
 
 
 ROUNDS = 4  # of steps to the nuisances of an amplitude log

@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 
 from sysid.experiment import group
+from sysid.extra import followed
 from sysid.images import images
 from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
@@ -246,22 +247,25 @@ class Minimiser:
             return self._unbounded(trials, begin, low_q)
         k = 0
         for _ in range(2 * rounds):
+            before, directions = (theta, trials), self._directions(theta)
+            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
+            trials = tuple(followed(t, theta, first, self.reference) for t in trials)
             groups, members = group(trials, self.reference, low_q=low_q)
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-            directions = self._directions(theta)
-            before = theta, trials
-            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
             seen = _search(first, directions, np.asarray(most), *self.prior, layouts, arrays)
             theta, grams, gradients, found = jax.device_get(seen)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
-            whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
+            longest, warmed = float(np.max(np.abs(newton))), any("thermometer" in t.extra for t in trials)
+            whole = directions @ newton if left <= NEAR and longest < SHORT else None
+            if warmed:  # a search would follow shapes that hold only about where it begins
+                whole = directions @ newton * min(1.0, SHORT / longest)
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+            courses = [Course(t, t.hold(self.reference), theta, low_q) for t in trials]
             trials, models, cost, moved = update(trials, members, found, courses, round_=k)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
@@ -284,7 +288,7 @@ class Minimiser:
         directions = self._directions(theta)
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         *_, found = jax.device_get(_search(theta, directions, np.asarray(0), *self.prior, layouts, arrays))
-        courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+        courses = [Course(t, t.hold(self.reference), theta, low_q) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         held = np.eye(directions.shape[1]) / RUNAWAY**2
         alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))

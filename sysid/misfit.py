@@ -109,22 +109,37 @@ def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
 
 
 def _outlying(i: int, view: View) -> Found | None:
-    """The worst outlier of a log at a change of its inputs, if it is what the response is later, by more than it may be early."""
+    """The worst outliers of a log beside a change of its inputs, if they are what the response shows when it is elsewhere in time
+    by more than it may be: of the row at the change what comes later, of several rows after it what points along the response, as
+    the fit has made up for the rest."""
     trial, rows = view.trial, at_changes(view.trial)
     weight = np.ones(len(trial.log)) if trial.tail is None else np.array(trial.tail)
     weight[~trial.kept if trial.kept is not None else []] = 0.0
     if not rows or not trial.lateness or trial.lost:
         return None
-    row = min(rows, key=lambda k: weight[k])
-    worth = -float(np.log(len(rows) * np.mean(weight <= weight[row])))
-    if worth < ENOUGH or np.abs(view.residual[row]) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
-        return None
-    c = view.course
-    farther = [view.observed((c.forced_at(c.poles, -t) - c.forced)[None])[0, row] for t in c.tau * np.geomspace(0.01, 4, 48)]
-    off = np.min(np.abs(view.residual[row] - np.array(farther)))
-    if off > max(SURELY * trial.noise_std, ROUGHLY * np.abs(view.residual[row])):
-        return None
-    return Found(ASTRAY.format(trial.log.name, trial.log.time[row]), worth, {"G": np.inf}, "astray", i, 2)
+    rank = np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))
+    after = [np.arange(row + 1, row + 1 + n) for row in rows for n in (2, 3) if row + n < len(weight)]
+    for runs, name, elsewhere in (([np.array([row]) for row in rows], "astray", _earlier), (after, "late", _aslant)):
+        run = min(runs, key=lambda run: float(np.sum(rank[run])), default=np.zeros(0, int))
+        worth, left = -float(np.sum(rank[run]) + np.log(max(len(runs), 1))), view.residual[run]
+        if worth < ENOUGH or np.max(np.abs(left)) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
+            continue
+        if elsewhere(view, run) <= max(SURELY * trial.noise_std, ROUGHLY * np.linalg.norm(left)):
+            said = ASTRAY.format(trial.log.name, trial.log.time[run[0]]) if name == "astray" else LATE.format(trial.log.name, "")
+            return Found(said, worth, {"G": np.inf}, name, i, 2)
+    return None
+
+
+def _earlier(view: View, run: np.ndarray) -> float:
+    """What is left of a run of rows when they show what the model does later."""
+    c, tried = view.course, view.course.tau * np.geomspace(0.01, 4, 48)
+    return min(float(np.linalg.norm(view.residual[run] - view.observed((c.later(-t) - c.forced)[None])[0, run])) for t in tried)
+
+
+def _aslant(view: View, run: np.ndarray) -> float:
+    """What of a run of rows does not point along the response's change there."""
+    along = view.model[run[-1]] - view.model[run[0] - 1]
+    return float(np.linalg.norm((view.residual[run] * np.conj(along)).imag / (np.abs(along) or 1.0)))
 
 
 def _row_late(i: int, view: View, fit: "_Linear") -> str | None:

@@ -9,6 +9,7 @@ from sysid.trial import Trial
 from sysid.view import View
 
 OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
+LIKE_ONE = 2.0  # the factor within which a shape that is what it is said to be has the coefficient one
 JUMP = 5.0  # times the usual change of the drive from row to row: an edge
 OFF = (1.5, 3, 6, 12)  # rows by which a response is looked for to be late, or early
 FEW = 16  # changes of the inputs, at each of which a row may be astray
@@ -49,12 +50,12 @@ def _later(i: int, view: View) -> Iterator[Term]:
     stated = log.bench.get("delay_s", 0.0)
     for off in (rows * view.trial.spacing for rows in OFF):
         if off < 2 * c.tau:
-            late, early = (view.observed((c.forced_at(c.poles, t) - c.forced)[None])[0] for t in (off, -off))
+            late, early = (view.observed((c.later(t) - c.forced)[None])[0] for t in (off, -off))
             yield of_one(i, "late", late, LATE.format(log.name, f" of about {off:.2g} s"), 1)
             yield of_one(i, "early", early, EARLY.format(log.name, off, stated - off), 1)
     for share in (0.1, 0.3):
         for order in (1, 4):
-            shape = view.observed((c.filtered(c.forced, share * c.tau / order, order) - c.forced)[None])[0]
+            shape = view.observed((c.behind(share * c.tau, order) - c.forced)[None])[0]
             yield of_one(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
 
 
@@ -64,16 +65,20 @@ def _unheld(i: int, view: View) -> Iterator[Term]:
     c, trial = view.course, view.trial
     if trial.changes < OFTEN * len(trial.log) or trial.log.theta is not None:
         return
-    own, none = trial.log.sampling == "settled", np.zeros_like(c.push)
-    ahead = np.append(np.diff(c.push), 0.0)
-    changed = ahead + np.append(np.diff(c.pole), 0.0) * view.plate
+    own, drive = trial.log.sampling == "settled", c.hold.drive[c.hold.interval]
+    ahead = np.append(np.diff(drive), 0.0)
     smooth = np.where(np.abs(ahead) > JUMP * np.median(np.abs(ahead[ahead != 0]) if np.any(ahead) else 0.0), 0.0, ahead)
-    running = c.response_to(*((np.append(0.0, -smooth[:-1]), none) if own else (none, smooth)))
-    shapes = [s for s in (*([] if own else [c.response_to(changed, changed)]), running) if np.any(s)]
+    running = c.by_row.driven(0.5 * (np.append(0.0, -smooth[:-1]) if own else smooth)[c.towards])
+    shapes = [s for s in (*([] if own else [np.append(c.forced[1:], c.forced[-1]) - c.forced]), running) if np.any(s)]
     runs = "the drive runs on from row to row, and is not held from each to the next; hold it, or record a voltage step"
     said = f"{trial.log.name}: {runs if own else NOT_HELD}"
     if shapes:
-        yield Term("sampling", {i: view.observed(np.stack(shapes)).T}, lambda *_: said, i, freedom=len(shapes))
+
+        def say(value: np.ndarray, _: View) -> str | None:
+            # A drive that is fed back from the response goes with its noise, by another number than one.
+            return said if np.any(np.abs(np.log(np.maximum(value, 1e-9))) < np.log(LIKE_ONE)) else None
+
+        yield Term("sampling", {i: view.observed(np.stack(shapes)).T}, say, i, freedom=len(shapes))
 
 
 def _astray(i: int, view: View) -> Iterator[Term]:

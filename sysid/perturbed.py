@@ -1,34 +1,40 @@
-"""What a small change of the physics adds to a log: the shapes of `sysid.terms`. Plain numpy, no compilation.
+"""The course of a log at theta, and what a small change of the physics adds to it: the shapes of `sysid.terms`.
 
-Near the fitted plant the slow mode obeys Z' = a Z + b V. A change of the physics that adds epsilon(t) to the right-hand side adds
+All is the model of the fit, `sysid.plant.respond`, in plain numpy, which has nothing to compile. Near theta the slow mode obeys
+Z' = s Z + b V. A change of the physics that adds epsilon c(t) to s adds epsilon dZ to the response,
 
-    dZ(t) = integral of e^{a (t - s)} epsilon(s) ds,        settled: dZ = -epsilon/a
+    dZ = (Z[s + epsilon c] - Z[s - epsilon c]) / (2 epsilon),
 
-to the response: epsilon = j |Z|^2 Z for a resonance that moves with the amplitude, j t Z for one that drifts, and so on. The
-derivatives by tau, f0 and k_T are such changes too. Between two rows epsilon is taken as a straight line.
+c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on; the derivatives by tau, f0 and k_T
+are such changes too. What goes on from row to row is held from each to the next at its value halfway.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 
 from sysid import rice
-from sysid.hold import Hold
-from sysid.plant import poles, steady
+from sysid.hold import Hold, cut, read_at
+from sysid.plant import Response, respond, steady
 from sysid.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
+STEP = 1e-4  # of 1/tau, of a difference: its square is what that is off by, and what it loses is four digits of sixteen
+FAR = 1e150  # rad/s, of a carrier so fast that the slow mode is all there is
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The course of one log at theta, as `sysid.likelihood.basis` has it, per unit rotation; arrays over its rows (n,)."""
+    """The course of one log at theta, as `sysid.likelihood.basis` has it, per unit rotation; arrays over its rows (n,).
+
+    `low_q`: with the fast mode's ripple. `order` poles of a lock-in's filter, of time constant `hold.smoothing`.
+    """
 
     trial: Trial
     hold: Hold = field(repr=False)
     theta: np.ndarray
+    low_q: bool = False
 
     @cached_property
     def gain(self) -> float:
@@ -46,19 +52,15 @@ class Course:
 
     @cached_property
     def detuning(self) -> np.ndarray:
-        """(M,) omega0 - omega of each interval, rad/s."""
+        """(M,) omega0 - omega of each interval, rad/s; none where no frequency is recorded."""
         hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
-        return 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
-
-    @cached_property
-    def poles(self) -> np.ndarray:
-        """(M,) slow pole of each interval; at resonance where no frequency is recorded."""
-        return -self.damped / self.tau + 1j * np.where(np.isfinite(self.hold.omega), self.detuning, 0.0)
+        found = 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
+        return np.where(np.isfinite(hold.omega), found, 0.0)
 
     @property
     def pole(self) -> np.ndarray:
-        """Slow pole over the step that ends at each row."""
-        return self.poles[self.hold.interval]
+        """Slow pole of a slowly varying envelope at each row."""
+        return (-self.damped / self.tau + 1j * self.detuning)[self.hold.interval]
 
     @property
     def push(self) -> np.ndarray:
@@ -66,156 +68,110 @@ class Course:
         return self.gain / self.tau * self.hold.drive[self.hold.interval]
 
     @cached_property
-    def forced(self) -> np.ndarray:
-        """Response to the drive from rest, behind the lock-in's filter."""
-        return self.forced_at(self.poles)
-
-    @cached_property
-    def exact(self) -> np.ndarray:
-        """`forced` as the fit has it: the exact settled response; in a transient the exact slow pole, and the settled ripple of
-        the fast one."""
-        hold, tau = self.hold, self.tau / self.damped
-        if self.trial.steady:
-            settled = steady(tau, self.detuning, hold.omega, np) / self.damped
-            return (self.gain * hold.drive * settled)[hold.interval]
-        if not self.trial.resonant:
-            return self.forced
-        slow, fast, gain = poles(tau, self.detuning, hold.omega, xp=np)
-        push = self.gain * gain / self.damped * hold.drive
-        return self._behind(self._from_rest(slow, push) + (push / fast)[hold.interval])
-
-    def _behind(self, response: np.ndarray) -> np.ndarray:
-        """A response from rest behind the lock-in's filter, as far as that is stated."""
-        tau, order = self.trial.smoothing
-        return self.filtered(response, tau, order) if order else response
-
-    def forced_at(self, poles: np.ndarray, delay: float = 0.0) -> np.ndarray:
-        """`forced` of a mode with other poles (M,), by `delay` (s) later or earlier, by one interval at most."""
-        push = self.gain / self.tau * self.hold.drive
-        if self.trial.steady:
-            return (-push / poles)[self.hold.interval]
-        return self._behind(self._from_rest(poles, push, delay))
-
-    def _from_rest(self, poles: np.ndarray, push: np.ndarray, delay: float = 0.0) -> np.ndarray:
-        """Response of Z' = poles Z + push (M,), or settled where the log begins so, before any filter."""
-        hold, target = self.hold, push / poles
-        states = _from(-hold.begun[0] * target[0], poles * hold.duration, np.expm1(poles * hold.duration) * target)
-        begun, after = states[:-1], states[1:]
-        before = begun[hold.interval]
-        elapsed = hold.elapsed - delay
-        late = elapsed < 0  # still in the interval before: one is enough for a delay shorter than an interval
-        if np.any(late):
-            row = np.maximum(hold.interval - 1, 0)
-            begin = begun[row]
-            since = np.maximum(hold.duration[row] + elapsed, 0.0)
-            earlier = np.where(hold.interval > 0, begin + np.expm1(poles[row] * since) * (begin + target[row]), begun[0])
-        z = before + np.expm1(poles[hold.interval] * np.maximum(elapsed, 0.0)) * (before + target[hold.interval])
-        z = np.where(late, earlier, z) if np.any(late) else z
-        beyond = (elapsed - hold.duration[hold.interval]) * (delay < 0)
-        if not np.any(beyond > 0):
-            return z
-        row = np.minimum(hold.interval + 1, len(poles) - 1)
-        begin = after[hold.interval]
-        return np.where(beyond > 0, begin + np.expm1(poles[row] * np.maximum(beyond, 0.0)) * (begin + target[row]), z)
-
-    @cached_property
-    def free(self) -> np.ndarray:
-        """Decay of a unit start at the beginning of the first interval; of one more settled response, where the log began so."""
-        if self.trial.steady:
-            return np.zeros(len(self.trial.log), complex)
-        begun = np.concatenate([[0.0], np.cumsum(self.poles * self.hold.duration)[:-1]])
-        unit = self._settled if self.trial.begun else 1.0
-        return unit * np.exp(begun[self.hold.interval] + self.pole * self.hold.elapsed)
+    def response(self) -> Response:
+        return self.at(np.zeros(len(self.hold.drive)))
 
     @property
-    def _settled(self) -> complex:
-        """The response as the log begins, where it has settled by then; else zero."""
-        return -self.hold.begun[0] * self.push[0] / self.poles[0]
+    def forced(self) -> np.ndarray:
+        """Response to the drive from rest."""
+        return self.response.forced
+
+    @property
+    def free(self) -> np.ndarray:
+        """Decay of a unit start at the beginning of the first interval; of one more settled response, where the log began so."""
+        return self.response.free
 
     @property
     def rate(self) -> np.ndarray:
         """Rate of change of `forced`, 1/s."""
-        before = self.forced if self.trial.steady else self._from_rest(self.poles, self.gain / self.tau * self.hold.drive)
-        return self._behind(self.pole * before + self.push)
+        return self.response.rate
 
     @cached_property
-    def _steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Exponent a h of the step to each row after the first, and what the step's first and last epsilon weigh."""
-        h = np.diff(self.trial.log.time)
-        z = self.pole[1:] * h
-        first, second = _phi(z)
-        return z, h * (first - second), h * second
+    def envelope(self) -> "Course":
+        """Without what is not of the slowly varying envelope, of order 1/Q."""
+        return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)), low_q=False)
 
-    def response_to(self, begin: np.ndarray, end: np.ndarray | None = None) -> np.ndarray:
-        """What epsilon adds: (n,) its value at each row or, where it jumps, at the `begin` and `end` of the step to each row."""
+    def later(self, delay: float) -> np.ndarray:
+        """`forced`, later by `delay` (s), or earlier."""
+        log = self.trial.log
+        return replace(self, hold=read_at(self.hold, log.time, log.bench.get("delay_s", 0.0) + delay)).forced
+
+    def behind(self, tau: float, order: int) -> np.ndarray:
+        """`forced` behind `order` poles of a lock-in's filter, of time constant `tau`, whatever is stated."""
+        return self.at(np.zeros(len(self.hold.drive)), (tau, order)).forced
+
+    def driven(self, drive: np.ndarray) -> np.ndarray:
+        """Response to another drive (M,), V."""
+        return replace(self, hold=self.hold._replace(drive=drive)).forced
+
+    def at(self, rates: np.ndarray, filter: tuple[float, int] | None = None) -> Response:
+        """The response of each row (n,), or (n, K), with `rates` (M,), or (M, K), rad/s, added to the slow pole. `filter`: time
+        constant and number of poles of one that is not the stated one."""
+        trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
+        own = [v if rates.ndim == 1 else v[:, None] for v in (self.damped / self.tau, self.detuning, hold.drive / self.tau)]
+        if rates.ndim > 1:
+            hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+        tau, detuning = 1 / (own[0] - rates.real), own[1] + rates.imag
+        omega = np.where(np.isfinite(hold.omega), hold.omega, FAR)
+        hold = hold._replace(omega=omega, drive=own[2] * tau, smoothing=smoothing)
+        if trial.steady:
+            forced = self.gain * (hold.drive * steady(tau, detuning, omega, np))[hold.interval]
+            return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
+        carrier = trial.resonant and trial.log.theta is not None
+        both = self.low_q and trial.resonant and not carrier
+        found = respond(tau, detuning, hold, both, carrier, trial.begun, order, xp=np)
+        free = self.gain * found.free if trial.begun else found.free
+        return Response(self.gain * found.forced, self.gain * found.rate, free)
+
+    def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """(n,), or (n, K), what `rates` (M,), or (M, K), rad/s, on the slow pole add to forced + start free + late rate."""
+        each = rates if rates.ndim > 1 else rates[:, None]
+        size = np.max(np.abs(each), axis=0) * self.tau
+        step = STEP / np.where(size > 0, size, 1.0)
+        found = self.at(np.concatenate([step * each, -step * each], axis=1))
+        above, below = np.split(found.forced + start * found.free + late * found.rate, 2, axis=1)
+        return ((above - below) / (2 * step)).reshape(len(above), *rates.shape[1:])
+
+    def along(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """`changed` of what goes on from row to row, (n,)."""
         if self.trial.steady:
-            return -begin / self.pole
-        first, last = (begin[:-1], begin[1:]) if end is None else (begin[1:], end[1:])
-        z, weigh_first, weigh_last = self._steps
-        settled = -self.hold.begun[0] * begin[0] / self.pole[0]
-        return self._behind(_from(settled, z, weigh_first * first + weigh_last * last))
+            return self.changed(rates)
+        row = self.towards
+        return self.by_row.changed(0.5 * (rates[np.maximum(row - 1, 0)] + rates[row]), start, late)
 
-    def filtered(self, response: np.ndarray, tau: float, order: int) -> np.ndarray:
-        """A response behind a lock-in's low-pass of `order` poles of `tau` seconds."""
-        h = np.diff(self.trial.log.time)
-        z = np.asarray(-h / tau, complex)
-        first, second = _phi(z)
-        for _ in range(order):
-            response = _from(response[0], z, h / tau * ((first - second) * response[:-1] + second * response[1:]))
-        return response
+    @cached_property
+    def by_row(self) -> "Course":
+        """The same, with intervals (M') that end at the rows as well."""
+        return replace(self, hold=self._cut[0])
+
+    @property
+    def towards(self) -> np.ndarray:
+        """(M') the row that each interval of `by_row` leads to."""
+        return self._cut[1]
+
+    @cached_property
+    def _cut(self) -> tuple[Hold, np.ndarray]:
+        return cut(self.hold)
 
     def design(self) -> np.ndarray:
         """(n, K) what the fit can make of this log, to first order: plant and nuisances, with coefficients of the log's kind."""
-        trial = self.trial
-        if trial.steady:
-            shapes = [self.forced, self.response_to(self.forced)]
-        else:
-            shapes = [self.forced, self.response_to(self.forced), self.rate]
-            shapes += [self.free] if trial.start_free else []
+        trial, plate = self.trial, self.forced + self.trial.start * self.free
+        shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
+        if not trial.steady:
+            shapes += [self.rate, *([self.free] if trial.start_free else [])]
         if trial.signed:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
-        plate = self.forced + trial.start * self.free
-        along = rice.towards(plate, trial.lift)
-        made = [along * s * turn for s in shapes for turn in (1, 1j)]
+        towards = rice.towards(plate, trial.lift)
+        made = [towards * s * turn for s in shapes for turn in (1, 1j)]
         # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
         return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)
 
-    def derivatives(self, response: np.ndarray) -> np.ndarray:
-        """(n, 6) of the plant's part of the `response` by the numbers of theta; `response` is turned by the same angle as
-        `push` is here, zero."""
-        interval = self.hold.interval
-        warming, contact = self.hold.warming[interval], self.hold.contact[interval]
-        turning = 2j * np.pi * response * self.trial.resonant
-        begun = self.trial.start * self.free if self.trial.begun else 0.0  # of the settled response's size
-        slower = self.response_to(response * self.damped[interval] / self.tau) - self._pushed(self.push) - begun
-        own = np.zeros_like(self.forced) if self.trial.log.drive is None else self.forced + begun
-        return np.stack([own, slower, *(self._changed(epsilon) for epsilon in (
-            turning, turning * warming, -response * contact / self.tau, turning * contact
-        ))], axis=1)  # fmt: skip
-
-    def _changed(self, epsilon: np.ndarray) -> np.ndarray:
-        return self.response_to(epsilon) if np.any(epsilon) else np.zeros_like(self.forced)
-
-    def _pushed(self, push: np.ndarray) -> np.ndarray:
-        return self.response_to(push, push)
-
-
-def _phi(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(e^z - 1)/z and (e^z - 1 - z)/z^2."""
-    near = np.abs(z) < 1e-2
-    safe = np.where(near, 1.0, z)
-    first = np.where(near, 1 + z / 2 + z**2 / 6 + z**3 / 24, np.expm1(safe) / safe)
-    return first, np.where(near, 0.5 + z / 6 + z**2 / 24 + z**3 / 120, (first - 1) / safe)
-
-
-def _from(start: complex, exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
-    """A start, and z after each step of z+ = e^exponent z + push from there."""
-    first = push[:1] + np.exp(exponent[:1]) * start
-    return np.concatenate([[start], accumulated(exponent, np.concatenate([first, push[1:]]))])
-
-
-def accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
-    """z after each step of z+ = e^exponent z + push from zero: a bidiagonal system, solved row after row."""
-    band = np.ones((2, len(push)), complex, order="F")
-    band[1, :-1] = -np.exp(exponent[1:])
-    return lapack.ztbtrs(band, push, uplo="L", diag="U")[0].reshape(len(push))
+    def derivatives(self, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """(n, 6) of forced + start free + late rate by the numbers of theta."""
+        hold, tau, none = self.hold, self.tau, np.zeros(len(self.forced))
+        turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
+        rates = (self.damped / tau, turning, turning * hold.warming, -hold.contact / tau, turning * hold.contact)
+        found = [self.changed(x.astype(complex), start, late) if np.any(x) else none for x in rates]
+        pushed = self.forced + late * self.rate + (start * self.free if self.trial.begun else 0.0)  # in proportion to b V
+        own = none if self.trial.log.drive is None else pushed
+        return np.stack([own, found[0] - pushed, *found[1:]], axis=1)

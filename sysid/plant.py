@@ -98,7 +98,7 @@ def respond(
     `begun`: not from rest where `hold.begun` says that an interval begins settled; a unit start is then that state once more.
     `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began, or
     settled.
-    `omega0` (M,) as `poles` has it. With numpy for `xp`, and no `order`, of B plants at once, (N, B): tau (B,), detuning (M, B),
+    `omega0` (M,) as `poles` has it. With numpy for `xp`, of B plants at once, (N, B): tau (B,), detuning (M, B),
     and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
     s = poles(tau, detuning, hold.omega, omega0, xp)
@@ -107,7 +107,7 @@ def respond(
     kick = -xp.diff(ripple, axis=0, prepend=ripple[:1]).conj() * hold.turn if carrier else None
     settled = _settled(s.slow, push, hold, xp) if begun else None
     if order:
-        found = _smoothed(s.slow, push, ripple, hold, order, settled)
+        found = _smoothed(s.slow, push, ripple, hold, order, settled, xp)
     else:
         found = _propagate(s.slow, push, hold, settled if begun else kick, xp)
         fast = _settled(s.fast, -push, hold, xp) if begun and both_modes else None
@@ -158,7 +158,8 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
     Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
     """
     count, *plants = growth.shape
-    lanes = 1 if count <= ONE_LANE else math.gcd(count, 1 << (math.isqrt(count).bit_length() - 1))
+    lanes = 1 if count <= ONE_LANE else 1 << (math.isqrt(count).bit_length() - 1)
+    idle = xp.zeros((-count % lanes, *plants), growth.dtype)  # intervals in which nothing happens
 
     def advance(state, interval):
         forced, free = state
@@ -172,13 +173,14 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
 
     scan = jax.lax.scan if xp is jnp else _scan
     rest = (xp.zeros((lanes, *plants), growth.dtype), xp.ones((lanes, *plants), growth.dtype))
-    steps = tuple(v.reshape(lanes, -1, *plants).swapaxes(0, 1) for v in (growth, target, kick) if v is not None)
+    given = (xp.concatenate([v, idle]) if len(idle) else v for v in (growth, target, kick) if v is not None)
+    steps = tuple(v.reshape(lanes, -1, *plants).swapaxes(0, 1) for v in given)
     ends, (forced, free) = scan(advance, rest, steps)
     if lanes == 1:
         return (forced[:, 0], free[:, 0]), (ends[0][0], ends[1][0])
     last, (before, share) = scan(join, (rest[0][0], rest[1][0]), ends)
-    forced, free = forced + free * before, free * share
-    return (forced.swapaxes(0, 1).reshape(growth.shape), free.swapaxes(0, 1).reshape(growth.shape)), last
+    forced, free = (v.swapaxes(0, 1).reshape(-1, *plants)[:count] for v in (forced + free * before, free * share))
+    return (forced, free), last
 
 
 def _scan(step: Callable, state: tuple, inputs: tuple[np.ndarray, ...]) -> tuple[tuple, list[np.ndarray]]:
@@ -208,7 +210,7 @@ def _propagate(pole: Leaf, push: Leaf, hold: Hold, kick: Leaf | None, xp: Any) -
     return Response(forced, pole * (forced + target), free + grown * free)
 
 
-def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int, settled: Array | None) -> Response:
+def _smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any) -> Response:
     """As `_propagate`, behind a cascade of one-pole filters.
 
     Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled `ripple`. With
@@ -216,61 +218,62 @@ def _smoothed(pole: Array, push: Array, ripple: Array, hold: Hold, order: int, s
 
         y_j = e^{-x} (sum_{m<j} y_(j-m)(0) x^m/m! + (ripple - q) x^j phi_j(x) + (Z_0 + q) x^j phi_j(p t + x))
     """
-    target = _over(push, pole)
-    (forced, free), _ = carried(expm1(pole * hold.duration), target, settled)
+    over, grow = (_over, expm1) if xp is jnp else (np.divide, np.expm1)
+    target = over(push, pole)
+    (forced, free), _ = carried(grow(pole * hold.duration), target, settled, xp)
     forced = forced if settled is None else forced + settled
     rest, swing = ripple - target, forced + target
 
-    def pushed(j: int, x: Array, flat: list[Array], swung: list[Array], passed: list[Array], rest: Array, swing: Array) -> Array:
-        known = sum((passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j)), jnp.zeros_like(rest))
-        return jnp.exp(-x) * known + x**j * (rest * flat[j - 1] + swing * swung[j - 1])
+    def pushed(j: int, x: Leaf, flat: list[Leaf], swung: list[Leaf], passed: list[Leaf], rest: Leaf, swing: Leaf) -> Leaf:
+        known = sum((passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j)), xp.zeros_like(rest))
+        return xp.exp(-x) * known + x**j * (rest * flat[j - 1] + swing * swung[j - 1])
 
     x = hold.duration / hold.smoothing
-    flat, swung = phis(jnp.zeros_like(x) + 0j, x, order), phis(pole * hold.duration, x, order)
-    lost = jnp.expm1(-x)
-    held = jnp.where(lost == 0, 1.0, lost)
-    passed: list[Array] = []
+    flat, swung = phis(xp.zeros_like(x) + 0j, x, order, xp), phis(pole * hold.duration, x, order, xp)
+    lost = xp.expm1(-x)
+    held = xp.where(lost == 0, 1.0, lost)
+    passed: list[Leaf] = []
     for j in range(1, order + 1):
-        target = jnp.where(lost == 0, 0.0, pushed(j, x, flat, swung, passed, rest, swing)) / held
+        target = xp.where(lost == 0, 0.0, pushed(j, x, flat, swung, passed, rest, swing)) / held
         begun = None if settled is None else hold.begun * rest
-        shown = carried(lost.astype(complex), target, begun)[0][0]
+        shown = carried(xp.broadcast_to(lost, target.shape).astype(complex), target, begun, xp)[0][0]
         passed.append(shown if begun is None else shown + begun)
-    at = jnp.stack([pole, rest, swing, free, *passed], axis=-1)[hold.interval]
+    at = xp.stack([pole, rest, swing, free, *passed], axis=-1)[hold.interval]
     pole, rest, swing, free, *passed = (at[..., i] for i in range(4 + order))
     x = hold.elapsed / hold.smoothing
-    flat, swung = phis(jnp.zeros_like(x) + 0j, x, order), phis(pole * hold.elapsed, x, order)
-    stages = [jnp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]
-    decay = jnp.exp(pole * hold.elapsed)
+    flat, swung = phis(xp.zeros_like(x) + 0j, x, order, xp), phis(pole * hold.elapsed, x, order, xp)
+    stages = [xp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]
+    decay = xp.exp(pole * hold.elapsed)
     chain = [rest + swing * decay, *stages]
     rates = [pole * swing * decay, *((before - y) / hold.smoothing for before, y in pairwise(chain))]
     # The mean over the samples of a row is y + y'' variance / 2, to third order; long after a change, of the plate's alone.
-    over = (x > SETTLED) & (jnp.abs(pole * hold.smoothing) < 0.5)
-    left = pole**2 * swing * decay / (1 + jnp.where(over, pole * hold.smoothing, 0.0)) ** order
-    bent = jnp.where(over, left, (rates[-2] - rates[-1]) / hold.smoothing)
+    late = (x > SETTLED) & (xp.abs(pole * hold.smoothing) < 0.5)
+    left = pole**2 * swing * decay / (1 + xp.where(late, pole * hold.smoothing, 0.0)) ** order
+    bent = xp.where(late, left, (rates[-2] - rates[-1]) / hold.smoothing)
     return Response(stages[-1] + 0.5 * hold.spread * bent, rates[-1], free * decay)
 
 
 SETTLED = 50.0  # time constants of a pole of the filter, after which it has forgotten
 
 
-def phis(turned: Array, x: Array, order: int) -> list[Array]:
+def phis(turned: Leaf, x: Leaf, order: int, xp: Any = jnp) -> list[Leaf]:
     """e^{-x} phi_j(turned + x) for j = 1 to `order`, phi_j(z) = (phi_(j-1)(z) - 1/(j-1)!)/z, phi_0 = exp.
 
     That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them cancels, also
     where a pole of the plate is that of the filter, z = 0.
     """
-    z, decay = turned + x, jnp.exp(-x)
-    near = jnp.abs(z) < 1
-    small, large = jnp.where(near, z, 0.0), jnp.where(near, 1.0, z)
+    z, decay = turned + x, xp.exp(-x)
+    near = xp.abs(z) < 1
+    small, large = xp.where(near, z, 0.0), xp.where(near, 1.0, z)
     series: Any = 0.0
     for k in reversed(range(18)):
         series = series * small + 1 / math.factorial(k + order)
-    below, above = [decay * series], [jnp.exp(turned)]
+    below, above = [decay * series], [xp.exp(turned)]
     for j in range(1, order + 1):
         above.append((above[-1] - decay / math.factorial(j - 1)) / large)
     for j in range(order - 1, 0, -1):
         below.append(small * below[-1] + decay / math.factorial(j))
-    return [jnp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
+    return [xp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=["G", "tau", "f0", "k_T"], meta_fields=["reference_temperature"])

@@ -7,7 +7,7 @@ import numpy as np
 
 from sysid import thermometer, wording
 from sysid.condense import undelayed
-from sysid.dwell import SETTLED, dwells, of_own_inputs
+from sysid.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
 from sysid.guess import candidates
 from sysid.log import Log
 from sysid.prior import NAMES
@@ -74,7 +74,11 @@ def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
         kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
     if sampling is None and log.kind == "transient":
         sampling = "settled" if dwells(log, tau) and of_own_inputs(log) else None
-    if (kind, sampling) == (trial.kind, log.sampling):
+    if sampling == "instant" and kind == "steady" and log.kind is None:
+        log, sampling = of_the_row_before(log) if log.sampling == "instant" else log, "settled"
+    elif sampling == "instant" and log.sampling == "settled":
+        sampling = "settled"  # as it has been read already
+    if (kind, sampling) == (trial.kind, trial.log.sampling):
         return trial
     return replace(Trial.of(replace(log, sampling=sampling), kind, trial.nuisances), start=trial.start)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid import rice
-from sysid.extra import asked
+from sysid.extra import renewed
 from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
@@ -31,8 +31,11 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             driven = np.empty_like(detail.driven[k][: len(trials[i].log)])
             driven[trials[i].order] = detail.driven[k][: len(driven)]
             models[i] = trials[i].completed(driven)
-            own = trials[i].started * complex(detail.start[k]), float(detail.floor[k]), float(detail.late[k])
-            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=complex(detail.turn[k]))
+            turn = complex(detail.turn[k])
+            start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
+            own = start, float(detail.floor[k]), float(detail.late[k])
+            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
+            new = renewed(new, courses[i], detail.extra[k])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i], new))
             updated[i] = new
@@ -45,7 +48,9 @@ def _moved(trial: Trial, new: Trial) -> float:
         return 1.0
     pairs = list(zip(trial.parts, new.parts, strict=True))
     levels = [abs(b.noise_std / a.noise_std - 1) for a, b in pairs]
-    return float(max(levels + [abs(b.noise_time - a.noise_time) / (b.noise_time or 1.0) for a, b in pairs]))
+    times = [abs(b.noise_time - a.noise_time) / (b.noise_time or 1.0) for a, b in pairs]
+    warmer = [abs(new.warmer - trial.warmer) / trial.extra["thermometer"].prior] if "thermometer" in trial.extra else []
+    return float(max(levels + times + warmer))
 
 
 def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
@@ -80,7 +85,7 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
         new = replace(new, efficiency=efficiency(new, course))
     late = late * trial.lateness / trial.looseness
     if trial.signed:
-        return replace(new, late=late, extra=asked(new, course))
+        return replace(new, start=start, late=late)
     if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
         share = 1 / (round_ - HELD + 1)
         start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late

@@ -50,8 +50,9 @@ class Target:
 
     def _whole(self, trial: Trial) -> Trial:
         """The trial over every row of the file."""
-        whole = trial.uncondensed()
-        return replace(whole, extra=asked(whole, Course(whole, whole.hold(self.fit.reference), self.fit.modes[0].theta)))
+        whole, best = trial.uncondensed(), self.fit.modes[0]
+        course = Course(whole, whole.hold(self.fit.reference), best.theta, best.low_q)
+        return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """(n, 6) parameters of the fit at z (n, p)."""

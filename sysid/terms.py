@@ -8,8 +8,8 @@ import numpy as np
 from sysid.extra import possible
 from sysid.hold import contact, force_of
 from sysid.moments import moments
-from sysid.perturbed import accumulated
 from sysid.prior import FINGER
+from sysid.projected import accumulated
 from sysid.term import Term, of_one
 from sysid.trial import LEAST_WARMING
 from sysid.view import View
@@ -66,7 +66,7 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
     out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
     for beside in (*-BESIDE, *BESIDE):
-        shape = c.forced_at(c.poles + 2j * np.pi * beside * half_bandwidth)
+        shape = c.at(np.full(len(c.hold.drive), 2j * np.pi * beside * half_bandwidth)).forced
         shapes = view.observed(np.stack([shape, 1j * shape])).T
         size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
 
@@ -91,7 +91,7 @@ def _off_resonance(i: int, view: View) -> Term:
             " frequency_* column, or its value as metadata"
         )
 
-    return Term("off resonance", {i: _changed(view, 2j * np.pi * view.plate)[:, :1]}, say, i, squared=("tau", x**2))
+    return Term("off resonance", {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T}, say, i, squared=("tau", x**2))
 
 
 def _drift(i: int, view: View) -> Iterator[Term]:
@@ -103,7 +103,7 @@ def _drift(i: int, view: View) -> Iterator[Term]:
     for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
         if np.ptp(along) == 0:
             continue
-        shape = view.observed(c.response_to(2j * np.pi * along / np.ptp(along) * view.plate)[None])[0]
+        shape = view.along(2j * np.pi * along / np.ptp(along))
 
         def say(value: np.ndarray, _: View, why: str = why) -> str | None:
             if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
@@ -119,7 +119,7 @@ def _drift(i: int, view: View) -> Iterator[Term]:
 
 def _lag(i: int, view: View) -> Iterator[Term]:
     """A temperature that its sensor tells late."""
-    lag = possible(view.trial, view.course).get("lag")
+    lag = possible(view.trial, view.course, view.beside).get("lag")
     if lag is None or "lag" in view.trial.extra or np.ptp(view.trial.log.temperature) < LEAST_WARMING:
         return
     name = view.trial.log.name
@@ -208,7 +208,7 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
     resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
     top = max((float(np.max(np.abs(v.plate))) for v in resonant.values()), default=0.0)
     if top > 0:
-        moved = {i: _changed(v, np.abs(v.plate / top) ** 2 * v.plate) for i, v in resonant.items()}
+        moved = {i: _either(v, np.abs(v.plate / top) ** 2) for i, v in resonant.items()}
         unit = views[0].trial.log.response_unit
 
         def softer(value: np.ndarray, view: View) -> str:
@@ -218,20 +218,28 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
 
         yield Term("amplitude", moved, softer, freedom=2)
     levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
-    if len(np.unique(levels[levels > 0])) > 1:
-        cubed = {i: _driven(v, v.course.push * (v.trial.inputs.drive[v.trial.inputs.interval] / levels.max()) ** 2)
-                 for i, v in enumerate(views) if v.trial.log.drive is not None}  # fmt: skip
+    if _of_several_sizes(levels):
+        driven = {i: (v, v.course.hold.drive) for i, v in enumerate(views) if v.trial.log.drive is not None}
+        cubed = {i: v.observed(v.course.driven(drive * (drive / levels.max()) ** 2)[None]).T for i, (v, drive) in driven.items()}
         yield Term("drive", cubed, _out_of_proportion)
     touched = {i: v for i, v in enumerate(views) if v.trial.touched}
     if touched and FINGER[0] in free:
         power = {i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np) for i, v in touched.items()}
-        grown = {i: _changed(v, power[i][v.course.hold.interval] * v.plate / v.course.tau) for i, v in touched.items()}
+        grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
         yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
             shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+def _of_several_sizes(levels: np.ndarray) -> bool:
+    """Whether the cubes of these drives are more than a number times them, a tenth of all: not so of on and off, or of + and -,
+    however they were measured."""
+    cubes = levels**3
+    left = cubes - levels * (levels @ cubes) / max(levels @ levels, 1e-300)
+    return bool(np.linalg.norm(left) > 0.1 * np.linalg.norm(cubes))
 
 
 ANOTHER_LAW = (
@@ -253,14 +261,9 @@ def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:
     )
 
 
-def _changed(view: View, epsilon: np.ndarray) -> np.ndarray:
-    """(n, 2): what real and imaginary multiples of epsilon add."""
-    return view.observed(np.stack([view.course.response_to(epsilon), view.course.response_to(1j * epsilon)])).T
-
-
-def _driven(view: View, push: np.ndarray) -> np.ndarray:
-    """(n, 1): what one more push adds."""
-    return view.observed(view.course.response_to(push, push)[None]).T
+def _either(view: View, rates: np.ndarray) -> np.ndarray:
+    """(n, 2): what damping and frequency that change by `rates` (n,), rad/s, add."""
+    return np.stack([view.along(rates + 0j), view.along(1j * rates)], axis=1)
 
 
 def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:

@@ -20,6 +20,7 @@ LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
+SLOPED = 8  # points of a sweep, of which plant, rotation, feedthrough and slope take half
 DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
 
 
@@ -48,10 +49,11 @@ class Trial:
     noise_std: float = 0.0  # per channel; 0: not yet known
     noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
-    start: complex = 0.0  # of an amplitude log
+    start: complex = 0.0  # in the plate's frame
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
+    warmer: float = 0.0  # degC, than was read
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
@@ -190,6 +192,13 @@ class Trial:
         return bool(np.median(first[-5:]) > DIED * first[0])
 
     @cached_property
+    def at_one_frequency(self) -> bool:
+        """Settled d/q points at one frequency: of their response and a feedthrough they show the sum."""
+        if not (self.steady and self.signed and self.resonant and self.driven and "background" in self.nuisances):
+            return False
+        return bool(np.ptp(self.log.frequency) == 0)
+
+    @cached_property
     def clock(self) -> np.ndarray:
         """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
         if self.log.time is None:
@@ -277,8 +286,10 @@ class Trial:
         if self.steady:
             if background and np.ptp(self.log.frequency) > 0:
                 shapes["feedthrough"] = drive
-                if n >= 12:
+                if n >= SLOPED:
                     shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
+            if background and self.at_one_frequency and "feedthrough" in self.narrow:
+                shapes["feedthrough"] = drive
             if offset and np.ptp(drive) > 0:
                 shapes["offset"] = np.ones(n)
         else:
@@ -323,6 +334,11 @@ class Trial:
     def extra_columns(self) -> dict[str, np.ndarray]:
         """Shapes (n,) of what else may have been done to the log, each of a number whose prior is as wide as `looseness`."""
         return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
+
+    @property
+    def pulls(self) -> np.ndarray:
+        """(E,) what the priors of `extra_columns` hold against these as they are, in standard deviations."""
+        return np.array([self.warmer / self.extra[name].prior if name == "thermometer" else 0.0 for name in self.extra_columns])
 
     @property
     def looseness(self) -> float:
@@ -384,7 +400,7 @@ class Trial:
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
-        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
+        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0) + self.warmer
         offset = np.nan_to_num(reference[0] + self.inputs.offset)
         begun = self.begun * np.eye(1, len(offset))[0]
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)

@@ -36,7 +36,7 @@ class View:
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._whitening = trial.whitening(coloured=coloured)
-        self.course = Course(trial, trial.hold(reference), state.theta)
+        self.course = Course(trial, trial.hold(reference), state.theta, state.low_q)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
         self.columns = self._nuisances()
@@ -44,7 +44,7 @@ class View:
         self.basis = self._orthonormal()
         self.recorded = self.rows(self.residual)
         self.r = self.off(self.residual)
-        self.derivatives = self.own * self.observed(self.course.derivatives(self.plate / self.own).T).T
+        self.derivatives = self.own * self.observed(self.course.derivatives(*self.beside).T).T
         self.jacobian = self.off(self.derivatives.T).T
 
     def _nuisances(self) -> list[Column]:
@@ -54,7 +54,9 @@ class View:
     def _in_amplitude(self) -> list[Column]:
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
-        self.plate = self.own * (c.forced + start * c.free - trial.late * c.rate * (trial.lateness > 0))
+        late = -trial.late * (trial.lateness > 0)
+        self.beside = start, late
+        self.plate = self.own * (c.forced + start * c.free + late * c.rate)
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
         columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
@@ -68,7 +70,7 @@ class View:
 
     def _in_dq(self) -> list[Column]:
         trial, c, loose = self.trial, self.course, self.trial.looseness
-        forced = self.turn * self.own * c.exact
+        forced = self.turn * self.own * c.forced
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
@@ -78,17 +80,27 @@ class View:
         columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
         sideways = {"late_q": trial.sideways} | {f"{name}_q": REAL for name in trial.extra_columns}
         columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
-        found = self._fitted(columns, trial.log.response - forced)
+        target = self.rows(trial.log.response - forced, len(columns))
+        there = np.zeros(len(columns))  # of each, what the plate already has: a thermometer's error
+        for name, pull in zip(trial.extra_columns, trial.pulls, strict=True):
+            k = 2 * list(shapes).index(name)
+            target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
+        found = self._fitted(columns, target) + there
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
         value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))
         self.bench = sum((v * shapes[name] for name, v in value.items()), np.zeros_like(forced))
         self.plate = (forced + value.get("start", 0.0) * c.free) / self.turn
+        self.beside = value.get("start", 0j) / self.turn / self.own, 0.0  # where much is wrong, lateness more than all
         self.late = float(value.get("late", 0j).real) * trial.lateness / loose
         if np.iscomplexobj(trial.log.response) and ("rotation" in trial.nuisances or trial.log.drive is None):
             columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
         if trial.log.drive is None:
             columns.append(Column("gain", forced / self.own, np.inf, self.own))
         return columns
+
+    def along(self, rates: np.ndarray) -> np.ndarray:
+        """(n,) what `rates` (n,), rad/s, added to the slow pole add to the log."""
+        return self.observed(self.own * self.course.along(rates, *self.beside)[None])[0]
 
     def observed(self, shapes: np.ndarray) -> np.ndarray:
         """(m, n) shapes of the plate's part as they show in the log."""
@@ -103,12 +115,12 @@ class View:
         return rows
 
     def _fitted(self, columns: list[Column], target: np.ndarray) -> np.ndarray:
-        """Least-squares coefficients of the columns in `target`, with their priors."""
+        """Least-squares coefficients of the columns in `target`, rows with those of their priors."""
         if not columns:
             return np.zeros(0)
         rows = self.weighted(columns)
         size = _sizes(rows)
-        return np.linalg.lstsq(rows / size, self.rows(target, len(columns)), rcond=1e-12)[0] / size
+        return np.linalg.lstsq(rows / size, target, rcond=1e-12)[0] / size
 
     def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
         """Of the columns' coefficients, with the plant's parameters of the covariance `plant` of theta, or held."""

@@ -34,7 +34,7 @@ def envelope(tau, offsets, around=PLANT.f0):
     """The slowly varying response of a plate whose resonance lies at `around` to a drive `offsets` (n,) above it."""
     trial = Trial.of(transient(frequency=around + offsets), "transient")
     theta = np.array([np.log(PLANT.G), np.log(tau), 0.0, 0.0, 0.0, 0.0])
-    return Course(trial, trial.hold((around, 24.0)), theta).forced
+    return Course(trial, trial.hold((around, 24.0)), theta).envelope.forced
 
 
 @settings(max_examples=60, deadline=None)

@@ -204,7 +204,9 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
         found = sysid.fit([swept(up, np.append(up[0], up[:-1]))])
         f0 = found.parameters["f0"]
         assert f0.value - plant.f0 == pytest.approx(10.0, abs=4 * f0.std) and f0.std < 5
-        assert said(found)
+        # in little noise the first rows, which belong to no row before, show it
+        named = found.result is Result.misfit and any("begins late" in w and "state delay_s" in w for w in found.warnings)
+        assert said(found) or named
         return
     assert not said(sysid.fit([swept(up, up, delay_s=0.0)]))
     both = np.concatenate([up, up[::-1]])
