@@ -17,6 +17,7 @@ _THOUSANDS = {
     )
     for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
 }
+_AMOUNT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)(?![\d:])\s*(.*)")  # not of 12:31
 SHOWN = 20  # names in a message, of files that have thousands
 
 
@@ -73,6 +74,12 @@ def is_number(text: str) -> bool:
     except ValueError:
         return not (math.isnan(to_number(text)) and math.isnan(to_number(text, ",")))
     return "_" not in text
+
+
+def amount(text: str) -> tuple[str, str] | None:
+    """A number and what stands behind it, a unit perhaps, of a text that begins so; else None."""
+    found = _AMOUNT.fullmatch(text.strip())
+    return (found[1], found[2]) if found and is_number(found[1]) else None
 
 
 def listed(names: Sequence[str]) -> str:

@@ -7,10 +7,12 @@ column.
 import itertools
 import math
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from sysid import units
 from sysid.cells import GROUPED, Dialect, find_delimiter, is_number, split_line, to_number, with_unit_cells
 from sysid.preamble import DEEPEST, find_top, header_line, is_table, left_out
 from sysid.stamps import is_stamp
@@ -35,6 +37,7 @@ class Head:
     notes: tuple[str, ...] = ()
     preamble: bool = False  # whether lines without a comment mark stand above the header
     header: tuple[bytes, ...] = ()  # its lines as they stand in the file, without their ends
+    remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
 
     def first(self, column: int) -> str:
         """The column's cell in the first row, "" where that is too short."""
@@ -64,9 +67,11 @@ def read_head(path: str, dialect: Dialect) -> Head:
             lines += [text.decode("utf-8", errors="replace") for text in raws[len(lines) :]]
             top = find_top(lines, dialect)
     if top:
-        if top.names:
-            lines[top.names] = _decoded(raws[top.names], encoding, number + top.names, notes)[0]
-        notes += left_out(lines, number, top)
+        among = [k for k in range(top.names) if lines[k].startswith(marks)]
+        for k in (*among, top.names) if top.names else ():
+            lines[k], encoding = _decoded(raws[k], encoding, number + k, notes)
+        comments += [comment_of(lines[k], marks) for k in among]
+        notes += left_out(lines, number, top, among)
         line, above, depth = header_line(lines, top), top.names + top.units + 1, top.units + 1
         dialect = replace(dialect, delimiter=top.delimiter)
     else:
@@ -83,10 +88,11 @@ def read_head(path: str, dialect: Dialect) -> Head:
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
+    remarks = {key: value for key, value in (_stated(comment, "=") for comment in comments) if key and key not in metadata}
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
-    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), below, header)
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), below, header, remarks)
 
 
 class _Above(NamedTuple):
@@ -114,13 +120,18 @@ def _read_comments(path: str, file: BinaryIO, dialect: Dialect, notes: list[str]
         if marks is None and line.strip():
             marks = ("#", line[0]) if line[0] in OTHERS else ("#",)
         if mark := next((mark for mark in marks or () if line.startswith(mark)), ""):
-            comments.append(line[len(mark) :].strip())
+            comments.append(comment_of(line, (mark,)))
             last = raw
         elif line.replace(",", "").replace(";", "").strip():
             return _Above(comments, last, line, raw, number, encoding, marks or ("#",))
     if skip and number:
         raise LogError(f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows")
     raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
+
+
+def comment_of(line: str, marks: tuple[str, ...]) -> str:
+    """What a line says that begins with one of the marks."""
+    return line[next(len(mark) for mark in marks if line.startswith(mark)) :].strip()
 
 
 def _read_lines(path: str, file: BinaryIO, number: int, count: int) -> list[bytes]:
@@ -149,12 +160,28 @@ def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tu
     return lines[0], 1, comments
 
 
+def _stated(comment: str, mark: str) -> tuple[str, str]:
+    """What stands before the mark and behind it; two empty texts where there is none."""
+    key, found, value = comment.partition(mark)
+    return (key.strip(), value.strip()) if found else ("", "")
+
+
+def _equation(comment: str) -> tuple[str, str] | None:
+    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that is expected; else it
+    may be a sentence, or an instrument's setting."""
+    key, value = _stated(comment, "=")
+    word = key.casefold()
+    said = value.isalpha() if word in ("kind", "sampling") else bool(value) if word == "plate" else is_number(value)
+    return (key, value) if said and units.is_key(key) else None
+
+
 def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
+    """Metadata, and the keys that stand there twice: `key: value`, or `key = value` of a key that logs have."""
     found: dict[str, str] = {}
     values: dict[str, set[str]] = {}
     for comment in comments:
-        key, colon, value = (part.strip() for part in comment.partition(":"))
-        if colon and key:
+        key, value = _stated(comment, ":") if (named := _equation(comment)) is None else named
+        if key:
             found[key] = value
             values.setdefault(key.casefold(), set()).add(value)
     return found, frozenset(key for key in found if len(values[key.casefold()]) > 1)

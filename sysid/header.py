@@ -10,13 +10,12 @@ import math
 from collections.abc import Collection, Mapping
 
 from sysid import units
-from sysid.cells import SHOWN, Dialect, listed, to_number
+from sysid.cells import SHOWN, Dialect, amount, listed, to_number
 from sysid.csvfile import Head, LogError, read_head
 from sysid.draft import template
-from sysid.mapping import MappingFile, Plan, Source
+from sysid.mapping import MappingFile, Plan, Source, is_absent
 from sysid.stamps import EXAMPLE, is_local, is_long
 
-DRIVES = ("voltage", "drive", "duty")
 INPUTS = ("time", "frequency", "temperature", "force")
 # Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
 STAMPED = {"date": "time", "datetime": "time", "date/time": "time", "zeitstempel": "time"}  # where the cells are dates
@@ -25,8 +24,13 @@ LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of 
 
 
 def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
-    """The plan for a file, by the mapping file if there is one, else by its own names."""
-    plan = mapping.plan(head) if mapping else contract_plan(head)
+    """The plan for a file, by the mapping file where that names columns, else by the file's own names."""
+    if mapping and mapping.names_columns:
+        plan = mapping.plan(head)
+    elif mapping:
+        plan = mapping.beside(contract_plan(dataclasses.replace(head, metadata=mapping.metadata(head))), head)
+    else:
+        plan = contract_plan(head)
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
     return plan
 
@@ -53,13 +57,13 @@ def contract_plan(head: Head) -> Plan:
         if not ours and label.casefold() != "log":
             unknown.append(label)
     for key, value in head.metadata.items():
-        name = units.parse_name(key)
-        if name and not name.unit:
-            notes.append(f"metadata {key!r} has no unit and is kept out; write it as in temperature_degC")
-        elif name and name.quantity != "response":
+        name = None if f"{key.casefold()}_degc" in units.BENCH_NUMBERS else units.parse_name(key)
+        remark = name is not None and amount(value) is None and not units.is_known(name.unit)  # as LabVIEW's Time_Pref: Relative
+        if name and name.unit and name.quantity != "response" and not remark:
             number = metadata_number(head, key, value)
             _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number))
     notes += _add_synonyms(head, sources, unknown)
+    notes += _without_unit(head, sources)
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
@@ -110,17 +114,21 @@ def _add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) ->
     return notes
 
 
+def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:
+    """A note on metadata of ours without a unit; of a number that nothing else states there is a warning instead."""
+    names = {key: name for key in head.metadata if (name := units.parse_name(key)) and not name.unit}
+    lost = {key for key, name in names.items() if name.quantity in units.CONSTANTS and is_absent(name.quantity, sources)}
+    kept_out = [key for key in names if key not in lost or amount(head.metadata[key]) is None]
+    return [f"metadata {key!r} has no unit and is kept out; write it as in temperature_degC" for key in kept_out]
+
+
 def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:
     """The input that a label names by another word, when that input is missing and the unit is of its kind; else None."""
     name, unit, _ = units.split_unit(label)
     quantity = words.get(name.casefold())
-    if quantity is None or sources.keys() & ({*DRIVES} if quantity in DRIVES else {quantity}):
+    if quantity is None or not is_absent(quantity, sources):
         return None
-    try:
-        units.check_unit(quantity, units.split_amplitude(unit)[0])
-    except ValueError:
-        return None
-    return quantity
+    return quantity if units.fits(quantity, units.split_amplitude(unit)[0]) else None
 
 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
@@ -144,12 +152,14 @@ def _add_source(head: Head, sources: dict[str, Source], label: str, source: Sour
         if name.quantity == "time" and is_local(first):
             expected = f"the year first, as in {EXAMPLE}, or the seconds since the first row in a column time_s"
             raise LogError(f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}") from None
+        if source.column is None:
+            raise LogError(f"{head.path}, {source.label}: {error}") from None
         raise LogError(f"{head.path}, column {label!r}: {error}", template(head)) from None
     if name.quantity == "time" and source.column is not None and _is_waveform(head):
         dated = dated or is_long(head.first(source.column))
-    same = DRIVES if name.quantity in DRIVES else (name.quantity,)
+    same = units.DRIVES if name.quantity in units.DRIVES else (name.quantity,)
     if double := next((sources[quantity] for quantity in same if quantity in sources), None):
-        what = "the drive" if name.quantity in DRIVES else name.quantity
+        what = "the drive" if name.quantity in units.DRIVES else name.quantity
         raise LogError(f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once")
     sources[name.quantity] = dataclasses.replace(source, unit=unit, amplitude=name.amplitude, dated=dated)
     return True
@@ -170,24 +180,24 @@ def _first_word(label: str) -> str:
 
 def _check_waveform(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
     """A waveform that is not whole, or demodulated already: LogError."""
-    _refuse_misspelt(head, sources, unknown, [DRIVES, ("response",), *((name,) for name in INPUTS)])
+    _refuse_misspelt(head, sources, unknown, [units.DRIVES, ("response",), *((name,) for name in INPUTS)])
     if rows := sources.keys() & {"w", "wd", "wq"}:
         found = " and ".join(sorted(rows))
         raise LogError(f"{head.path}: found {found} in a waveform, expected raw samples alone, such as drive_V and response_um")
     columns = {name for name, source in sources.items() if source.column is not None}
-    missing = [name for name, names in (("drive_V", DRIVES[:2]), ("response_um", ("response",))) if not columns & {*names}]
+    missing = [name for name, names in (("drive_V", units.DRIVES[:2]), ("response_um", ("response",))) if not columns & {*names}]
     if missing:
         raise not_understood(head, f"a waveform without a column {missing[0]}", "time_s, drive_V and response_um")
 
 
 def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
     """A misspelt name or a response that is not whole: LogError with a mapping file."""
-    _refuse_misspelt(head, sources, unknown, [DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)])
+    _refuse_misspelt(head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)])
     response = sources.keys() & {"w", "wd", "wq"}
     if response in ({"w"}, {"wd", "wq"}):
         if any(sources[name].column is None for name in response):
             raise LogError(f"{head.path}: found the response in the metadata, expected a column")
-        if not sources.keys() & {"time", "frequency", *DRIVES}:
+        if not sources.keys() & {"time", "frequency", *units.DRIVES}:
             raise not_understood(head, "neither time, frequency nor drive", "time_s or frequency_Hz at least")
         return
     found = " and ".join(sorted(response)) or "no response"
@@ -219,11 +229,8 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
 
 
 def _is_misspelt(name: str, quantity: str, unit: str) -> bool:
-    try:
-        units.check_unit(quantity, unit)  # the quicker of the two, of a table with thousands of columns
-    except ValueError:
-        return False
-    return units.nearest(name, [quantity], cutoff=0.75) is not None
+    # The quicker of the two first, of a table with thousands of columns.
+    return units.fits(quantity, unit) and units.nearest(name, [quantity], cutoff=0.75) is not None
 
 
 def stated(metadata: Mapping[str, str], key: str) -> str | None:

@@ -24,12 +24,12 @@ from typing import Any, NoReturn
 import numpy as np
 
 from sysid import units
-from sysid.benchwords import BENCH, BENCH_TIMES, bench_of, bench_time
+from sysid.benchwords import BENCH, bench_of, misread
 from sysid.cells import Dialect, listed
 from sysid.csvbody import Body, read_body, refuse_cell
 from sysid.csvfile import Head, LogError, read_head
-from sysid.header import DRIVES, INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
-from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows
+from sysid.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
+from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows, turned
 from sysid.stamps import coarse
 from sysid.textfile import unchanged
 from sysid.waveform import from_samples, sample_times, uneven
@@ -72,6 +72,7 @@ class Log:
     metadata: Mapping[str, str] = field(default_factory=dict)
     bench: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
     path: str = ""
     sha256: str = ""
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
@@ -179,7 +180,7 @@ def _label(unit: str, quantity: str) -> str:
 def _is_interpreted(key: str) -> bool:
     """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
     known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
-    return known or units.split_unit(key.casefold())[0] in BENCH_TIMES or bench_time(key) is not None
+    return known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
 
 
 def _expand(paths: Iterable[str | Path]) -> list[str]:
@@ -214,7 +215,11 @@ def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
             rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
             tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
             plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
-            plans = [dataclasses.replace(plan, notes=(*plan.notes, *notes)) for plan in plans]
+            doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
+            plans = [
+                dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=doubt)
+                for plan, doubt in zip(plans, doubts, strict=True)
+            ]
             return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
     except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
@@ -247,6 +252,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
     fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
+    fields["warnings"] = plan.warnings
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
     if kind == "waveform":
         fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
@@ -311,7 +317,7 @@ def _internal(quantity: str, values: Any, unit: str) -> Any:
 def _drive(head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray | None, str]:
     """Drive and its unit; a duty cycle becomes volts when `volts_per_duty` is known."""
     if "duty" not in arrays:
-        drive = next((key for key in DRIVES if key in arrays), None)
+        drive = next((key for key in units.DRIVES if key in arrays), None)
         return arrays.pop(drive) if drive else (None, "V")
     duty = _internal("duty", *arrays.pop("duty"))
     if (text := stated(plan.metadata, "volts_per_duty")) is None:
@@ -334,7 +340,7 @@ def _response(
         if not units.same_kind(other, unit):
             raise LogError(f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind")
         signal = _complex(signal, units.convert(imaginary, other, unit))
-    return (signal, unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+    return (turned(signal, plan), unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
 
 
 def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:

@@ -36,15 +36,19 @@ be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90
 be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
 header stands again among the rows, `rows` are counted in each table.
 
+A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1` alone, where their
+phase rises through the resonance, or `amplitude = "rms"`, of the drive and response whose names do not say it.
+
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
+Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
 """
 
 import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +68,7 @@ _OPTIONS: dict[str, tuple[type, ...]] = {
     "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
     "skip": (int,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
 }  # fmt: skip
-_WORDS: dict[str, tuple[Any, ...]] = {
+WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
     "amplitude": ("peak", "rms", "pp"),
@@ -103,6 +107,7 @@ class Plan:
     phase_sign: int = 1
     phase_offset: float = 0.0  # rad
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,26 +121,67 @@ class MappingFile:
     def fail(self, key: str, message: str) -> LogError:
         return LogError(f"{self.path}, {key}: {message}")
 
-    def plan(self, head: Head) -> Plan:
-        """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
-        columns, constants = self.options.get("columns", {}), self.options.get("constants", {})
-        sources = {name: self._column(name, entry, head) for name, entry in columns.items()}
-        sources |= {name: self._constant(name, text) for name, text in constants.items()}
+    def _not_read(self, metadata: Mapping[str, str], sources: Mapping[str, Source]) -> list[str]:
+        """A note on each constant input of the metadata that [columns] and [constants] lack: they name all inputs there are."""
+        named = {key: units.parse_name(key) for key in metadata if units.is_key(key)}
+        lost = [key for key, name in named.items() if name and name.unit and is_absent(name.quantity, sources)]
+        return [f"metadata {key!r} is not used: {self.path} does not say it under [constants]" for key in lost]
+
+    @property
+    def names_columns(self) -> bool:
+        return "columns" in self.options
+
+    def metadata(self, head: Head) -> dict[str, str]:
+        """The metadata of one file, and what takes their place or stands beside them here."""
         stated = {key: str(value) for key, value in self.options.get("metadata", {}).items()}
         stated |= {key: str(self.options[key]) for key in ("kind", "sampling") if key in self.options}
         ours = {key.casefold() for key in stated}
-        metadata = {key: value for key, value in head.metadata.items() if key.casefold() not in ours} | stated
-        split = self.options.get("split_by")
-        return Plan(
-            sources,
-            metadata,
-            None if split is None else self._position("split_by", split, head),
-            self.options.get("rows"),
-            self.options.get("quantity", "displacement"),
-            self.options.get("phase_sign", 1),
-            math.radians(self.options.get("phase_offset_deg", 0.0)),
-            (*head.notes, *self._notes(sources)),
+        return {key: value for key, value in head.metadata.items() if key.casefold() not in ours} | stated
+
+    def plan(self, head: Head) -> Plan:
+        """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
+        columns = self.options.get("columns", {})
+        sources = {name: self._column(name, entry, head) for name, entry in columns.items()} | self._constants()
+        metadata = self.metadata(head)
+        notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
+        return self._told(Plan(sources, metadata, notes=notes), head)
+
+    def beside(self, plan: Plan, head: Head) -> Plan:
+        """The `plan` of a file by its own names, with all that is said here: a mapping file without [columns]."""
+        constants = self._constants()
+        for name in constants:
+            same = units.DRIVES if name in units.DRIVES else (name,)
+            if known := next((plan.sources[other] for other in same if other in plan.sources), None):
+                raise self.fail(f"[constants] {name}", f"found {known.label} in {head.path} too, expected it once")
+        if "quantity" in self.options and "response" not in plan.sources:
+            raise self.fail("quantity", "belongs to x and y, or to magnitude, in [columns], or to a waveform; found neither")
+        sources = {name: self._as_stated(name, source) for name, source in plan.sources.items()}
+        return self._told(replace(plan, sources=sources | constants), head)
+
+    def _as_stated(self, name: str, source: Source) -> Source:
+        """A source of a file's own names, as rms or peak to peak where that is said here and its name says nothing."""
+        _, unit, stated = units.split_unit(source.label)
+        silent = name in units.AMPLITUDES and source.column is not None and not (stated or units.split_amplitude(unit)[1])
+        return replace(source, amplitude=self.options.get("amplitude", source.amplitude)) if silent else source
+
+    def _told(self, plan: Plan, head: Head) -> Plan:
+        """The plan with the rows to use, how they are split, and how the phase is read, where there is one."""
+        split, given = self.options.get("split_by"), self.options
+        waveform, phased = "response" in plan.sources, bool(plan.sources.keys() & {"wd", "x", "phase"})
+        spare = [key for key in ("phase_sign", "phase_offset_deg")[: 1 if waveform else 2] if key in given and not phased]
+        why = "that of a waveform is known" if waveform else "an amplitude has no phase"
+        return replace(
+            plan,
+            split=plan.split if split is None else self._position("split_by", split, head),
+            rows=given.get("rows"),
+            quantity=given.get("quantity", "displacement"),
+            phase_sign=given.get("phase_sign", 1) if phased else 1,
+            phase_offset=math.radians(given.get("phase_offset_deg", 0.0)),
+            notes=(*plan.notes, *(f"{key} of {self.path} is not used: {why}" for key in spare)),
         )
+
+    def _constants(self) -> dict[str, Source]:
+        return {name: self._constant(name, text) for name, text in self.options.get("constants", {}).items()}
 
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:
@@ -204,6 +250,11 @@ class MappingFile:
         return tuple(notes)
 
 
+def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
+    """Whether nothing states an input, of which there is one drive."""
+    return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
+
+
 def load_mapping(path: str | Path) -> MappingFile:
     """Read and check a mapping file. Raises LogError that names the key."""
     try:
@@ -214,8 +265,9 @@ def load_mapping(path: str | Path) -> MappingFile:
     _check_keys(mapping, "", options, _OPTIONS)
     for key in ("columns", "constants"):
         _check_keys(mapping, f"[{key}] ", options.get(key, {}), dict.fromkeys(_NAMES, (str, int, float, dict)))
-    options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options.get("columns", {}).items()}
-    _check_response(mapping, set(options["columns"]), set(options.get("constants", {})))
+    if "columns" in options:
+        options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options["columns"].items()}
+    _check_response(mapping, set(options.get("columns", {})), set(options.get("constants", {})))
     _check_rows(mapping)
     delimiter = options.get("delimiter")
     if (delimiter is not None and not re.fullmatch(r"[ -~\t]", delimiter)) or delimiter in ('"', "."):
@@ -241,15 +293,19 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
 def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str) -> tuple[np.ndarray, str]:
     """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring says."""
     complete = np.iscomplexobj(signal)
-    if complete:
-        signal = np.conj(signal) if plan.phase_sign < 0 else signal
-        signal = signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
+    signal = turned(signal, plan) if complete else signal
     if plan.quantity in ("displacement", "charge"):
         return (1j * signal if complete else signal), unit
     if frequency is None:
         raise LogError(f"{where}: found no frequency, expected one: a {plan.quantity} is divided by omega")
     time_integral = unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
     return signal / (2 * np.pi * frequency), time_integral
+
+
+def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
+    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file says."""
+    signal = np.conj(signal) if plan.phase_sign < 0 else signal
+    return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
 
 
 def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
@@ -293,8 +349,8 @@ def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: 
             raise mapping.fail(f"{where}{key}", f"found {value!r}, expected {names}")
         if isinstance(value, float) and not math.isfinite(value):
             raise mapping.fail(f"{where}{key}", f"found {value!r}, expected a finite number")
-        if key in _WORDS and value not in _WORDS[key]:
-            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, _WORDS[key]))}")
+        if key in WORDS and value not in WORDS[key]:
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, WORDS[key]))}")
 
 
 def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
@@ -326,18 +382,18 @@ def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]
     response = columns & parts
     if constant := constants & parts:
         raise mapping.fail(f"[constants] {min(constant)}", "found a response that is constant, expected a column")
-    if mapping.options.get("kind") == "waveform":
-        if response != {"response"} or not columns & {"voltage", "drive"}:
-            found = ", ".join(sorted(columns)) or "no columns"
-            raise mapping.fail("[columns]", f"found {found} of a waveform, expected drive (or voltage) and response")
-        if "phase_sign" in mapping.options:
-            raise mapping.fail("phase_sign", "belongs to x and y, or to phase; found a waveform, whose sign is known")
-    elif response not in map(set, RESPONSES):
+    waveform, named = mapping.options.get("kind") == "waveform", mapping.names_columns or not mapping.options
+    if waveform and named and (response != {"response"} or not columns & {"voltage", "drive"}):
+        found = ", ".join(sorted(columns)) or "no columns"
+        raise mapping.fail("[columns]", f"found {found} of a waveform, expected drive (or voltage) and response")
+    if waveform and "phase_sign" in mapping.options:
+        raise mapping.fail("phase_sign", "belongs to wd and wq, to x and y, or to phase; found a waveform, whose sign is known")
+    if not waveform and named and response not in map(set, RESPONSES):
         expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
         raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
     if both := columns & constants:
         raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
-    if len(drives := (columns | constants) & {"voltage", "drive", "duty"}) > 1:
+    if len(drives := (columns | constants) & {*units.DRIVES}) > 1:
         raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
-    if "quantity" in mapping.options and not response & {"x", "magnitude", "response"}:
+    if "quantity" in mapping.options and named and not response & {"x", "magnitude", "response"}:
         raise mapping.fail("quantity", "belongs to x and y, to magnitude, or to a waveform; found a response that is one already")

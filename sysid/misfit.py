@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.special import gammaincc
 
 from sysid.coincidence import cancelling, complex_of
 from sysid.dwell import dwells
@@ -25,7 +26,7 @@ from sysid.prior import NAMES
 from sysid.term import Term, together
 from sysid.terms import SHIFTED, THROUGH, one_way, own, terms, times
 from sysid.view import View
-from sysid.wording import stamps_shared
+from sysid.wording import SAY_SO, stamps_shared
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
@@ -117,14 +118,16 @@ def _outlying(i: int, view: View) -> Found | None:
     weight[~trial.kept if trial.kept is not None else []] = 0.0
     if not rows or not trial.lateness or trial.lost:
         return None
-    rank = np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))
+    rank = -np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))  # by chance exponential
     after = [np.arange(row + 1, row + 1 + n) for row in rows for n in (2, 3) if row + n < len(weight)]
     for runs, name, elsewhere in (([np.array([row]) for row in rows], "astray", _earlier), (after, "late", _aslant)):
-        run = min(runs, key=lambda run: float(np.sum(rank[run])), default=np.zeros(0, int))
-        worth, left = -float(np.sum(rank[run]) + np.log(max(len(runs), 1))), view.residual[run]
-        if worth < ENOUGH or np.max(np.abs(left)) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
+        chances = [float(gammaincc(len(run), np.sum(rank[run]))) for run in runs]
+        if not runs or (worth := -float(np.log(len(runs) * max(min(chances), 1e-300)))) < ENOUGH:
             continue
-        if elsewhere(view, run) <= max(SURELY * trial.noise_std, ROUGHLY * np.linalg.norm(left)):
+        left = view.residual[run := runs[int(np.argmin(chances))]]
+        if np.max(np.abs(left)) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
+            continue
+        if elsewhere(view, run) <= max(SURELY * trial.noise_std, ROUGHLY * float(np.linalg.norm(left))):
             said = ASTRAY.format(trial.log.name, trial.log.time[run[0]]) if name == "astray" else LATE.format(trial.log.name, "")
             return Found(said, worth, {"G": np.inf}, name, i, 2)
     return None
@@ -204,7 +207,7 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
     ratio = float(np.abs(np.vdot(shape, y)) / max(np.vdot(shape, shape).real, 1e-300))
     what = "it is not that of one resonance which stays as it is; check its columns, their units and signs"
     if view.trial.steady and view.trial.resonant and view.trial.signed and not phase_falls(view.trial):
-        what = "its phase rises through the resonance; if d and q are not swapped, say phase_sign = -1"
+        what = f"its phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
     elif not view.trial.steady and stamps_shared(view.trial) > SHARED * len(view.trial.whole or y):
         what = "rows share their time stamps; record the time with more digits"
     elif not alone:

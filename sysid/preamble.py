@@ -1,8 +1,11 @@
 """Where a table begins in a file whose first lines are neither marked as comments nor part of it.
 
-Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`, two rows of header.
+Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`, two rows of header. Comments may stand among
+them, and are read as those of any file.
 """
 
+from collections.abc import Collection
+from itertools import groupby
 from typing import NamedTuple
 
 from sysid import units
@@ -73,11 +76,14 @@ def header_line(lines: list[str], top: Top) -> str:
     return with_unit_cells(names, units_below, top.delimiter)
 
 
-def left_out(lines: list[str], number: int, top: Top) -> list[str]:
-    """Notes on the preamble, which begins at line `number`, and on names at the header's end that have no column."""
-    where = f"line {number}" if top.names == 1 else f"lines {number} to {number + top.names - 1}"
+def left_out(lines: list[str], number: int, top: Top, comments: Collection[int]) -> list[str]:
+    """Notes on the preamble, which begins at line `number` and of which the lines `comments` (from 0) are read, and on names at
+    the header's end that have no column."""
+    runs = [[k for k in run if lines[k].strip()] for read, run in groupby(range(top.names), lambda k: k in comments) if not read]
+    where = [str(number + run[0]) + (f" to {number + run[-1]}" if run[1:] else "") for run in runs if run]
+    lone = len(where) == 1 and where[0].isdigit()
+    notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
     spare = [name for name in _cells(lines[top.names], top.delimiter)[top.width :] if name]
-    notes = [f"{where}, above the header, left out"] if top.names else []
     return notes + ([f"names without a column, left out: {listed(spare)}"] if spare else [])
 
 

@@ -18,7 +18,7 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
     """How each log is read at first, and what had to be assumed."""
     readings = thermometer.of_plates([log.temperature for log in logs])
     recorded = [r.temperature.mean() for r in readings if r is not None]
-    found, warnings = [], []
+    found, warnings = [], list(dict.fromkeys(said for log in logs for said in log.warnings))
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
             log = replace(log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench})

@@ -1,4 +1,5 @@
-"""Names and units of log columns: `frequency_kHz`, `Voltage [V] rms`, `w_um_pp`; conversion to the units used inside.
+"""Names and units of log columns: `frequency_kHz`, `Voltage [V] rms`, `w_um_pp`; conversion to the units used inside. Names of
+metadata: `kind`, `lockin_tau_us`.
 
 Inside, time is in s, frequency in Hz, temperature in degC, force in N; drive and response keep the user's own unit and
 are peak amplitudes. The library `pint` knows the units; it is loaded only for units that are not the internal ones.
@@ -15,6 +16,11 @@ INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N",
 REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
 AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response")  # these may be rms or peak to peak
 QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "carrier", "voltage", "drive", "wd", "wq", "w", "response")
+DRIVES = ("voltage", "drive", "duty")  # of which a log has one
+CONSTANTS = ("temperature", "frequency", "force", *DRIVES)  # what may be constant over a log
+WORDS = ("kind", "sampling", "plate", "volts_per_duty")  # metadata without a unit
+BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
+BENCH_NUMBERS = {"lockin_order": "lockin_order", "temperature_std_degc": "temperature_std_degC"}  # in one unit, in any case
 PEAK = {"peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}  # peak = factor * value, for a sine
 
 _USUAL = {
@@ -64,6 +70,31 @@ def parse_name(label: str) -> Name | None:
         unit, stated = split_amplitude(unit)
         amplitude = stated or amplitude
     return Name(quantity, short(unit), amplitude or "peak")
+
+
+def bench_time(key: str) -> tuple[str, str] | None:
+    """`lockin_tau_us` is ("lockin_tau", "us"); None for a key that is not a time of the bench."""
+    name = next((name for name in BENCH_TIMES if key.casefold().startswith(f"{name}_")), None)
+    return (name, key[len(name) + 1 :]) if name else None
+
+
+def is_key(key: str) -> bool:
+    """Whether metadata may be called so: a word, what is known of the bench, or a constant input, in a unit of its kind."""
+    if key.casefold() in (*WORDS, *BENCH_NUMBERS):
+        return True
+    time, name = bench_time(key), parse_name(key)
+    if time:
+        return fits("time", time[1])
+    return name is not None and name.quantity in CONSTANTS and fits(name.quantity, name.unit)
+
+
+def fits(quantity: str, unit: str) -> bool:
+    """Whether `unit` is one, and of the quantity's kind."""
+    try:
+        check_unit(quantity, unit)
+    except ValueError:
+        return False
+    return True
 
 
 def split_unit(label: str) -> tuple[str, str, str]:

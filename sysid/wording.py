@@ -70,6 +70,9 @@ def stamps_shared(trial: Trial) -> int:
     return int(np.count_nonzero(time[1:] == time[:-1]))
 
 
+SAY_SO = "say so by a mapping file (--columns) of the line phase_sign = -1"
+
+
 def sampled(trial: Trial, stated: str | None) -> str | None:
     """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
     said = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
@@ -151,7 +154,7 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
         return None, f"noise that neighbouring rows share is {much} of the response, and may hide as much of a misfit"
     said = f"the residual holds {much} of the response that is not noise"
     if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
-        return f"{said}: the phase rises through the resonance; if the demodulator has the other sign, say phase_sign = -1", None
+        return f"{said}: the phase rises through the resonance; if the demodulator has the other sign, {SAY_SO}", None
     moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
     what = "saturated, a second resonance, an interfering line, a background that is not a slope"
     return f"{said}: {what}{moved}, or noise that many rows share", None

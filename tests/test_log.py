@@ -3,6 +3,7 @@
 import gzip
 import hashlib
 import math
+import re
 import tomllib
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sysid import csvbody
+from sysid import csvbody, fit, units
 from sysid.log import Log, LogError, read_logs, write_log
 
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
@@ -230,9 +231,24 @@ def test_a_preamble_is_left_out_and_noted(save, monkeypatch, content, lines):
         assert (log.metadata, log.temperature) == ({}, None)  # what a preamble states changes no fit
 
 
-def test_comments_above_a_preamble_are_metadata(save):
+def test_comments_are_metadata_wherever_they_stand_above_the_header(save):
     log = read_one(save("# temperature_degC: 24\nBEGIN\n# force_N: 3\n" + HEADER + ROWS))
-    assert (log.temperature.tolist(), log.force) == ([24.0] * 3, None)
+    assert (log.temperature.tolist(), log.force.tolist()) == ([24.0] * 3, [3.0] * 3)
+    assert log.notes == ("line 2, above the header, left out",)
+    below = "Operator,me\n\n# plate: A7\n#sampling: settled\nplate,B2\n\n# delay_us: 3\n"
+    for header in (HEADER, BARE + "s,V,Hz,um,um\n"):
+        log = read_one(save(below + header + ROWS))
+        check_usual(log)
+        assert (log.metadata["plate"], log.sampling, log.bench) == ("A7", "settled", {"delay_s": 3e-6})
+        assert log.notes == ("lines 1, 5, above the header, left out",)
+    log = read_one(save(below.encode() + "# note: größer\n".encode("cp1252") + (HEADER + ROWS).encode()))
+    assert log.metadata["note"] == "größer"
+    refused(save(below + "# force_N: much\n" + HEADER + ROWS), "metadata 'force_N'", "'much'")
+
+
+def test_plates_that_are_named_below_a_line_without_a_mark_are_told_apart(save):
+    paths = [save(f"Operator,me\n# plate: {plate}\n{HEADER}{ROWS}", f"{plate}.csv") for plate in ("A7", "B2")]
+    refused(paths, "'A7'", "'B2'", "expected logs of one plate")
 
 
 def test_a_row_of_units_below_names_that_are_numbers(save, tmp_path):
@@ -381,6 +397,119 @@ def test_headers_that_are_refused(save, header, words):
 )
 def test_metadata_that_is_refused(save, line, words):
     refused(save(f"# {line}\n" + HEADER + ROWS), *words)
+
+
+@pytest.mark.parametrize("key", ["temperature_Hz", "force_V", "frequency_khz", "lockin_tau_V"])
+def test_metadata_in_a_unit_of_the_wrong_kind_is_called_metadata(save, key):
+    """And no mapping file is offered, which could say nothing of it."""
+    error = refused(save(f"# {key}: 3\n" + HEADER + ROWS), f"metadata {key!r}: found the unit", "expected a unit of")
+    assert "column" not in str(error) and error.mapping is None
+
+
+# Lines that are nearly metadata
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("samplng: settled", "sampling"), ("smapling: setled", "sampling"), ("sample: settled", "sampling"),
+        ("knid: steady", "kind"), ("plat: A7", "plate"), ("Palte: A7", "plate"), ("plate id: A7", "plate"),
+        ("plate_no = 7", "plate"),
+        ("lockin_tua_s: 0.0001", "lockin_tau_s"), ("lockin_tau: 0.1 ms", "lockin_tau_ms"), ("lockin tau s: 1e-4", "lockin_tau_s"),
+        ("Lock-in tau [ms]: 0.1", "lockin_tau_ms"), ("lockin_tau: 0.1", "lockin_tau_s"), ("lockin_oder: 4", "lockin_order"),
+        ("delay: 3 us", "delay_us"), ("delay = 3 us", "delay_us"), ("dealy_us: 3", "delay_us"), ("settle: 0.1", "settle_s"),
+        ("temperature_std: 0.1", "temperature_std_degC"), ("temperature_std_K: 0.1", "temperature_std_degC"),
+        ("volt_per_duty: 24", "volts_per_duty"), ("temperature: 24", "temperature_degC"), ("temperature: 297 K", "temperature_K"),
+        ("temperatur_degC: 24", "temperature_degC"),
+        ("Temperatur: 24 °C", "temperature_degC"), ("T_degC: 24", "temperature_degC"), ("T: 24 degC", "temperature_degC"),
+        ("temp_C: 24", "temperature_degC"), ("temp = 24", "temperature_degC"), ("temperature degC: 24", "temperature_degC"),
+        ("temperature_Hz = 24", "temperature_degC"), ("fource_N: 3", "force_N"),
+    ],
+)  # fmt: skip
+def test_a_line_that_is_nearly_metadata_is_a_warning(save, line, expected):
+    """And none once it is written as expected."""
+    log = read_one(save(f"# {line}\n" + HEADER + ROWS))
+    check_usual(log)
+    key, value = re.split(" *[:=] *", line)
+    assert log.warnings == (f"log.csv: metadata {key!r} is not used; did you mean {expected!r}?",)
+    assert (log.notes, log.bench, log.sampling, log.temperature, log.force) == ((), {}, None, None, None)
+    right = {"setled": "settled"}.get(value, value if expected in units.WORDS else value.split()[0])
+    assert read_one(save(f"# {expected}: {right}\n" + HEADER + ROWS, "right.csv")).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("Frequency: 32300", "frequency_Hz"), ("freq: 32.3 kHz", "frequency_kHz"), ("f_Hz: 32300", "frequency_Hz"),
+        ("frequncy_kHz: 32.3", "frequency_kHz"), ("voltage: 5", "voltage_V"), ("voltage: 5 Vpp", "voltage_V_pp"),
+        ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 V", None),
+    ],
+)  # fmt: skip
+def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save, line, expected):
+    said = f"; did you mean {expected!r}?" if expected else ": found '5 V', expected a finite number"
+    key = re.split(" *[:=]", line)[0]
+    assert read_one(save(f"# {line}\ntime_s,w_um\n0,1\n")).warnings == (f"log.csv: metadata {key!r} is not used{said}",)
+    assert read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings == ()
+
+
+PREAMBLES = {
+    "network analyser": """
+        CSV A.01.01|Keysight Technologies,E5061B,MY49304567,A.03.50|Date: Monday, March 31, 2024 12:00:00
+        Source: Standard|Sweep Type: Linear|Start Frequency: 32000|Stop Frequency: 32600|IF Bandwidth: 100|Points: 401
+        Power: -10 dBm|Averaging: 16""",
+    "oscilloscope": """
+        Model: DSOX3024T|Serial Number: MY58100123|Time/Div: 1.0E-3|Trigger Level: 0.5 V|Horizontal Delay: 0.0
+        Sample Rate: 1 GSa/s|Volts/Div: 2|Probe: 10|XINC = 1e-06|YUNIT = V|Firmware Version: 2.93|Waveform Type: ANALOG
+        Offset: 0""",
+    "Zurich Instruments": """
+        Device: DEV3456|Demodulator: 1|Time Constant (s): 8.1e-4|Order: 4|Rate: 837.1|Sampling Rate: 13392.86
+        Settling: 0.001|Sweep param: oscs/0/freq|Sample Count: 401|TC: 0.0008|harmonic: 1|amplitude: 0.1|phaseshift: 0""",
+    "LabVIEW": """
+        LabVIEW Measurement|Writer_Version: 2|Decimal_Separator: .|X_Columns: One|Time_Pref: Relative|Operator: me
+        Date: 2024/03/31|Time: 12:00:00.123|Channels: 2|Samples: 100|X_Dimension: Time|X0: 0.0|Delta_X: 0.001
+        Notes: at 24 degC""",
+    "Stanford": """
+        SR830 DSP Lock-in|Sensitivity: 10 mV|Sens = 10 mV|Time Constant: 100 ms|Filter slope: 24 dB/oct
+        Reference: external|Phase: 0.00|Reserve: normal|Sine out: 1.000 V|Aux 1: 0.24|Frequency: 32300.0|Freq = 32300
+        Amplitude: 1.000|Ref phase: 90""",
+    "by hand": """
+        Place: lab 3|State: ok|Delayed trigger: off|Temperature sensor: PT100|Drivers: NI 21|Force sensor: HBM U9
+        fs = 1e6|Mode: transient|Kind regards: me|Plane: xy|Plates: 3|Title = step of 100 V|T = 0.01|V = 3|f = f0 + df
+        fit: y = a*x + b|sampling = 10 kHz|Sampling = 10000|time_s = seconds since the start|wd_um = displacement
+        voltage_V = drive|x=1:y=2""",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PREAMBLES)
+@pytest.mark.parametrize("above", ["", "Operator,me\n"])
+def test_what_instruments_write_is_no_warning(save, name, above):
+    lines = [line.strip() for line in re.split(r"[|\n]", PREAMBLES[name].strip())]
+    log = read_one(save(above + "".join(f"# {line}\n" for line in lines) + HEADER + ROWS))
+    check_usual(log)
+    assert (log.warnings, log.bench, log.sampling, log.temperature, log.force) == ((), {}, None, None, None)
+
+
+def test_an_equals_sign_states_metadata_too(save):
+    log = read_one(save("#plate = A 7\n#sampling=settled\n#temperature_degC = 24\n#lockin_tau_us=300\n#x = 3\n" + HEADER + ROWS))
+    check_usual(log)
+    assert log.metadata == {"plate": "A 7", "sampling": "settled", "temperature_degC": "24", "lockin_tau_us": "300"}
+    assert (log.temperature.tolist(), log.bench, log.sampling) == ([24.0] * 3, {"lockin_tau_s": 0.0003}, "settled")
+    assert log.warnings == log.notes == ()
+    refused(save("# plate: A7\n# plate = B2\n" + HEADER + ROWS), "metadata 'plate'", "twice")
+    refused(save("# sampling = later\n" + HEADER + ROWS), "metadata 'sampling'", "'later'")
+    first, second = read_logs(save(HEADER + ROWS + "# temperature_degC = 60\n" + HEADER + ROWS))
+    assert (first.temperature, second.temperature[0]) == (None, 60.0)
+
+
+@pytest.mark.parametrize("line", ["phase_sign: -1", "Phase sign = -1", "phase_offset_deg: 30", "amplitude: rms"])
+def test_an_option_of_a_mapping_file_in_the_metadata_is_a_warning(save, line):
+    (said,) = read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings
+    key, value = re.split(" *[:=] *", line.lower().replace("se s", "se_s"))
+    assert "is not used" in said and f"a mapping file (--columns) of the line {key} = " in said and value in said
+    columns = save('phase_offset_deg = 0\nphase_sign = 1\namplitude = "peak"\n', "map.toml")
+    assert read_one(save(f"# {line}\n" + HEADER + ROWS), columns=columns).warnings == ()
+    stated = HEADER.replace("voltage_V", "voltage_V_rms").replace("_um", "_um_rms")
+    assert read_one(save("# amplitude: rms\n# phase_sign: 1\n" + stated + ROWS)).warnings == ()
 
 
 def test_transient_without_time_and_steady_without_inputs(save):
@@ -656,3 +785,10 @@ def test_a_damaged_file_is_read_or_refused(tmp_path_factory, edits):
         tomllib.loads(error.mapping or "")
     else:
         assert all(np.isfinite(log.response).all() for log in logs)
+
+
+def test_what_was_probably_meant_is_told_with_the_fit(save, bench):
+    log = bench.sweep()
+    rows = "\n".join(f"{f},{v},{w.real},{w.imag}" for f, v, w in zip(log.frequency, log.drive, log.response, strict=True))
+    path = save(f"# samplng: settled\nfrequency_Hz,voltage_V,wd_um,wq_um\n{rows}\n", "x.csv")
+    assert "x.csv: metadata 'samplng' is not used; did you mean 'sampling'?" in fit(read_logs([path])).warnings

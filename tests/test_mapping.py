@@ -167,6 +167,62 @@ def test_duty_needs_no_unit(read):
     assert (log.drive.tolist(), log.drive_unit) == ([12.0] * 3, "V")
 
 
+# A mapping file without [columns]
+
+CONTRACT = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n0,1,100,1,2\n1,1,100,3,-4\n2,1,100,5,6\n"
+
+
+def test_a_phase_sign_alone_is_of_the_contract_s_columns(read):
+    """As the screen says to do where the phase rises through the resonance."""
+    (plain,) = read("phase_sign = 1\n", CONTRACT)
+    (log,) = read("phase_sign = -1\n", "# plate: A7\n" + CONTRACT)
+    assert plain.response.tolist() == SIGNAL.tolist() and log.response.tolist() == np.conj(SIGNAL).tolist()
+    assert (log.time.tolist(), log.drive.tolist(), log.frequency.tolist()) == ([0, 1, 2], [1] * 3, [100] * 3)
+    assert (log.kind, log.metadata, log.notes, log.warnings) == ("transient", {"plate": "A7"}, (), ())
+    (log,) = read("phase_sign = -1\nphase_offset_deg = 30\n", CONTRACT)
+    near(log, np.conj(SIGNAL) * np.exp(1j * np.pi / 6))
+
+
+def test_a_phase_sign_of_named_columns_wd_and_wq(read):
+    """It was taken, and did nothing."""
+    toml = 'amplitude = "peak"\nphase_sign = -1\n[columns]\nfrequency = "f_Hz"\nwd = "X_V"\nwq = "Y_V"\n'
+    assert read(toml)[0].response.tolist() == np.conj(SIGNAL).tolist()
+
+
+def test_a_phase_sign_where_there_is_no_phase_is_noted(read):
+    said = "map.toml is not used: an amplitude has no phase"
+    (log,) = read("phase_sign = -1\n", "time_s,w_um\n0,1\n1,2\n")
+    assert log.response.tolist() == [1.0, 2.0] and said in " ".join(log.notes)
+    (log,) = read('amplitude = "peak"\nphase_sign = -1\n[columns]\nfrequency = "f_Hz"\nw = "X_V"\n')
+    assert log.kind == "steady" and said in " ".join(log.notes)
+
+
+def test_what_else_a_mapping_without_columns_says(read, refused):
+    toml = 'kind = "steady"\namplitude = "rms"\nrows = [0, 2]\n[constants]\ntemperature = "20 degC"\n[metadata]\nplate = "A7"\n'
+    (log,) = read(toml, CONTRACT.replace("voltage_V", "voltage_V_pp"))
+    np.testing.assert_allclose(log.response, math.sqrt(2) * SIGNAL[:2], rtol=1e-15)
+    assert (log.drive.tolist(), log.temperature.tolist(), log.kind) == ([0.5] * 2, [20.0] * 2, "steady")
+    assert log.metadata["plate"] == "A7"
+    (log,) = read('decimal = ","\ndelimiter = ";"\n', CONTRACT.replace(",", ";").replace(";100;", ";100,5;"))
+    assert log.frequency.tolist() == [100.5] * 3
+    first, second = read('split_by = "run"\n', "run,time_s,w_um\na,0,1\nb,0,2\n")
+    assert (first.name, second.name) == ("log.csv[a]", "log.csv[b]")
+    refused('[constants]\nvoltage = "1 V"\n', "[constants] voltage", "found voltage_V", "once", table=CONTRACT)
+    refused('[constants]\nduty = "1"\n', "[constants] duty", "found voltage_V", table=CONTRACT)
+    refused('quantity = "velocity"\n', "quantity", "belongs to x and y", table=CONTRACT)
+    refused("", "[columns]", "found no response", table=CONTRACT)
+    refused("phase_sign = -1\n[columns]\n", "[columns]", "found no response", table=CONTRACT)
+    refused("phase_sign = -1\n", "no response", "columns such as wd_um and wq_um")
+
+
+def test_constant_inputs_of_the_metadata_that_columns_do_not_name_are_noted(read):
+    above = "# temperature_degC: 24\n# Frequency [Hz]: 3\n# lockin_tau_s: 1\n# delay: 3 us\n"
+    (log,) = read(XY, above + TABLE)
+    assert log.temperature is None
+    assert [note.partition(" is not used: ")[0] for note in log.notes] == ["metadata 'temperature_degC'"]
+    assert log.warnings == ("log.csv: metadata 'delay' is not used; did you mean 'delay_us'?",)
+
+
 # Which rows
 
 
