@@ -46,7 +46,7 @@ def tightened(state: State, reference: tuple[float, float], names: Sequence[str]
 
 def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
     """The trials, those of settled points at one frequency with a feedthrough, whose prior is of the size that the others show;
-    as wide as any where none shows one."""
+    as they are where none can show one."""
     if not any(t.at_one_frequency for t in state.trials):
         return state.trials
     squares = []
@@ -57,7 +57,9 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
         through = complex_of(view, "feedthrough", 1 / float(np.max(np.abs(trial.shapes["feedthrough"]))))
         value = abs(through @ np.array([c.value for c in view.columns]))
         squares.append(0.5 * value**2 + 0.5 * float((through @ view.covariance(state.covariance) @ through.conj()).real))
-    size = float(np.sqrt(np.mean(squares))) if squares else np.inf
+    if not squares:
+        return state.trials
+    size = float(np.sqrt(np.mean(squares)))
     return tuple(
         replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))}) if t.at_one_frequency else t
         for t in state.trials

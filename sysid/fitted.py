@@ -76,7 +76,9 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if not state.converged:
         said = identify.why(name, state.trials, tau, fit.names, 1)
         return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
-    modes, limit = _modes(fit, name), identify.limits(G, tau)[name]
+    vague = float(np.sqrt(state.covariance[1, 1]))
+    longest = tau * np.exp(min(2 * vague, 10.0)) if vague > identify.RELATIVE else tau  # and the half bandwidth as much narrower
+    modes, limit = _modes(fit, name), identify.limits(G, longest if name in ("f0", "k_T") else tau)[name]
     told = name in fit.names and (not fit.priors or alone(fit, name)[1] <= limit) and _shown(fit, name)
     if told and np.isfinite(value) and not modes and std <= limit:
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)

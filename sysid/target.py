@@ -15,7 +15,7 @@ from sysid.identify import limits
 from sysid.minimise import Minimiser, State, shares
 from sysid.mixture import Mixture
 from sysid.perturbed import Course
-from sysid.prior import NAMES
+from sysid.prior import NAMES, POSITIVE
 from sysid.ridge import along, bent
 from sysid.surrogate import Density
 from sysid.trial import Trial
@@ -36,7 +36,8 @@ class Target:
         self.index = [NAMES.index(n) for n in self.names]
         covariance = best.covariance[np.ix_(self.index, self.index)]
         if not fit.result.bounded:  # a broad look at what is left, not an interval
-            covariance = np.diag(np.minimum(np.diag(covariance), 1.0))
+            most = [1.0 if n in POSITIVE else np.inf for n in self.names]  # of a logarithm
+            covariance = np.diag(np.minimum(np.diag(covariance), most))
         self.triangle = np.linalg.cholesky(covariance)
         carry = np.eye(len(NAMES))  # f0 is reported at another temperature than the fit's own
         carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
