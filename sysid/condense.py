@@ -16,7 +16,8 @@ from sysid.log import Log
 from sysid.lost import filled, lost
 
 LONG = 16384  # rows of a log that the fit looks at one by one
-MOST = 4096  # rows of a longer one when it is condensed
+MOST = 4096  # rows of a longer one when it is condensed, and
+LEAST = 16  # of each stretch of the same inputs, be these as many as they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +54,7 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
         weight, count, there = _weights(gone, edges)
         short = _means(log, edges, weight)
         return replace(rows, log=short, inputs=_inputs(short, kind, unseen), count=count, there=there)
-    if len(hold.drive) > MOST // 8 and most > longest:
+    if 2 * LEAST * len(hold.drive) > max(2 * MOST, n) and most > longest:
         return rows
     edges = blocks if blocks is not None and most <= longest else _edges(hold, blocks)
     weight, count, there = _weights(gone, edges)
@@ -257,7 +258,7 @@ def _edges(hold: Hold, blocks: np.ndarray | None) -> np.ndarray:
     interval = hold.interval if blocks is None else hold.interval[blocks]
     starts = np.searchsorted(interval, np.arange(len(hold.drive)))
     stops = np.append(starts[1:], len(interval))
-    share = np.linspace(0, 1, MOST // len(starts), endpoint=False) ** 2
+    share = np.linspace(0, 1, max(MOST // len(starts), LEAST), endpoint=False) ** 2
     edges = [a + np.unique((share * (b - a)).astype(int)) for a, b in zip(starts, stops, strict=True) if b > a]
     found = np.unique(np.concatenate([[0, 1], *edges]))
     return found if blocks is None else blocks[found]
