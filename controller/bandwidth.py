@@ -11,14 +11,17 @@ the posterior spreads: the limit holds for 99 % of it, so that a posterior that 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from controller.adaptive import Adaptive
+from controller.dq import DQ
 from controller.laws import Asked
 from controller.plate import positive
 from controller.promise import LONGEST, samples, settling
+from controller.tracker import SignTracker
 
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
@@ -44,6 +47,7 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
     cannot be had, with what stands in the way and the nearest that can."""
     if wanted is not None and settled is not None:
         raise ValueError("found bandwidth_hz and settling_time, expected one of them: each decides the other")
+    _suited(asked)
     plate, T, limit = asked.plate, asked.T, _limit(asked)
     share = PREDICTED_SHARE if asked.method == "adaptive" else CLOSED_LOOP_SHARE
     plant = 1 / (2 * math.pi * share * plate.tau)
@@ -65,6 +69,24 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
             f" {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be had is {safe:.6g} Hz"
         )
     return Bandwidth(min(float(wanted), safe), limit, "stated")
+
+
+def _suited(asked: Asked) -> None:
+    """Raises ValueError for a method that the plate, or the sample time, rules out."""
+    tau = asked.plate.tau
+    half_bandwidth, step = 1 / (2 * math.pi * tau), SignTracker(0.0, 1.0).size
+    if asked.method == "paper" and asked.plate.f0 is not None and step > half_bandwidth:
+        raise ValueError(
+            f"method = 'paper' cannot be had: its frequency goes to and fro by {step:g} Hz, and half of the plate's bandwidth is"
+            f" {half_bandwidth:.3g} Hz; methods that can be had: pi, pll, adaptive"
+        )
+    slowest = tau / (1 + asked.ranged.finger)
+    if asked.method == "adaptive" and slowest * (1 + 1e-9) < asked.T:
+        under = " under the finger" if asked.ranged.finger else ""
+        raise ValueError(
+            f"sample_time = {asked.T:g} s cannot be had with method = 'adaptive': its observer foresees no more than one time"
+            f" constant{under}; the nearest that can be had is {slowest:.3g} s, or methods pi, pll"
+        )
 
 
 def _limit(asked: Asked) -> float:
@@ -100,13 +122,34 @@ def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandw
                 f" slowest of the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
             )
         else:
-            why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
-            why += "" if asked.leads else ": a faster loop oscillates"
+            why = _in_the_way(asked, tried, wanted)
         raise ValueError(
             f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is {1e3 * best:.4g} ms"
         )
     slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9))
     return Bandwidth(float(slowest), limit, "settling")
+
+
+def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
+    """That without which the loop would settle in `wanted` s, in words: resonances that lie apart, a finger, or both; where it
+    would not without them either, the sample time and the delay."""
+    untouched = asked.over(asked.ranged._replace(finger=0.0)) if asked.ranged.finger else asked
+    low, high = asked.ranged.warming
+    warms = (low, high) != (0.0, 0.0) and asked.plants.warming is None
+    apart = f"the range of temperatures, warming = ({low:g}, {high:g})," if warms else "what the logs leave open of f0"
+    found = f"the resonance begins up to {asked.beside:.3g} Hz beside the frequency at which the loop starts, and has to be found"
+    finger = f"the finger, which adds {asked.ranged.finger:g} times the plate's own damping,"
+    cases = [
+        (asked._replace(plants=asked.plants.resonant), f"{apart} stands in the way: {found}"),
+        (untouched, f"{finger} stands in the way"),
+        (untouched._replace(plants=untouched.plants.resonant), f"{finger} and {apart} stand in the way: {found}"),
+    ]
+    tried, leads = list(tried), {False, asked.leads}
+    for without, why in cases:
+        if without is not asked and any(_taken(without, b, lead) <= wanted * (1 + 1e-9) for b in tried for lead in leads):
+            return why
+    why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
+    return why + ("" if asked.leads else ": a faster loop oscillates")
 
 
 def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
@@ -124,11 +167,27 @@ def _voltage_bound(asked: Asked) -> float:
     return float(np.max(np.where(short, np.inf, times)))
 
 
-def unkept(asked: Asked, bandwidth: float) -> str:
+def unpromised(asked: Asked, law: DQ | Adaptive) -> str | None:
+    """Why no settling time is promised whatever the plants do: it would take too many samples. None where it would not."""
+    if (needed := samples(law, asked.plants, asked.T)) <= LONGEST:
+        return None
+    enough = f"{1.01 * asked.T * needed / LONGEST:.2g}"  # s; the samples are inversely as their time, but for a few
+    return (
+        f"no settling time is promised: plate and loop take so long that {needed} samples would have to be looked at, and"
+        f" {LONGEST} are; a longer sample_time, {enough} s say"
+    )
+
+
+def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
     """Why more than 1 % of the plants do not settle at that bandwidth, and the nearest that can be had."""
-    if (needed := samples(asked.control(bandwidth), asked.plants, asked.T)) > LONGEST:
+    law = asked.control(bandwidth, lead)
+    if long := unpromised(asked, law):
+        return long
+    if math.isfinite(_taken(asked, bandwidth, lead)):
         return (
-            f"no settling time is promised: {needed} samples would have to be looked at, and {LONGEST} are; a longer sample_time"
+            f"the guard ends the drive of more than 1 % of the plates that the logs allow, the resonance up to {asked.beside:.4g}"
+            f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its window, is taken for"
+            f" a fault; a narrower range, or guard=False, with which nothing is exported"
         )
     still = asked._replace(plants=asked.plants.resonant)
     if math.isfinite(_taken(still, bandwidth)):
@@ -136,16 +195,15 @@ def unkept(asked: Asked, bandwidth: float) -> str:
 
         def warmed(share: float) -> Asked:
             """With a share of the range of temperatures."""
-            return asked.over((share * least, share * most))
+            return asked.over(asked.ranged._replace(warming=(share * least, share * most)))
 
-        furthest = float(np.max(np.abs(asked.plants.detuning)))
         share = _nearest(lambda s: math.isfinite(_taken(warmed(s), bandwidth)))
         offer = "record a sweep, which determines f0 better"
-        if share and least != most:
+        if share and asked.plants.warming is None and (least, most) != (0.0, 0.0):
             offer = f"the nearest that can be had is warming = ({share * least:.3g}, {share * most:.3g})"
         return (
-            f"the loop cannot lock: the resonance lies up to {furthest:.4g} Hz beside the frequency at which it starts, where the"
-            f" voltage that there is makes too small an amplitude to be tracked; {offer}"
+            f"the loop cannot lock: the resonance lies up to {asked.beside:.4g} Hz beside the frequency at which it starts, where"
+            f" the voltage that there is makes too small an amplitude to be tracked; {offer}"
         )
     share = _nearest(lambda s: math.isfinite(_taken(still._replace(amplitude=s * asked.amplitude), bandwidth)))
     limit = "" if asked.limits.voltage is None else f", with the voltage limit {asked.limits.voltage:g} ({asked.limits.said})"

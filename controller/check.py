@@ -8,11 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.header import stated
 from sysid.log import Log, LogError
 
 BAND = 0.05  # about the last amplitude, within which it counts as settled
 LAST = 0.2  # share of the rows that are its end
 NOISE = 4.0  # standard deviations of a row about the end, for which noise may carry it beyond a promise
+# A voltage that has risen: above what the loop makes of the noise, which is at rest what it is at the end, and above a share of
+# the largest. From rest the voltage goes at once to the steady one and beyond, so that half of that has risen, however noisy.
+FLICKER, SHARE, RISEN = 5.0, 0.05, 0.5
 NEAR_STEADY = 0.1  # relative, for the voltage at the end
 TRACKED = 0.1  # of the half bandwidth, for the frequency's distance from the resonance
 
@@ -29,7 +33,9 @@ class Finding(NamedTuple):
 
 def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     """The predictions of a controller.json against a record of its loop. Raises LogError for a record that cannot be judged."""
-    begin, end = _begin(controller, log), int((1 - LAST) * len(log))
+    _same_plate(controller, log)
+    end = int((1 - LAST) * len(log))
+    begin = _begin(controller, log, end)
     W, V = np.abs(log.response), np.abs(log.drive)
     target = float(np.median(W[end:]))
     noise = float(np.std(W[end:]))
@@ -44,8 +50,14 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     return [f for f in found if f is not None]
 
 
-def _begin(controller: Mapping[str, Any], log: Log) -> int:
-    """The last row before the voltage rises."""
+def _same_plate(controller: Mapping[str, Any], log: Log) -> None:
+    named, expected = stated(log.metadata, "plate"), controller.get("plate")
+    if named and expected and named != expected:
+        raise LogError(f"{log.name}: found the plate {named!r}, expected {expected!r}, for which controller.json was designed")
+
+
+def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
+    """The last row before the voltage rises, to bring the amplitude to where it is from row `end` on."""
     what = f"{log.name}: a record of a closed loop"
     for name, values in (("voltage_*", log.drive), ("time_*", log.time)):
         if values is None:
@@ -55,10 +67,15 @@ def _begin(controller: Mapping[str, Any], log: Log) -> int:
     for kind, unit in (("response", log.response_unit), ("drive", log.drive_unit)):
         if controller["units"][kind] not in (None, unit):
             raise LogError(f"{what}: found {unit}, expected {controller['units'][kind]} as in controller.json")
-    V = np.abs(log.drive)
-    if V[0] > 0.05 * np.max(V) or np.max(V) == 0:
+    V, W = np.abs(log.drive), np.abs(log.response)
+    steady = np.median(V[end:])
+    flicker = 1.4826 * np.median(np.abs(V[end:] - steady))  # the standard deviation of normal noise
+    risen = max(SHARE * np.max(V), min(FLICKER * flicker, RISEN * steady)) < V
+    if risen[0] or np.max(V) == 0:
         raise LogError(f"{what}: found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest")
-    begin = int(np.argmax(0.05 * np.max(V) < V)) - 1
+    half = int(np.argmax(0.5 * np.median(W[end:]) < W))
+    resting = np.flatnonzero(~risen[: max(half, int(np.argmax(risen)))])
+    begin = int(resting[-1])
     if len(log) - begin < 20:
         raise LogError(f"{what}: found {len(log) - begin - 1} rows after the voltage rises, expected 20 or more")
     return begin

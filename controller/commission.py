@@ -8,8 +8,6 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from controller.laws import FAULT_AFTER
-
 SHARE = 0.1  # of the voltage limit, at which one begins
 SLOWER = 10.0  # by which the gains of the first closed loop are divided
 SETTLED = math.log(20.0)  # time constants to 95 %
@@ -81,7 +79,9 @@ def sheet(controller: Mapping[str, Any]) -> list[Stage]:
     stages.append(
         Stage("touch", "a finger on the plate", f"the amplitude comes back, the voltage rises as the damping does{spare}")
     )
-    pulled = f"no voltage after {1e3 * FAULT_AFTER:.3g} ms, and none until the fault is reset"
+    if controller["guard"] is None:
+        return stages
+    pulled = f"no voltage after {1e3 * controller['guard']['patience_s']:.3g} ms, and none until the fault is reset"
     return [*stages, Stage("fault", "pull the sensor's plug", pulled)]
 
 

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from controller.adaptive import Adaptive
-from controller.bandwidth import Bandwidth, Bound, bandwidth_of, unkept
+from controller.bandwidth import Bandwidth, Bound, bandwidth_of, unkept, unpromised
 from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.laws import SAMPLES, Asked, Method, calibrated, demodulated, guarded, switched
+from controller.laws import METHODS, SAMPLES, Asked, Method, calibrated, demodulated, guarded, switched
 from controller.limits import Limits, amplitude_of, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
-from controller.promise import LONGEST, Promise, samples
+from controller.promise import Promise
 from controller.rig import Calibrated, Rig
 
 
@@ -96,12 +96,14 @@ def design(
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
     """
+    if method not in METHODS:
+        raise ValueError(f"found method = {method!r}, expected one of {', '.join(METHODS)}")
     rig = rig or Rig()
     T = positive("sample_time", sample_time if sample_time is not None else rig.sample_time)
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
-    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming)
+    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming, rig.thermometer)
     asked = Asked(
         plate, T, _latency(T, latency if latency is not None else rig.latency, method), limits, rig, method, plants,
         amplitude_of(plate, limits, amplitude, ranged.finger, plants), ranged,
@@ -120,10 +122,11 @@ def _latency(T: float, given: float | None, method: Method) -> float:
 def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
     """Raises ValueError where the promise cannot be kept."""
     plate, law = asked.plate, asked.control(bandwidth.hz, bandwidth.lead)
-    promise = asked.promise(law)
-    if not math.isfinite(promise.settling) and samples(law, asked.plants, asked.T) <= LONGEST:
-        raise ValueError(unkept(asked, bandwidth.hz))
     safe = guarded(law, asked) if guard else None
+    promise = asked.promise(law, safe)
+    long = None if math.isfinite(promise.settling) else unpromised(asked, law)
+    if not math.isfinite(promise.settling) and long is None:
+        raise ValueError(unkept(asked, bandwidth.hz, bandwidth.lead))
     response_unit, drive_unit = units_of(plate.fit)
     return Loop(
         control=calibrated(safe or law, asked),
@@ -152,19 +155,30 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         drive_unit=drive_unit,
         response_unit=response_unit,
         reference_temperature=getattr(plate.fit, "reference_temperature", None),
-        notes=tuple(_notes(asked, bandwidth.bound)),
+        notes=tuple(_notes(asked, bandwidth.bound, long)),
         logs=tuple(fitted.log.sha256 for fitted in getattr(plate.fit, "logs", ()) if fitted.log.sha256),
     )
 
 
-def _notes(asked: Asked, bound: Bound) -> list[str]:
-    plate, found = asked.plate, []
+def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
+    plate, found = asked.plate, [] if long is None else [long]
+    if plate.tau < asked.T:
+        found.append(
+            f"the sample time, {asked.T:g} s, is longer than the plate's time constant, {plate.tau:.3g} s: what touches it is"
+            f" seen when it has settled, and a fault ends the drive after {1e3 * asked.patience * asked.T:.3g} ms"
+        )
     if plate.f0 is None:
         found.append(f"no tracker: f0 is not determined: {plate.why}")
     if bound == "posterior":
         found.append(
             f"slower than the delay alone asks for: 1 % of the plates that the logs allow have a G/tau more than"
             f" {100 * (plate.spread - 1):.2g} % above its mean; a voltage step with rows close together determines it"
+        )
+    most, limits = asked.rig.voltage_limit, asked.limits
+    if most is not None and limits.voltage is not None and limits.voltage < most and limits.said != "stated":
+        found.append(
+            f"the voltage limit is {limits.voltage:.4g}, {limits.said}, and not the rig's {most:.4g}: a log with a larger drive"
+            f" raises it, or controller.design(voltage_limit=...)"
         )
     sensor = asked.rig.sensor
     if sensor is None:

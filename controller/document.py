@@ -6,6 +6,8 @@ from controller.adaptive import Adaptive
 from controller.commission import sheet
 from controller.design import Loop
 from controller.dq import DQ
+from controller.guard import Guard
+from controller.rig import Calibrated
 from controller.scalar import NO_LIMIT
 from controller.tracker import SignTracker
 
@@ -19,6 +21,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
     """
     content = {
         "schema": SCHEMA,
+        "plate": loop.plate,
         "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
         "reference_temperature_degC": loop.reference_temperature,
         "sample_time_s": loop.sample_time,
@@ -35,6 +38,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "tracker": _tracker(loop),
         "range": _range(loop),
         "promise": _promise(loop),
+        "guard": _guard(loop),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
     }
@@ -53,6 +57,14 @@ def _law(loop: Loop) -> dict[str, Any]:
         return {"method": loop.method, "gains": {"d": gains, "q": dict(gains)}, "anti_windup": law.amplitude.anti_windup}
     observer = {"K": law.K, "keep_d": law.keep[0], "keep_q": law.keep[1], "push": law.push, "damping": law.damping}
     return {"method": loop.method, "gains": observer, "anti_windup": None}
+
+
+def _guard(loop: Loop) -> dict[str, float] | None:
+    """For how long it looks on; None where there is none."""
+    guard = loop.control.control if isinstance(loop.control, Calibrated) else loop.control
+    if not isinstance(guard, Guard):
+        return None
+    return {"patience_s": guard.patience * loop.sample_time, "stuck_after_s": guard.repeats * loop.sample_time}
 
 
 def _feed_forward(loop: Loop) -> dict[str, Any] | None:

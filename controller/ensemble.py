@@ -9,14 +9,18 @@ COUNT = 400  # plants: the 1 % that a promise leaves out are four of them
 
 class Ensemble(NamedTuple):
     """Plants (n,): `push` = G/tau, which no finger changes; `rate` = 1/tau under the finger, 1/s; `detuning`, the resonance
-    less that of the design, in Hz, with the temperature's share."""
+    less that of the design, in Hz, with the temperature's share; `warming`, degC above the design's temperature, which a
+    thermometer tells the loop (None: there is none)."""
 
     push: np.ndarray
     rate: np.ndarray
     detuning: np.ndarray
+    warming: np.ndarray | None = None
 
     @classmethod
-    def of(cls, source: Any, means: dict[str, float], finger: float, warming: tuple[float, float]) -> "Ensemble":
+    def of(
+        cls, source: Any, means: dict[str, float], finger: float, warming: tuple[float, float], thermometer: bool = False
+    ) -> "Ensemble":
         """From `source.draws` of what has a mean, where there are any, else from the `means`. `finger`: the largest added damping
         in units of the plate's own; `warming`: degC above the reference temperature, from and to.
 
@@ -35,10 +39,15 @@ class Ensemble(NamedTuple):
 
         # Two fractions that fill the square evenly (Kronecker sequence of the plastic number), stretched to reach its edges.
         u, v = (np.clip(1.02 * ((k * a) % 1.0) - 0.01, 0.0, 1.0) for a in (0.7548776662466927, 0.5698402909980532))
-        shift = drawn("f0") - (means.get("f0") or 0.0) + drawn("k_T") * (warming[0] + v * (warming[1] - warming[0]))
-        return cls(drawn("G") / drawn("tau"), (1.0 + finger * u) / drawn("tau"), shift)
+        warm = warming[0] + v * (warming[1] - warming[0])
+        shift = drawn("f0") - (means.get("f0") or 0.0) + drawn("k_T") * warm
+        return cls(drawn("G") / drawn("tau"), (1.0 + finger * u) / drawn("tau"), shift, warm if thermometer else None)
 
     @property
     def resonant(self) -> "Ensemble":
         """The same plants, driven at resonance."""
-        return self._replace(detuning=np.zeros_like(self.detuning))
+        return self._replace(detuning=np.zeros_like(self.detuning), warming=None)
+
+    def unforeseen(self, k_T: float | None) -> np.ndarray:
+        """The `detuning` (n,) less what a loop with a thermometer knows of it, Hz."""
+        return self.detuning if self.warming is None or k_T is None else self.detuning - k_T * self.warming

@@ -3,8 +3,9 @@
 A fault makes the voltage zero and is latched: only `init` arms the controller again. Faults are
 
     1 missing    no finite reading for `patience` samples
-    2 dead       the sensor shows less than `floor` of what the drive makes of the plate, for `patience` samples
-    3 stuck      the same reading to the last bit for `repeats` samples while the voltage moved by 0.1 % of its limit, or the
+    2 dead       the sensor shows less than `floor` of what the drive makes of the plate, and of what the voltage would make of it
+                 in time, for `patience` samples
+    3 stuck      the same reading to the last bit for `repeats` samples since the voltage moved by 0.1 % of its limit, or the
                  frequency by 0.2 % of its window
     4 above      |W| above `ceiling` for `patience` samples
     5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere
@@ -37,8 +38,8 @@ class Answer(NamedTuple):
 
 class GuardState(NamedTuple):
     """The controller's own state; the latched `fault`, a number of FAULTS; how many samples each has been suspected for; the
-    amplitude `expected` of the drive; the last reading, and the voltage and the frequency at which it was first seen; the last
-    voltage. `heard` and `answer` are None where there is no tracker."""
+    amplitude `expected` of the drive; the last reading, and the voltage and the frequency at which it first was repeated; the
+    last voltage. `heard` and `answer` are None where there is no tracker."""
 
     control: Any
     fault: Any
@@ -68,7 +69,8 @@ class Guard(NamedTuple):
     """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and that faults stop.
 
     The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under the heaviest
-    finger. `turn` = 2 pi T (rad per Hz); `memory`: share of the latest in a mean.
+    finger. `turn` = 2 pi tau decay, what a sample at 1 Hz beside the mean frequency moves Wq by, relative to Wd; `memory`: share
+    of the latest in a mean.
     """
 
     control: Any
@@ -117,7 +119,7 @@ class Guard(NamedTuple):
         there = seen(0.0, W, xp)
         d, q = xp.where(there, W.real, state.d), xp.where(there, W.imag, state.q)
         answer, turned = self._answered(state, d, q, frequency, xp)
-        suspected = (missing >= self.patience, dead >= self.patience, self._is_stuck(stuck, state, since, heard, frequency),
+        suspected = (missing >= self.patience, dead >= self.patience, stuck >= self.repeats,
                      above >= self.patience, edge >= self.patience, turned >= self.doubts)  # fmt: skip
         found = 0.0
         for code, fails in reversed(list(enumerate(suspected, 1))):  # the first in the list is called
@@ -132,25 +134,33 @@ class Guard(NamedTuple):
         return after, Command(voltage, frequency), GuardInfo(fault, said)
 
     def _suspicions(self, state: GuardState, W: Any, frequency: Any, xp: Any) -> tuple[tuple[Any, Any, Any, Any], Any, Any]:
-        """Samples for which a reading has been missing, dead, the same, above; what was driven when it was first the same."""
+        """Samples for which a reading has been missing, dead, the same though the drive moved, above; what was driven when it
+        first was the same."""
         there = seen(0.0, W, xp)
         size = W.real * W.real + W.imag * W.imag
-        low, high = self.floor * state.expected, self.ceiling
+        # A plate that was braked, and is held, is as small as its voltage, while what is expected still dies away.
+        makes = self.gain * xp.where(state.voltage < 0.0, -state.voltage, state.voltage)
+        low, high = self.floor * xp.where(makes < state.expected, makes, state.expected), self.ceiling
         same = there & (W.real == state.d) & (W.imag == state.q)
         missing = xp.where(there, 0.0, state.missing + 1.0)
         dead = xp.where(there, xp.where(size < low * low, state.dead + 1.0, 0.0), state.dead)
-        stuck = xp.where(same, state.stuck + 1.0, 0.0)
+        # From the first repetition on: what drove the plate there is what holds it, and a sound one stays.
+        repeats = same & (state.stuck > 0.0)
+        since = xp.where(repeats, state.since, state.voltage)
+        heard = None if frequency is None else xp.where(repeats, state.heard, frequency)
+        moved = self._moved(state.voltage, since, heard, frequency)
+        stuck = xp.where(same, xp.where(moved, state.stuck + 1.0, 1.0), 0.0)
         above = xp.where(there, xp.where(size > high * high, state.above + 1.0, 0.0), state.above)
-        heard = None if frequency is None else xp.where(same, state.heard, frequency)
-        return (missing, dead, stuck, above), xp.where(same, state.since, state.voltage), heard
+        return (missing, dead, stuck, above), since, heard
 
-    def _is_stuck(self, stuck: Any, state: GuardState, since: Any, heard: Any, frequency: Any) -> Any:
-        moved, enough = state.voltage - since, 1e-3 * self.limit
+    def _moved(self, voltage: Any, since: Any, heard: Any, frequency: Any) -> Any:
+        """Whether the drive is another than when the reading first was the same."""
+        moved, enough = voltage - since, 1e-3 * self.limit
         moves = (moved > enough) | (moved < -enough)
         if frequency is not None:
             turned, far = frequency - heard, 2e-3 * (self.highest - self.lowest)
             moves = moves | (turned > far) | (turned < -far)
-        return (stuck >= self.repeats) & moves
+        return moves
 
     def _answered(self, state: GuardState, d: Any, q: Any, frequency: Any, xp: Any) -> tuple[Answer | None, Any]:
         """How Wq answers the frequency, and for how many samples it has done so the wrong way round."""
@@ -170,5 +180,6 @@ class Guard(NamedTuple):
     def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
         if frequency is None:
             return False, None
+        frequency = xp.where(xp.isfinite(frequency), frequency, self.rest().frequency)
         at_edge = (frequency <= self.lowest + self.edge) | (frequency >= self.highest - self.edge)
         return at_edge, clip(frequency, self.lowest, self.highest, xp)

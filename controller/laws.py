@@ -1,7 +1,9 @@
 """The parts of a controller for a bandwidth: law, tracker, guard, what switches it on, demodulator."""
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
 
 from controller.adaptive import Adaptive
 from controller.demodulator import Demodulator
@@ -14,15 +16,21 @@ from controller.pi import PI, Model
 from controller.plate import Plate
 from controller.promise import Promise, promise
 from controller.rig import Calibrated, Rig
+from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
 
 BETA = 0.3  # share of the detuning that one tracker update removes
 PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
-FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on
+FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on at least
+# It looks on longer where the plate or the clock is slow. RESTS and ANSWERS, time constants: a plate that is braked has come to
+# where it is held, and one whose voltage moves by 0.1 % of its limit shows 95 % of that. SPARE samples beyond twice the delay:
+# before a delay is over a sound sensor shows nothing of what is driven, and after as long again 5 % of it.
+RESTS, ANSWERS, SPARE = 2.0, 3.0, 4.0
 # Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it must be wrong. A
 # resonance that jumps is chased within half of the latter (benchmarks/faults.md).
 MEMORY, DOUBTS = 3.0, 5.0
 BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+TRIES = 20.0  # times the samples for which it has to be near, until it is lost at the earliest
 MEAN = 4.0  # times that the mean of readings follows them within the samples for which they have to be near
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
 # back is twice as far.
@@ -31,6 +39,7 @@ SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says othe
 OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 Method = Literal["pi", "paper", "pll", "adaptive"]
+METHODS = get_args(Method)
 
 
 class Asked(NamedTuple):
@@ -51,10 +60,21 @@ class Asked(NamedTuple):
         """Seconds from a motion of the plate to the command that answers it."""
         return self.latency + self.rig.delay(self.plate.f0)
 
-    def over(self, warming: tuple[float, float]) -> "Asked":
-        """The same over other temperatures."""
-        plants = Ensemble.of(self.plate.source, self.plate.means, self.ranged.finger, warming)
-        return self._replace(plants=plants, ranged=self.ranged._replace(warming=warming))
+    def over(self, ranged: Range) -> "Asked":
+        """The same over another range of temperatures and fingers."""
+        plants = Ensemble.of(self.plate.source, self.plate.means, ranged.finger, ranged.warming, self.rig.thermometer)
+        return self._replace(plants=plants, ranged=ranged)
+
+    @property
+    def beside(self) -> float:
+        """The furthest that a resonance lies beside the frequency at which its loop starts, in Hz, with a thermometer's news."""
+        return float(np.max(np.abs(self.plants.unforeseen(self.plate.k_T))))
+
+    @property
+    def patience(self) -> float:
+        """Samples for which the guard, and what switches the loop on, look on: at any sample time more than the delay and the
+        plate's own rise take."""
+        return float(math.ceil(max(FAULT_AFTER / self.T, RESTS * self.plate.tau / self.T, 2 * self.delay / self.T + SPARE)))
 
     @property
     def period(self) -> float:
@@ -83,9 +103,11 @@ class Asked(NamedTuple):
         pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T), model)
         return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
 
-    def promise(self, control: DQ | Adaptive) -> Promise:
-        """What the controller does with each of the plants: margins, and how it settles."""
-        return promise(control, self.plants, self.T, self.delay, self.amplitude, self.plate.f0)
+    def promise(self, law: DQ | Adaptive, guard: Guard | None = None) -> Promise:
+        """What the controller does with each of the plants: margins, and how it settles, behind its guard."""
+        # Readings without noise repeat themselves to the last bit, and no sensor is stuck.
+        sound = None if guard is None else guard._replace(repeats=NO_LIMIT)
+        return promise(law, self.plants, self.T, self.delay, self.amplitude, self.plate.f0, sound)
 
     def _voltages(self) -> tuple[float, float]:
         limit = self.limits.voltage
@@ -144,20 +166,22 @@ def calibrated(control: Any, asked: Asked) -> Any:
 
 
 def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
-    """Faults after 5 ms; the largest amplitude is that of the voltage limit on the untouched plate, and a fifth more."""
+    """Faults after 5 ms, or `Asked.patience`; the largest amplitude is that of the voltage limit on the untouched plate, and a
+    fifth more."""
     plate, limits, T = asked.plate, asked.limits, asked.T
     gain = abs(plate.G)
     limit = PI(1.0, 1.0).highest if limits.voltage is None else limits.voltage
     ceiling = limit if limits.voltage is None else 1.2 * gain * limit
     window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
-    patience, repeats = (math.ceil(t / T) for t in (FAULT_AFTER, STUCK_AFTER))
-    period = asked.period
+    repeats = float(math.ceil(max(STUCK_AFTER / T, ANSWERS * plate.tau / T, asked.patience)))
+    period = max(asked.period, T)
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
+    decay = -math.expm1(-T / plate.tau)
     return Guard(
-        control, limit, ceiling, gain / (1.0 + asked.ranged.finger), -math.expm1(-T / plate.tau), *window,
-        float(patience), float(repeats),
+        control, limit, ceiling, gain / (1.0 + asked.ranged.finger), decay, *window, asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
-        turn=2 * math.pi * T, memory=-math.expm1(-T / (MEMORY * period)), doubts=float(math.ceil(DOUBTS * period / T)),
+        turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
+        doubts=float(math.ceil(DOUBTS * period / T)),
     )  # fmt: skip
 
 
@@ -165,10 +189,9 @@ def switched(control: Guard, asked: Asked) -> Machine:
     """What switches it on."""
     amplitude, samples = asked.amplitude, asked.plate.tau / asked.T
     beside = {} if asked.plate.f0 is not None else {"beside": (ANY, ANY)}
-    patience = float(math.ceil(max(FAULT_AFTER / asked.T, 2 * samples)))
-    limit = float(math.ceil(max(WAIT / asked.T, 100 * samples)))
-    ramp, memory = amplitude / (RAMP * samples), MEAN / patience
-    return Machine(control, amplitude, BEGIN * amplitude, ramp, patience, limit, memory, **beside)
+    limit = float(math.ceil(max(WAIT / asked.T, 100 * samples, TRIES * asked.patience)))
+    ramp, memory = amplitude / (RAMP * samples), min(MEAN / asked.patience, 1.0)
+    return Machine(control, amplitude, BEGIN * amplitude, ramp, asked.patience, limit, memory, **beside)
 
 
 def demodulated(asked: Asked) -> Demodulator | None:

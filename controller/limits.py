@@ -34,13 +34,26 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
     force = rig.force if finger is None else None
     if finger is None:
         finger = rig.finger or 0.0 if force is None else _damping(plate, force)
-    low, high = _warming(plate, rig) if warming is None else warming
+    low, high = _warming(plate, rig) if warming is None else _pair("warming", warming)
+    if not (math.isfinite(finger) and finger >= 0):
+        raise ValueError(f"found finger = {finger:g}, expected the damping that a finger adds, zero or more")
     if (low, high) != (0.0, 0.0) and plate.k_T is None:
         raise ValueError(
             f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep at another temperature,"
             f" or design for one temperature"
         )
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
+
+
+def _pair(name: str, given: tuple[float, float]) -> tuple[float, float]:
+    """From and to, both finite. Raises ValueError."""
+    try:
+        low, high = (float(v) for v in given)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+        raise ValueError(f"found {name} = {given}, expected two numbers, from and to, the first no larger than the second")
+    return low, high
 
 
 def _damping(plate: Plate, force: float) -> float:

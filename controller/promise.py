@@ -40,10 +40,13 @@ class Promise(NamedTuple):
     response: Response
 
 
-def promise(control: Any, plants: Ensemble, sample_time: float, latency: float, amplitude: float, start: float | None) -> Promise:
-    """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without one."""
-    found = margins(control, plants, sample_time, latency)
-    W = rises(control, plants, sample_time, latency, amplitude, start)
+def promise(
+    law: Any, plants: Ensemble, sample_time: float, latency: float, amplitude: float, start: float | None, guard: Any = None
+) -> Promise:
+    """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without one. With the `guard`
+    of the law a plate whose drive it ends does not settle."""
+    found = margins(law, plants, sample_time, latency)
+    W = rises(law, plants, sample_time, latency, amplitude, start, guard)
     settling, overshoot = judged(W, sample_time, amplitude)
     each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
     worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
@@ -77,8 +80,10 @@ def steps(
     return judged(rises(control, plants, T, latency, amplitude, start), T, amplitude)
 
 
-def rises(control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None) -> np.ndarray:
-    """|W| (m, n) of n plants from rest, at m samples.
+def rises(
+    law: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None, guard: Any = None
+) -> np.ndarray:
+    """|W| (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the law.
 
     The slow envelope of each plant, exact under held inputs; a command takes effect `latency` s after its sample.
     """
@@ -87,10 +92,12 @@ def rises(control: Any, plants: Ensemble, T: float, latency: float, amplitude: f
     Z = np.zeros(len(plants.rate), complex)
     still = (np.zeros_like(plants.rate), np.zeros_like(plants.rate))
     line = [still] * (late + 1)  # commands that were given, the latest first
-    state, rows = control.init(), np.empty((min(samples(control, plants, T), LONGEST), len(Z)))
+    control = guard or law
+    state, rows = control.init(), np.empty((min(samples(law, plants, T), LONGEST), len(Z)))
+    temperature = _told(law, plants)
     for row in rows:
         row[:] = np.abs(Z)
-        state, command, _ = control.step(state, amplitude, Z, None, np)
+        state, command, _ = control.step(state, amplitude, Z, temperature, np)
         f = 0.0 if command.frequency is None or start is None else command.frequency - start
         line.insert(0, (command.voltage, f + still[0]))
         for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
@@ -99,6 +106,14 @@ def rises(control: Any, plants: Ensemble, T: float, latency: float, amplitude: f
             Z = settled + (Z - settled) * np.exp(pole * duration)
         line.pop()
     return rows
+
+
+def _told(law: Any, plants: Ensemble) -> np.ndarray | None:
+    """Each plate's temperature (n,), degC, where a thermometer tells the loop."""
+    follower = law.tracker if isinstance(law, DQ) else law
+    if plants.warming is None or follower is None or isinstance(follower, SignTracker):
+        return None
+    return follower.temperature + plants.warming
 
 
 def judged(W: np.ndarray, T: float, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
@@ -110,9 +125,10 @@ def judged(W: np.ndarray, T: float, amplitude: float) -> tuple[np.ndarray, np.nd
 
 
 def samples(control: Any, plants: Ensemble, T: float) -> int:
-    """After which every plate has come to rest: 14 time constants of the slowest, and what the rule of fixed steps needs to
-    reach the furthest resonance."""
-    rest = 14 / (np.min(plants.rate) * T) + 20
+    """After which every plate has come to rest: 14 time constants of the slowest, five of the loop, and what the rule of fixed
+    steps needs to reach the furthest resonance."""
+    share = control.amplitude.Kp * np.min(np.abs(plants.push)) * T if isinstance(control, DQ) else control.K
+    rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(abs(share), 1.0)
     if isinstance(control, DQ) and isinstance(control.tracker, SignTracker):
         rest += control.tracker.every * np.max(np.abs(plants.detuning)) / control.tracker.size
     return math.ceil(rest)

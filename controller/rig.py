@@ -2,7 +2,7 @@
 
 sample_time_us = 100
 latency_us = 100             # from a sample to when its command takes effect; one sample unless stated
-voltage_limit_V = 350
+voltage_limit_V = 350        # the logs' largest drive is a limit as well, of what the plate is known for: the smaller holds
 bipolar = true               # false: an amplifier that cannot turn its voltage round
 voltage_slew_V_per_s = 1e6   # abrupt changes are heard
 tracker_period_ms = 1        # the shortest time between two updates of the frequency

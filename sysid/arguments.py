@@ -2,9 +2,33 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 
 from sysid import __version__
 from sysid.accuracy import NAMES
+
+REFERENCE = 24.0  # degC
+# What a check of a closed loop, and a cost curve, have no use for.
+UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature")
+UNMEASURED = ("advise", "rig")
+
+
+def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states an option that has
+    nothing to do beside the others."""
+    command = parser()
+    arguments = command.parse_args(argv)
+    if bool(arguments.logs) == bool(arguments.check):
+        missing = "the following arguments are required: LOGS"
+        command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
+    work, idle = ("--check", UNCHECKED) if arguments.check else ("--cost-curve", UNMEASURED if arguments.cost_curve else ())
+    given = [name for name in idle if not (getattr(arguments, name) is None or getattr(arguments, name) is False)]
+    if found := [f"--{name.replace('_', '-')}" for name in given]:
+        command.error(f"found {', '.join(found)} beside {work}, which does nothing with it: expected it without")
+    if arguments.reference_temperature is None:
+        arguments.reference_temperature = REFERENCE
+    arguments.seed = arguments.seed or 0
+    return arguments
 
 
 def parser() -> argparse.ArgumentParser:
@@ -19,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
     command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
     command.add_argument(
-        "--reference-temperature", type=_number, metavar="DEGC", default=24.0, help="where f0 is reported (%(default)g degC)"
+        "--reference-temperature", type=_number, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
     )
     command.add_argument(
         "--effects",
@@ -55,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     spent.add_argument("--cost-curve", action="store_true", help="error against time of every accuracy on these logs")
     spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
     command.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
-    command.add_argument("--seed", type=_seed, metavar="N", default=0, help="of the sampler (%(default)s)")
+    command.add_argument("--seed", type=_seed, metavar="N", help="of the sampler (0)")
     command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
     command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     return command

@@ -11,15 +11,16 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.accuracy import NAMES
-from sysid.arguments import parser
+from sysid.arguments import arguments_of
 
 if TYPE_CHECKING:
     from sysid.clock import Budget, Stages
@@ -32,12 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
     # Matrices are small here: on a busy machine threads that wait for one another take fifty times as long as one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    command = parser()
-    arguments = command.parse_args(argv)
+    arguments = arguments_of(argv)
     arguments.alone = argv is None  # the process is the command's own
-    if bool(arguments.logs) == bool(arguments.check):
-        missing = "the following arguments are required: LOGS"
-        command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
     work = _check if arguments.check else _cost_curve if arguments.cost_curve else _identify
     collects = gc.isenabled()
     gc.disable()  # what the libraries leave on loading is searched for cycles again and again: a twentieth of a run's time
@@ -95,7 +92,8 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
-    _say(content, text, posterior, folder, arguments.json)
+    with _reader():
+        _say(content, text, posterior, folder, arguments.json)
     return 0 if content["result"] == "successful" else 1
 
 
@@ -118,10 +116,11 @@ def _check(arguments: argparse.Namespace) -> int:
         return _refuse(str(error), error.mapping)
     except (OSError, ValueError) as error:
         return _refuse(f"{path}: cannot be read: {error}; identify writes it")
-    if arguments.json:
-        sys.stdout.write(outputs.to_json({"kept": all(f.kept for f in found), "findings": [f._asdict() for f in found]}))
-    else:
-        findings(found, sys.stdout)
+    with _reader():
+        if arguments.json:
+            sys.stdout.write(outputs.to_json({"kept": all(f.kept for f in found), "findings": [f._asdict() for f in found]}))
+        else:
+            findings(found, sys.stdout)
     return 0 if all(f.kept for f in found) else 1
 
 
@@ -147,11 +146,12 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
         return _refuse(str(error), error.mapping)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
-    if arguments.json:
-        sys.stdout.write(text)
-    else:
-        screen.rows(table(found.points), sys.stdout)
-        print(f"errors in standard deviations; {folder}: cost_curve.json, cost_curve.png")
+    with _reader():
+        if arguments.json:
+            sys.stdout.write(text)
+        else:
+            screen.rows(table(found.points), sys.stdout)
+            print(f"errors in standard deviations; {folder}: cost_curve.json, cost_curve.png")
     return 0
 
 
@@ -293,6 +293,16 @@ def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) 
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that has no ± gets a question mark
     show(content, derived(posterior.draws, content["parameters"]), folder, sys.stdout)
+
+
+@contextmanager
+def _reader() -> Iterator[None]:
+    """Around what is printed: a reader that has closed the pipe, as `head` does, has what it wanted, and changes no exit code."""
+    try:
+        yield
+        sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):  # rich makes the other of the one
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or what is left in the buffer fails on the way out
 
 
 def _refuse(message: str, mapping: str | None = None) -> int:

@@ -112,10 +112,8 @@ def test_a_line_in_noise_is_no_resonance(bench, drive):
 
 
 def test_where_tau_is_not_told_f0_is_not_either_but_to_the_narrowest_half_bandwidth(bench):
-    """Five rows of a step, in noise: of a tau ten times too short the half bandwidth is ten times too wide, and f0 was "determined"
-    by hundreds of hertz; and of what the logs do not bound, the report's draws were never wider than 1 Hz."""
-    import sysid
-
+    """Five rows of a step, in noise: of a tau ten times too short the half bandwidth is ten times too wide, and f0 was determined
+    to hundreds of hertz; and of what the logs do not bound, the report's draws were never wider than 1 Hz."""
     for seed in range(20):
         fit = sysid.fit([bench.transient(seed=seed, volts=np.repeat([0.0, 100.0], [20, 5]))])
         f0 = sysid.sample(fit, seed=seed).summary()["f0"]

@@ -259,6 +259,36 @@ def test_a_defect_is_no_result(monkeypatch, tmp_path, capsys):
     assert "ZeroDivisionError" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "idle"),
+    [
+        (("--check", "a.csv", "--rig", "absent.toml"), "--rig"),
+        (("--check", "a.csv", "--advise", "tau", "--seed", "0"), "--advise, --seed"),
+        (("--check", "a.csv", "--effects=none", "--prior=k_T=-8+-1"), "--effects, --prior"),
+        (("--check", "a.csv", "--reference-temperature", "24"), "--reference-temperature"),
+        (("--check", "a.csv", "--cost-curve"), "--cost-curve"),
+        (("--check", "a.csv", "--budget", "9"), "--budget"),
+        (("a.csv", "--cost-curve", "--rig", "absent.toml", "--advise", "tau"), "--advise, --rig"),
+    ],
+)
+def test_an_option_that_has_nothing_to_do_is_refused(arguments, idle, capsys):
+    with pytest.raises(SystemExit) as refused:
+        cli.main(arguments)
+    assert refused.value.code == 2
+    assert f"found {idle} beside --" in capsys.readouterr().err
+
+
+def test_a_reader_that_leaves_changes_no_exit_code(tmp_path):
+    """As `identify ... | head -1` does: what the command found and wrote is as it would be."""
+    for form in ([], ["--json"]):
+        command = [sys.executable, "-m", "sysid", "--accuracy", "quick", *form, *map(str, LOGS)]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+            running.stdout.close()
+            said = running.stderr.read()
+        assert running.returncode == 0 and b"Traceback" not in said and b"Exception" not in said, said
+        assert set(files(tmp_path / "identified")) == ALL
+
+
 def test_names_cannot_steer_the_terminal(tmp_path):
     answer = identify("a\x1b[2J.csv", cwd=tmp_path)
     assert answer.code == 2 and "\x1b" not in answer.err and "a\\u001b[2J.csv" in answer.err

@@ -13,6 +13,7 @@ from controller.ensemble import Ensemble
 from controller.margins import margins
 from controller.promise import steps
 from sysid import Plant, Profile, Scene
+from sysid.report.text import gains
 from sysid.scene.effects import FingerDamping
 
 TAU = 5e-3 / math.log(20)
@@ -158,6 +159,79 @@ def test_what_the_voltage_does_not_allow_is_refused():
         controller.design(PLATE, settling_time=1.5e-3, voltage_limit=150.0, amplitude=2.0)
     loop = controller.design(PLATE, settling_time=1.5e-3, voltage_limit=200.0, amplitude=2.0)
     assert loop.bandwidth_bound == "settling" and loop.promise.settling <= 1.5e-3 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"method": "foo"}, "found method = 'foo', expected one of pi, paper, pll, adaptive"),
+        ({"method": "PI"}, "found method = 'PI', expected one of"),
+        ({"finger": -0.5}, "found finger = -0.5, expected"),
+        ({"finger": math.nan}, "found finger = nan, expected"),
+        ({"rig": Rig(finger=-1.0)}, "found finger = -1, expected"),
+        ({"warming": (math.nan, 1.0)}, r"found warming = \(nan, 1.0\), expected two numbers, from and to"),
+        ({"warming": (5.0, -5.0)}, r"found warming = \(5.0, -5.0\), expected"),
+        ({"warming": 3.0}, "found warming = 3.0, expected"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(given, said):
+    with pytest.raises(ValueError, match=said):
+        controller.design(PLATE, **given)
+
+
+def test_what_stands_in_the_way_is_what_would_do_when_it_is_taken_away():
+    given = {"amplitude": 1.0, "voltage_limit": 350.0, "settling_time": 2e-3, "frequency_window": (31800.0, 32800.0)}
+    with pytest.raises(ValueError, match=r"the range of temperatures, warming = \(-10, 15\), stands in the way.*up to 15\d Hz"):
+        controller.design(PLATE, warming=(-10.0, 15.0), **given)
+    assert controller.design(PLATE, **given).promise.settling <= 2e-3
+    with pytest.raises(ValueError, match="the finger, which adds 2 times the plate's own damping, stands in the way"):
+        controller.design(PLATE, finger=2.0, **given)
+    with pytest.raises(ValueError, match=r"the finger, .* and the range of temperatures, .*, stand in the way"):
+        controller.design(PLATE, finger=2.0, warming=(-10.0, 15.0), **given)
+
+
+def test_a_thermometer_is_promised_with():
+    """A plate that is 15 degC warm begins 152 Hz beside the design's resonance; a loop that is told begins at its own."""
+    given = {"amplitude": 1.0, "voltage_limit": 350.0, "frequency_window": (31800.0, 32800.0), "warming": (-10.0, 15.0)}
+    blind, told = (controller.design(PLATE, rig=Rig(thermometer=t), **given) for t in (False, True))
+    assert told.promise.settling == controller.design(PLATE, **given | {"warming": (0.0, 0.0)}).promise.settling
+    assert told.promise.settling < 0.2 * blind.promise.settling
+    constant = {"drive": 50.0, "frequency": 32300.0, "temperature": 39.0}
+    warm = Scene(PLATE, {name: Profile.constant(value) for name, value in constant.items()}, 300, 1e4, fidelity="envelope")
+    for loop in (blind, told):
+        trace = closed_loops(loop, [warm], 1.0)[0]
+        assert settling_time(trace.time, trace.W, 1.0) <= loop.promise.settling + 1e-9
+
+
+def test_the_paper_s_steps_are_refused_where_the_plate_is_narrower():
+    """10 Hz to and fro on a plate whose amplitude falls to 0.7 within 0.08 Hz; G and tau are known, and a sweep was fitted."""
+    slow = Plant(0.02, 2.0, 200.0, 0.0)
+    with pytest.raises(ValueError, match=r"method = 'paper' cannot be had.*by 10 Hz.*is 0\.0796 Hz; methods.*: pi,"):
+        controller.design(slow, sample_time=1e-2, method="paper")
+    assert math.isfinite(controller.design(slow, sample_time=1e-2).promise.settling)
+
+
+def test_a_promise_that_would_take_too_long_says_which_sample_time_has_one():
+    slow = Plant(0.02, 2.0, 200.0, 0.0)
+    loop = controller.design(slow)
+    assert math.isinf(loop.promise.settling) and "no settling time is promised" in loop.notes[0]
+    enough = float(loop.notes[0].split("a longer sample_time, ")[1].split(" s")[0])
+    assert math.isfinite(controller.design(slow, sample_time=enough).promise.settling)
+    # what settles well before the last sample that is looked at is promised, and nothing is said
+    assert not any("no settling time" in note for note in controller.design(slow, sample_time=0.8 * enough).notes)
+    note = controller.as_dict(dataclasses.replace(loop, drive_unit="V", response_unit="um"))
+    lines = gains(note)
+    assert loop.notes[0] in lines and not any("does not settle" in line for line in lines)
+    assert any("have margins of at least: gain" in line for line in lines)
+
+
+def test_a_rig_s_voltage_that_the_logs_have_not_seen_is_said_to_be_cut():
+    source, rig = posterior(logs=logs_up_to(20.0)), Rig(voltage_limit=350.0)
+    loop = controller.design(source, rig=rig)
+    assert loop.limits.voltage == 20.0
+    assert any("the voltage limit is 20, the largest drive of the logs, and not the rig's 350" in note for note in loop.notes)
+    for other in (controller.design(source, rig=rig, voltage_limit=40.0), controller.design(source, rig=Rig(voltage_limit=10.0))):
+        assert not any("the voltage limit is" in note for note in other.notes)
 
 
 def test_limits_are_those_that_the_logs_have_seen():

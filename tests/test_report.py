@@ -89,6 +89,12 @@ def test_the_report_shows_what_the_plants_spread():
     assert ["gain margin", *["none"] * 4] in text.promised({"promise": promise | undone})
 
 
+def test_the_report_says_which_stage_is_checked_and_how():
+    words = " ".join(rendered(standin.posterior()).split())
+    assert "A record of the stage full, begun at rest, is judged by <code>identify --check FILE -o DIR</code>" in words
+    assert '<td class="keep">full<td>' in words
+
+
 def test_fourteen_logs_fit_on_one_screen():
     logs = [standin.fitted(f"log_with_a_long_name_{i}.csv") for i in range(14)]
     assert len(shown(standin.posterior(logs)).splitlines()) <= 45

@@ -218,3 +218,10 @@ def test_profiles_and_their_integrals(profile, at, integral):
     np.testing.assert_allclose(profile.at(time), at)
     np.testing.assert_allclose(profile.integral(time), integral)
     np.testing.assert_allclose(profile.integral(time, less=0.5), np.array(integral) - 0.5 * time, atol=1e-14)
+
+
+@pytest.mark.parametrize(("given", "said"), [(["--draw", "5"], "--draw without --fit"), (["--logs", "0"], "found --logs 0")])
+def test_options_that_would_do_nothing_are_refused(scene_file, capsys, given, said):
+    with pytest.raises(SystemExit) as left:
+        main([str(scene_file()), *given])
+    assert left.value.code == 2 and said in capsys.readouterr().err

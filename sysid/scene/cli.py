@@ -10,7 +10,12 @@ from typing import Any
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
-    arguments = _parser().parse_args(argv)
+    command = _parser()
+    arguments = command.parse_args(argv)
+    if arguments.draw is not None and not arguments.fit:
+        command.error("found --draw without --fit: expected the fit.json whose posterior it is of")
+    if arguments.logs < 1:
+        command.error(f"found --logs {arguments.logs}, expected 1 or more")
     from sysid.report.text import clean
     from sysid.scene.scene import Scene, SceneError
     from sysid.scene.toml import fitted, listed
