@@ -53,10 +53,10 @@ def _later(i: int, view: View) -> Iterator[Term]:
             late, early = (view.observed((c.later(t) - c.forced)[None])[0] for t in (off, -off))
             yield of_one(i, "late", late, LATE.format(log.name, f" of about {off:.2g} s"), 1)
             yield of_one(i, "early", early, EARLY.format(log.name, off, stated - off), 1)
-    for share in (0.1, 0.3):
-        for order in (1, 4):
-            shape = view.observed((c.behind(share * c.tau, order) - c.forced)[None])[0]
-            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {share * c.tau:.2g} s"), 1)
+    taus = c.tau * np.array([0.1, 0.3])
+    for order in (1, 4):
+        for late, shape in zip(taus, view.observed(c.behind(taus / order, order).T - c.forced), strict=True):
+            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {late:.2g} s"), 1)
 
 
 def _unheld(i: int, view: View) -> Iterator[Term]:

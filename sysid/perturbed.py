@@ -11,6 +11,7 @@ are such changes too. What goes on from row to row is held from each to the next
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -96,15 +97,15 @@ class Course:
         log = self.trial.log
         return replace(self, hold=read_at(self.hold, log.time, log.bench.get("delay_s", 0.0) + delay)).forced
 
-    def behind(self, tau: float, order: int) -> np.ndarray:
-        """`forced` behind `order` poles of a lock-in's filter, of time constant `tau`, whatever is stated."""
-        return self.at(np.zeros(len(self.hold.drive)), (tau, order)).forced
+    def behind(self, taus: np.ndarray, order: int) -> np.ndarray:
+        """(n, K) `forced` behind `order` poles of a lock-in's filter, of each of the time constants (K,), whatever is stated."""
+        return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
     def driven(self, drive: np.ndarray) -> np.ndarray:
         """Response to another drive (M,), V."""
         return replace(self, hold=self.hold._replace(drive=drive)).forced
 
-    def at(self, rates: np.ndarray, filter: tuple[float, int] | None = None) -> Response:
+    def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None) -> Response:
         """The response of each row (n,), or (n, K), with `rates` (M,), or (M, K), rad/s, added to the slow pole. `filter`: time
         constant and number of poles of one that is not the stated one."""
         trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
@@ -168,10 +169,13 @@ class Course:
 
     def derivatives(self, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
         """(n, 6) of forced + start free + late rate by the numbers of theta."""
-        hold, tau, none = self.hold, self.tau, np.zeros(len(self.forced))
+        hold, tau = self.hold, self.tau
         turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
         rates = (self.damped / tau, turning, turning * hold.warming, -hold.contact / tau, turning * hold.contact)
-        found = [self.changed(x.astype(complex), start, late) if np.any(x) else none for x in rates]
+        found = np.zeros((len(self.forced), 1 + len(rates)), complex)
+        some = [k for k, x in enumerate(rates) if np.any(x)]
+        found[:, 1 + np.array(some)] = self.changed(np.stack([rates[k] for k in some], axis=1).astype(complex), start, late)
         pushed = self.forced + late * self.rate + (start * self.free if self.trial.begun else 0.0)  # in proportion to b V
-        own = none if self.trial.log.drive is None else pushed
-        return np.stack([own, found[0] - pushed, *found[1:]], axis=1)
+        found[:, 0] = 0.0 if self.trial.log.drive is None else pushed
+        found[:, 1] -= pushed
+        return found

@@ -12,9 +12,9 @@ W of another covariance than the noise has, S: they have no bias, and the covari
 """
 
 import numpy as np
-from scipy.linalg import lapack
 
 from sysid.perturbed import Course
+from sysid.plant import accumulated
 from sysid.trial import Trial, whitened
 
 
@@ -39,12 +39,6 @@ def efficiency(trial: Trial, course: Course) -> float:
 
 def _shared(steps: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The covariance of an Ornstein-Uhlenbeck process of variance 1 times v (n,); `steps` to each row, in correlation times."""
-    backward = accumulated(np.append(0.0, steps[:0:-1]), v[::-1])[::-1]
-    return accumulated(steps, v) + backward - v
-
-
-def accumulated(exponent: np.ndarray, push: np.ndarray) -> np.ndarray:
-    """z after each step of z+ = e^exponent z + push from zero: a bidiagonal system, solved row after row."""
-    band = np.ones((2, len(push)), complex, order="F")
-    band[1, :-1] = -np.exp(exponent[1:])
-    return lapack.ztbtrs(band, push, uplo="L", diag="U")[0].reshape(len(push))
+    memory = np.exp(steps)
+    backward = accumulated(np.append(0.0, memory[:0:-1]), v[::-1])[::-1]
+    return accumulated(memory, v) + backward - v

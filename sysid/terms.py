@@ -8,8 +8,8 @@ import numpy as np
 from sysid.extra import possible
 from sysid.hold import contact, force_of
 from sysid.moments import moments
+from sysid.plant import accumulated
 from sysid.prior import FINGER
-from sysid.projected import accumulated
 from sysid.term import Term, of_one
 from sysid.trial import LEAST_WARMING
 from sysid.view import View
@@ -65,8 +65,9 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     half_bandwidth = 1 / (2 * np.pi * c.tau)
     one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
     out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
-    for beside in (*-BESIDE, *BESIDE):
-        shape = c.at(np.full(len(c.hold.drive), 2j * np.pi * beside * half_bandwidth)).forced
+    places = np.append(-BESIDE, BESIDE)
+    others = c.at(np.tile(2j * np.pi * half_bandwidth * places, (len(c.hold.drive), 1))).forced
+    for beside, shape in zip(places, others.T, strict=True):
         shapes = view.observed(np.stack([shape, 1j * shape])).T
         size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
 
@@ -155,8 +156,8 @@ def _too_fast(i: int, view: View) -> Iterator[Term]:
     if log.frequency is None or len(log) < 8 or np.mean(np.sign(np.diff(log.frequency))) ** 2 < 0.5:
         return
     for dwell in (0.5, 1.0, 2.0, 4.0):
-        decay = c.pole * c.tau * dwell
-        left = accumulated(decay[1:], -np.exp(decay[1:]) * np.diff(view.plate))
+        decay = np.exp(c.pole * c.tau * dwell)
+        left = accumulated(decay[1:], -decay[1:] * np.diff(view.plate))
         said = (
             f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
             " each frequency, or record the time of every row and say kind: transient"
