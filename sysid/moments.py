@@ -9,7 +9,7 @@ from sysid.trial import Trial
 from sysid.view import View
 
 OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
-LIKE_ONE = 2.0  # the factor within which a shape that is what it is said to be has the coefficient one
+LIKE_ONE = 4.0  # the factor about one within which a shape that is what it is taken for has its coefficient
 JUMP = 5.0  # times the usual change of the drive from row to row: an edge
 OFF = (1.5, 3, 6, 12)  # rows by which a response is looked for to be late, or early
 FEW = 16  # changes of the inputs, at each of which a row may be astray

@@ -23,7 +23,8 @@ HIDDEN = (
 )
 SHIFTED = (
     "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
-    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late), or let every point settle"
+    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
+    " row to row), or let every point settle"
 )
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 THROUGH = (
