@@ -74,9 +74,6 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     now, before = trial.whitening(used)
     y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
     y = _pad(whitened(y, now, before), rows)
-    if extra:  # behind those of start and lateness
-        own = rows - (0 if trial.steady else 1 + late) - np.arange(1, len(extra) + 1)
-        y[own] = -trial.pulls
     bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans(used)]
     channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(
@@ -97,7 +94,15 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
         extra=np.array(extra, complex).reshape(len(extra), rows),
+        tied=_tied(trial, hold),
     )
+
+
+def _tied(trial: Trial, hold: Hold) -> np.ndarray:
+    """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros if it has none."""
+    if not (trial.tied and "thermometer" in trial.extra):
+        return np.zeros(3)
+    return np.array([trial.resonance, np.mean(hold.warming[hold.interval]), 1 / trial.extra["thermometer"].prior])
 
 
 def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:

@@ -6,7 +6,9 @@
     thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
 
 All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `sysid/perturbed.py`: to first order,
-so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round.
+so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round. Where the
+thermometer's error is fitted the log has a resonance of its own, about which its shape is taken: only the error's prior ties that
+to f0 and k_T, which may go as far as it lets them.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
 The thermometer's error is fitted where it moves the resonance by as much as the logs could tell. A baseline that goes on with the
 time, on request as well, does not depend on the plate: it is one of `Trial.shapes`.
@@ -35,26 +37,18 @@ def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict
 
 
 def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
-    """The trial with the shapes that are asked for, at the plate's own temperature, which is off what was read by as much as it
-    was and, to first order, `numbers` (E,) of the course's columns more: far away it is come to step by step."""
-    trial = course.trial
-    if "thermometer" in trial.extra:
-        most = STRIDE / (2 * np.pi * course.tau * abs(course.theta[3]))
-        size = trial.extra["thermometer"].prior / trial.looseness
-        more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
-        new = replace(new, warmer=trial.warmer + float(np.clip(more, -most, most)))
-        course = replace(course, hold=course.hold._replace(warming=course.hold.warming + new.warmer - trial.warmer))
+    """The trial with the shapes that are asked for. With its thermometer's error its resonance is its own, that of theta first,
+    and moves by what `numbers` (E,) of the course's columns add to it to first order: far away it is come to step by step."""
+    trial, (f0, k_T) = course.trial, course.theta[2:4]
+    if "thermometer" in trial.nuisances:
+        own, most = f0 + k_T * course.warming if trial.resonance is None else trial.resonance, STRIDE / (2 * np.pi * course.tau)
+        more = 0.0
+        if trial.tied:
+            size = k_T * trial.extra["thermometer"].prior / trial.looseness
+            more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
+        new = replace(new, resonance=own + float(np.clip(more, -most, most)))
+        course = replace(course, trial=new)
     return replace(new, extra=asked(new, course, (new.start, -new.late)))
-
-
-def followed(trial: Trial, theta: np.ndarray, new: np.ndarray, reference: tuple[float, float]) -> Trial:
-    """The trial as theta becomes `new`, its resonance where it was: what the logs' thermometers may be off by, f0 and k_T may go
-    without a change of what is seen, and the shapes stay those of what is seen."""
-    if "thermometer" not in trial.extra or not new[3]:
-        return trial
-    warm = float(np.mean(trial.log.temperature)) - reference[1]
-    f0 = theta[2] + theta[3] * (warm + trial.warmer)
-    return replace(trial, warmer=float((f0 - new[2]) / new[3]) - warm)
 
 
 def with_thermometers(trials: Sequence[Trial], k_T: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:

@@ -101,7 +101,7 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
     spread = trial.uneven(trial.share, log.response) if trial.share else None
-    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, extra={}, late=0.0)
+    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, extra={}, resonance=None, late=0.0)
     narrow = {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=read_at(trial.inputs, log.time, delay), narrow=narrow)
     return with_noise(new, trial.noise_std, 0.0)

@@ -73,7 +73,8 @@ class Experiment(NamedTuple):
     over that of the other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that
     each may have; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3, `start_free` the prior of the
     start over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes of the log's own,
-    held at a plate.
+    held at a plate. `tied` (3,): its own resonance where its thermometer's error is fitted, Hz above the reference, its mean
+    warming, degC, and one over that error; zeros elsewhere.
     """
 
     hold: Hold
@@ -93,6 +94,7 @@ class Experiment(NamedTuple):
     start_free: Leaf
     floor_free: Leaf
     extra: Leaf
+    tied: Leaf
 
 
 class Residual(NamedTuple):
@@ -144,12 +146,22 @@ def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, C
     nuisances can do (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J the information
     that is left when the nuisances are eliminated."""
     found, nuisances, off = _eliminated(theta, x, layout)
-    _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
-    return found, lambda step: -off(_whiten(change(step), x))
+    if not layout.extra:
+        _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
+        return found, lambda step: -off(_whiten(change(step), x))
+    _, change = jax.linearize(lambda t: (_modelled(_shapes(t, x, layout), nuisances, layout), _pull(t, x, layout)), theta)
+
+    def along(step: Array) -> Array:
+        model, pull = change(step)
+        return -off(_whiten(model, x) + pull)
+
+    return found, along
 
 
 def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
+    if layout.extra:
+        theta = theta.at[2].set(jnp.where(x.tied[2] > 0, x.tied[0] - theta[3] * x.tied[1], theta[2]))
     forced, rate, free = basis(theta, x.hold, layout)
     if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
         forced = jnp.abs(forced)
@@ -171,9 +183,18 @@ def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) ->
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
     """The residual, the nuisances at their optimum, and what takes from a vector all that nuisances can make of it."""
     shapes = _shapes(theta, x, layout)
+    x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
     if layout.amplitude and not layout.own_gain:
         return _amplitude(shapes, x, layout)
     return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, x, layout)
+
+
+def _pull(theta: Array, x: Experiment, layout: Layout) -> Array:
+    """(N,) what the prior of its thermometer's error, the last of the log's own shapes, holds against a resonance of the log's
+    own: by how much warmer the plate is, in standard deviations."""
+    warmer = (x.tied[0] - theta[2] - theta[3] * x.tied[1]) / jnp.where(theta[3] == 0, 1.0, theta[3])
+    row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
+    return jnp.zeros(layout.rows).at[row].set(warmer * x.tied[2])
 
 
 def _own(shapes: Response, layout: Layout) -> tuple[Array, ...]:

@@ -11,7 +11,6 @@ import numpy as np
 from jax import Array
 
 from sysid.experiment import group
-from sysid.extra import followed
 from sysid.images import images
 from sysid.likelihood import Residual, linearised
 from sysid.perturbed import Course
@@ -249,7 +248,6 @@ class Minimiser:
         for _ in range(2 * rounds):
             before, directions = (theta, trials), self._directions(theta)
             first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
-            trials = tuple(followed(t, theta, first, self.reference) for t in trials)
             groups, members = group(trials, self.reference, low_q=low_q)
             layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
             seen = _search(first, directions, np.asarray(most), *self.prior, layouts, arrays)
@@ -258,10 +256,7 @@ class Minimiser:
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
-            longest, warmed = float(np.max(np.abs(newton))), any("thermometer" in t.extra for t in trials)
-            whole = directions @ newton if left <= NEAR and longest < SHORT else None
-            if warmed:  # a search would follow shapes that hold only about where it begins
-                whole = directions @ newton * min(1.0, SHORT / longest)
+            whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue

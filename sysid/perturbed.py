@@ -55,8 +55,21 @@ class Course:
     def detuning(self) -> np.ndarray:
         """(M,) omega0 - omega of each interval, rad/s; none where no frequency is recorded."""
         hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
+        if self.trial.tied:
+            shift = self.trial.resonance - drift * self.warming
         found = 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
         return np.where(np.isfinite(hold.omega), found, 0.0)
+
+    @property
+    def warming(self) -> float:
+        """The mean of the rows', degC above the reference, as it was read."""
+        return float(np.mean(self.hold.warming[self.hold.interval]))
+
+    @property
+    def warmer(self) -> float:
+        """degC, by which a plate whose resonance is the log's own is warmer than was read."""
+        drift = self.theta[3]
+        return (self.trial.resonance - self.theta[2]) / drift - self.warming if self.trial.tied and drift else 0.0
 
     @property
     def pole(self) -> np.ndarray:

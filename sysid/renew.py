@@ -37,7 +37,7 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
             new = renewed(new, courses[i], detail.extra[k])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
-            moved = max(moved, _moved(trials[i], new))
+            moved = max(moved, _moved(trials[i], new), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new
     return tuple(updated), tuple(models), cost, moved
 
@@ -49,8 +49,14 @@ def _moved(trial: Trial, new: Trial) -> float:
     pairs = list(zip(trial.parts, new.parts, strict=True))
     levels = [abs(b.noise_std / a.noise_std - 1) for a, b in pairs]
     times = [abs(b.noise_time - a.noise_time) / (b.noise_time or 1.0) for a, b in pairs]
-    warmer = [abs(new.warmer - trial.warmer) / trial.extra["thermometer"].prior] if "thermometer" in trial.extra else []
-    return float(max(levels + times + warmer))
+    return float(max(levels + times))
+
+
+def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
+    """By how much a resonance of the log's own has moved, in errors of its thermometer; 1 where it has become that."""
+    if not trial.tied:
+        return float(new.tied)
+    return abs(new.resonance - trial.resonance) / (abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny)
 
 
 def _cost(trial: Trial, model: np.ndarray, total: float) -> float:

@@ -53,7 +53,7 @@ class Trial:
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
-    warmer: float = 0.0  # degC, than was read
+    resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
@@ -336,9 +336,9 @@ class Trial:
         return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
 
     @property
-    def pulls(self) -> np.ndarray:
-        """(E,) what the priors of `extra_columns` hold against these as they are, in standard deviations."""
-        return np.array([self.warmer / self.extra[name].prior if name == "thermometer" else 0.0 for name in self.extra_columns])
+    def tied(self) -> bool:
+        """Its resonance is its own, and tied to those of the other logs by the error of its thermometer alone."""
+        return self.resonance is not None and "thermometer" in self.nuisances
 
     @property
     def looseness(self) -> float:
@@ -400,7 +400,7 @@ class Trial:
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
-        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0) + self.warmer
+        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
         offset = np.nan_to_num(reference[0] + self.inputs.offset)
         begun = self.begun * np.eye(1, len(offset))[0]
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)

@@ -82,8 +82,8 @@ class View:
         columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
         target = self.rows(trial.log.response - forced, len(columns))
         there = np.zeros(len(columns))  # of each, what the plate already has: a thermometer's error
-        for name, pull in zip(trial.extra_columns, trial.pulls, strict=True):
-            k = 2 * list(shapes).index(name)
+        if trial.tied:
+            k, pull = 2 * list(shapes).index("thermometer"), c.warmer / trial.extra["thermometer"].prior
             target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
         found = self._fitted(columns, target) + there
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
