@@ -29,6 +29,7 @@ from sysid.prior import NAMES
 from sysid.trial import Trial
 from sysid.view import View
 
+SEEN = 4.0  # errors of a feedthrough, from which it is there
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
@@ -93,10 +94,12 @@ def _hangs_on(name: str, state: State, reference: tuple[float, float], free: Seq
 
 def cancelling(view: View) -> tuple[float, float] | None:
     """The gain of a log over that of the others when its feedthrough and its lateness cancel: with what that is worth in
-    log-likelihood, against a feedthrough of any phase and of the size that is seen."""
+    log-likelihood, against a feedthrough of any phase and of the size that is seen. None where the feedthrough is not seen."""
     if not (view.trial.signed and _step(view.trial, view.course.tau)):
         return None
     both = _Both.of_step(view)
+    if abs(both.first.real) < SEEN * both.own:
+        return None
     worth = 2 * np.log(abs(both.first) / both.error) - 0.5 * abs(both.left / both.error) ** 2
     gain = 1 + both.first.real / float(np.max(np.abs(view.course.forced)))
     return gain, float(worth + 0.5 * (view.late / view.trial.lateness) ** 2)
@@ -119,6 +122,7 @@ class _Both(NamedTuple):
     first: complex
     left: complex
     error: float
+    own: float  # the error of the first's real part
 
     @classmethod
     def of_step(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
@@ -136,8 +140,9 @@ class _Both(NamedTuple):
     @classmethod
     def _of(cls, view: View, plant: np.ndarray | None, first: np.ndarray, both: np.ndarray) -> "_Both":
         values = np.array([c.value for c in view.columns])
-        error = np.sqrt((both @ view.covariance(plant) @ both.conj()).real / 2)
-        return cls(complex(first @ values), complex(both @ values), float(error))
+        covariance = view.covariance(plant)
+        error, own = np.sqrt((both @ covariance @ both.conj()).real / 2), np.sqrt(first.real @ covariance @ first.real)
+        return cls(complex(first @ values), complex(both @ values), float(error), float(own))
 
     @property
     def size(self) -> float:
