@@ -260,7 +260,7 @@ class Minimiser:
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            courses = [Course(t, t.hold(self.reference), theta, low_q) for t in trials]
+            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
             trials, models, cost, moved = update(trials, members, found, courses, round_=k)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
@@ -283,7 +283,7 @@ class Minimiser:
         directions = self._directions(theta)
         layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
         *_, found = jax.device_get(_search(theta, directions, np.asarray(0), *self.prior, layouts, arrays))
-        courses = [Course(t, t.hold(self.reference), theta, low_q) for t in trials]
+        courses = [Course(t, t.hold(self.reference), theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         held = np.eye(directions.shape[1]) / RUNAWAY**2
         alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))

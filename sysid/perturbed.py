@@ -27,15 +27,12 @@ FAR = 1e150  # rad/s, of a carrier so fast that the slow mode is all there is
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The course of one log at theta, as `sysid.likelihood.basis` has it, per unit rotation; arrays over its rows (n,).
-
-    `low_q`: with the fast mode's ripple. `order` poles of a lock-in's filter, of time constant `hold.smoothing`.
-    """
+    """The course of one log at theta, as `sysid.likelihood.basis` has it, per unit rotation; arrays over its rows (n,). Of low Q
+    too the fast mode has settled: how it rings hangs on the carrier's phase, of which much may be wrong."""
 
     trial: Trial
     hold: Hold = field(repr=False)
     theta: np.ndarray
-    low_q: bool = False
 
     @cached_property
     def gain(self) -> float:
@@ -103,7 +100,7 @@ class Course:
     @cached_property
     def envelope(self) -> "Course":
         """Without what is not of the slowly varying envelope, of order 1/Q."""
-        return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)), low_q=False)
+        return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)))
 
     def later(self, delay: float) -> np.ndarray:
         """`forced`, later by `delay` (s), or earlier."""
@@ -132,8 +129,7 @@ class Course:
             forced = self.gain * (hold.drive * steady(tau, detuning, omega, np))[hold.interval]
             return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
         carrier = trial.resonant and trial.log.theta is not None
-        both = self.low_q and trial.resonant and not carrier
-        found = respond(tau, detuning, hold, both, carrier, trial.begun, order, xp=np)
+        found = respond(tau, detuning, hold, False, carrier, trial.begun, order, xp=np)
         free = self.gain * found.free if trial.begun else found.free
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 

@@ -36,7 +36,7 @@ class View:
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._whitening = trial.whitening(coloured=coloured)
-        self.course = Course(trial, trial.hold(reference), state.theta, state.low_q)
+        self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
         self.columns = self._nuisances()
