@@ -29,7 +29,7 @@ from sysid.prior import NAMES
 from sysid.trial import Trial
 from sysid.view import View
 
-SEEN = 4.0  # errors of a feedthrough, from which it is there
+SEEN = 2.0  # errors of a feedthrough, from which it may be there
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
