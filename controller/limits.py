@@ -1,13 +1,17 @@
 """Limits of voltage, amplitude and frequency: no further than the logs have seen unless asked for by name."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from controller.ensemble import Ensemble
 from controller.plate import Plate, positive
 from controller.rig import Rig
+
+if TYPE_CHECKING:
+    from sysid.log import Log
 
 HEADROOM = 1.6  # voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
 
@@ -108,19 +112,29 @@ def limits_of(
         positive("voltage_limit", voltage)
     if plate.f0 is None:
         return Limits(voltage, None, said)
-    swept = [np.asarray(log.frequency, float) for log in logs if log.frequency is not None]
-    if window is None and swept:
-        half = 1 / (2 * math.pi * plate.tau)
-        seen = [plate.f0, *(float(v) for f in swept for v in (f.min(), f.max()))]
-        window = (min(seen) - half, max(seen) + half)
+    window = window or _window(plate, rig, logs)
     reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
     if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
         raise ValueError(
             f"the tracker cannot follow: over the stated temperatures the resonance goes from {reached[0]:.6g} to"
             f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
-            f" (frequency_window states another){_coolest(plate, window, warming)}"
+            " (frequency_window, or a rig's lowest_frequency and highest_frequency, state another)"
+            f"{_coolest(plate, window, warming)}"
         )
     return Limits(voltage, window, said)
+
+
+def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float] | None:
+    """The window that the rig states; an end that it does not is half a bandwidth beyond what the logs were driven at."""
+    swept = [log.frequency for log in logs if log.frequency is not None]
+    low, high = rig.lowest_frequency, rig.highest_frequency
+    if swept:
+        half = 1 / (2 * math.pi * plate.tau)
+        seen = [plate.f0, *(float(v) for f in swept for v in (f.min(), f.max()))]
+        return (min(seen) - half if low is None else low, max(seen) + half if high is None else high)
+    if (low is None) != (high is None):
+        raise ValueError("found one end of the frequency window, expected both: no log says at which frequencies it was driven")
+    return None if low is None or high is None else (low, high)
 
 
 def _coolest(plate: Plate, window: tuple[float, float], warming: tuple[float, float]) -> str:

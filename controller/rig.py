@@ -11,6 +11,8 @@ timer_MHz = 100              # what makes it: a timer that counts whole ticks; o
 thermometer = true           # the loop is told the plate's temperature
 coldest_degC = 14            # the plate's temperatures that the promise has to hold for; unless stated the logs' reference alone
 warmest_degC = 39
+lowest_frequency_kHz = 31.8  # the tracker's window; unless stated, half a bandwidth beyond what the logs were driven at
+highest_frequency_kHz = 32.6
 force_N = 1.5                # the hardest press, by the fit's finger_damping; or finger = 1, what it adds to the damping, in
                              # units of the plate's own; unless stated none
 arithmetic = "q31"           # of the exported C: double, single; q31, q15: fixed point in words of 32 or 16 bits
@@ -128,6 +130,8 @@ class Rig(NamedTuple):
     arithmetic: str = "double"
     coldest: float | None = None  # degC
     warmest: float | None = None
+    lowest_frequency: float | None = None
+    highest_frequency: float | None = None
     force: float | None = None  # N
     finger: float | None = None
 
@@ -141,7 +145,7 @@ class Rig(NamedTuple):
         read = _Reader(Path(path))
         tables = {name: read.subtable(document, name) for name in ("sensor", "adc", "dac", "inverter")}
         times = dict.fromkeys(("sample_time", "latency", "tracker_period"), "s")
-        sources = dict.fromkeys(("frequency_step", "timer", "dds"), "Hz")
+        sources = dict.fromkeys(("frequency_step", "timer", "dds", "lowest_frequency", "highest_frequency"), "Hz")
         units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
         units |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1"}
         values = read.table("", document, units, {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC})
@@ -245,7 +249,8 @@ class _Reader:
         return found
 
     def checked(self, rig: Rig) -> Rig:
-        for name in ("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds"):
+        above = ("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds")
+        for name in (*above, "lowest_frequency", "highest_frequency"):
             if (value := getattr(rig, name)) is not None and not value > 0:
                 self.refuse(name, value, "a number above zero")
         if rig.latency is not None and rig.latency < 0:
@@ -257,8 +262,10 @@ class _Reader:
                 self.refuse(name, getattr(rig, name), "zero or more")
         if rig.force is not None and rig.finger is not None:
             self.refuse("finger", "force as well", "one of them: each decides the other")
-        if None not in (rig.coldest, rig.warmest) and rig.coldest > rig.warmest:
-            self.refuse("warmest", rig.warmest, f"coldest, {rig.coldest:g}, or more")
+        for low, high in (("coldest", "warmest"), ("lowest_frequency", "highest_frequency")):
+            first, last = getattr(rig, low), getattr(rig, high)
+            if None not in (first, last) and first > last:
+                self.refuse(high, last, f"{low}, {first:g}, or more")
         made = [name for name in ("frequency_step", "timer", "dds") if getattr(rig, name) is not None]
         if len(made) > 1:
             self.refuse(made[1], f"{made[0]} as well", "one source of the frequency")

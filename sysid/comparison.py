@@ -63,7 +63,7 @@ def compare(fit: Fit) -> tuple[Comparison, ...]:
 
 def verdict(found: Sequence[Comparison]) -> str:
     """One line on which descriptions the logs tell from the fit's."""
-    worse = [f"{c.description} ({c.difference:+.3g} ± {c.error:.2g})" for c in found if c.worse]
+    worse = [f"{c.description} ({c.difference:+.3g})" for c in found if c.worse]
     alike = [f"{c.description} ({c.difference:+.2g})" for c in found if not c.worse]
     said = [f"worse: {', '.join(worse)}"] if worse else []
     said += [f"no worse, so that nothing hangs on it: {', '.join(alike)}"] if alike else []

@@ -40,12 +40,12 @@ class Fit:
     plant: Plant
     parameters: dict[str, Parameter]
     names: tuple[str, ...]
-    covariance: np.ndarray
+    covariance: np.ndarray = field(repr=False)
     result: Result
     reference_temperature: float | None
     logs: tuple[FittedLog, ...]
     warnings: tuple[str, ...]
-    units: dict[str, str]
+    units: dict[str, str] = field(repr=False)
     modes: tuple[State, ...] = field(repr=False)  # the best first
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
     priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation

@@ -123,6 +123,11 @@ class Log:
     def __len__(self) -> int:
         return len(self.response)
 
+    def __repr__(self) -> str:
+        held = [name for name in ("time", "drive", "frequency", "temperature", "force") if getattr(self, name) is not None]
+        shown = ", ".join(["amplitude" if self.amplitude_only else "Wd + j Wq", *held])
+        return f"Log({self.path or self.name!r}, {len(self)} rows of {shown}; kind={self.kind!r}, sampling={self.sampling!r})"
+
 
 def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
     """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other instruments' files.

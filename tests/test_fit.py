@@ -199,6 +199,12 @@ def test_from_the_truth_it_ends_where_it_ends_from_nothing(bench, step_fit):
     assert sysid.fit([bench.transient()], start=plant).cost == pytest.approx(step_fit.cost, abs=1e-6)
 
 
+def test_a_fit_is_shown_in_a_few_lines(step_fit):
+    """No arrays: what a notebook or an assertion prints of it."""
+    assert len(repr(step_fit.logs[0].log)) < 200 and "rows of Wd + j Wq" in repr(step_fit.logs[0].log)
+    assert len(repr(step_fit)) < 2000
+
+
 def test_an_unknown_nuisance_and_no_logs_are_refused(bench):
     with pytest.raises(ValueError, match="no logs"):
         sysid.fit([])

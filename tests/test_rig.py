@@ -107,6 +107,7 @@ def test_converters_and_clocks(tmp_path):
     ("timer_MHz = 100\ndds_MHz = 1", "expected one source of the frequency"),
     ("force_N = 1.5\nfinger = 1", "finger: found 'force as well', expected one of them"),
     ("coldest_degC = 30\nwarmest_degC = 20", "warmest: found 20.0, expected coldest, 30, or more"),
+    ("lowest_frequency_kHz = 33\nhighest_frequency_Hz = 32000", "highest_frequency: found 32000.0, expected lowest_frequency"),
     ("force_mN = -3", "force: found -0.003, expected zero or more"),
     ("arithmetic = 'q7'", "expected one of double, single, q31, q15"),
     ("[adc]\nbits = 12\nrate_MHz = 1", "adc.full_scale: found None, expected a number above zero"),
@@ -128,6 +129,22 @@ def identified(touched=None):
     found = {n: SimpleNamespace(value=v, determined=v is not None, why=why) for n, v in known.items()}
     log = SimpleNamespace(drive=np.array([0.0, 350.0]), frequency=None, sha256="ab" * 32, metadata={"Plate": "A/7 */"})
     return SimpleNamespace(parameters=found, units={"G": "um/V"}, reference_temperature=24.0, logs=(SimpleNamespace(log=log),))
+
+
+def test_the_rig_states_the_frequencies_that_the_tracker_may_drive_at(tmp_path):
+    """Over 14 to 39 degC the resonance goes from 32402 to 32148 Hz, beyond the 10 Hz on either side that a sweep has seen."""
+    warm = "coldest_degC = 14\nwarmest_degC = 39\n"
+    found = identified()
+    found.logs[0].log.frequency = np.linspace(32290.0, 32310.0, 2)
+    (tmp_path / "rig.toml").write_text(warm)
+    with pytest.raises(ValueError, match="lowest_frequency and highest_frequency, state another"):
+        controller.design(found, rig=Rig.from_toml(tmp_path / "rig.toml"))
+    (tmp_path / "rig.toml").write_text(warm + "lowest_frequency_kHz = 32.1\nhighest_frequency_kHz = 32.5\n")
+    loop = controller.design(found, rig=Rig.from_toml(tmp_path / "rig.toml"))
+    assert loop.limits.frequency == (32100.0, 32500.0)
+    (tmp_path / "rig.toml").write_text("lowest_frequency_kHz = 32.1")
+    with pytest.raises(ValueError, match="found one end of the frequency window, expected both"):
+        controller.design(identified(), rig=Rig.from_toml(tmp_path / "rig.toml"))
 
 
 def test_the_range_of_a_rig_is_designed_for_and_stamped(tmp_path):
