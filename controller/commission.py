@@ -23,66 +23,88 @@ class Stage(NamedTuple):
 
 def sheet(controller: Mapping[str, Any]) -> list[Stage]:
     """The stages for the content of a controller.json, each safe once the one before is as expected."""
-    plant, units = controller["plant"], controller["units"]
-    drive, response = units["drive"] or "", units["response"] or ""
-    G, tau, f0 = plant["G"], plant["tau"], plant["f0"]
-    amplitude = controller["range"]["amplitude"]
-    steady = amplitude / abs(G)
-    low = SHARE * (controller["voltage_limit"] or steady)
-    at = "at the resonance" if f0 is None else f"at {f0:.8g} Hz"
-    stages = [
-        Stage(
-            "demodulator",
-            f"open loop: {low:.4g} {drive} {at}",
-            f"Wd settles at {G * low:.4g} {response}, to 95 % in {1e3 * SETTLED * tau:.3g} ms; Wq is small beside it",
-        )
-    ]
-    if f0 is not None:
-        hb = 1 / (2 * math.pi * tau)
-        stages.append(
-            Stage(
-                "sign of q",
-                f"open loop: {low:.4g} {drive} at {f0 - hb:.8g} Hz, half a bandwidth below",
-                f"Wd and Wq both at {G * low / 2:.4g} {response}; a negative Wq has the other sign. Each degree of rotation"
-                f" makes the tracker settle {hb * math.tan(math.radians(1)):.3g} Hz beside the resonance",
-            )
-        )
-    stages.append(
-        Stage(
-            "slow loop",
-            f"gains divided by {SLOWER:g}, tracker off, ask for {G * low:.4g} {response}",
-            f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {low:.4g} {drive} at the end",
-        )
+    at = _Point.of(controller)
+    possible = [_demodulator(at), _sign_of_q(at), _slow_loop(at, controller), _tracker(at, controller), _full(at, controller)]
+    possible += [_touch(at, controller["voltage_limit"]), _fault(controller["guard"])]
+    return [stage for stage in possible if stage is not None]
+
+
+class _Point(NamedTuple):
+    """What the stages drive at: the resonance (Hz; None: not known) and half its bandwidth (Hz), the whole `amplitude` and its
+    `steady` voltage, the voltage `low` that one begins with and what it makes the plate do; the units of both."""
+
+    tau: float
+    f0: float | None
+    half_bandwidth: float
+    amplitude: float
+    steady: float
+    low: float
+    small: float
+    drive: str
+    response: str
+
+    @classmethod
+    def of(cls, controller: Mapping[str, Any]) -> "_Point":
+        plant, units, amplitude = controller["plant"], controller["units"], controller["range"]["amplitude"]
+        steady = amplitude / abs(plant["G"])
+        low = SHARE * (controller["voltage_limit"] or steady)
+        half, words = 1 / (2 * math.pi * plant["tau"]), (units["drive"] or "", units["response"] or "")
+        return cls(plant["tau"], plant["f0"], half, amplitude, steady, low, plant["G"] * low, *words)
+
+
+def _demodulator(at: _Point) -> Stage:
+    where = "at the resonance" if at.f0 is None else f"at {at.f0:.8g} Hz"
+    expect = f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is small beside it"
+    return Stage("demodulator", f"open loop: {at.low:.4g} {at.drive} {where}", expect)
+
+
+def _sign_of_q(at: _Point) -> Stage | None:
+    if at.f0 is None:
+        return None
+    do = f"open loop: {at.low:.4g} {at.drive} at {at.f0 - at.half_bandwidth:.8g} Hz, half a bandwidth below"
+    expect = (
+        f"Wd and Wq both at {at.small / 2:.4g} {at.response}; a negative Wq has the other sign. Each degree of rotation"
+        f" makes the tracker settle {at.half_bandwidth * math.tan(math.radians(1)):.3g} Hz beside the resonance"
     )
-    if controller["tracker"] and f0 is not None:
-        updates = _updates(controller["tracker"], hb)
-        taken = updates * controller["tracker"]["period_s"] + SETTLED * tau
-        stages.append(
-            Stage(
-                "tracker",
-                f"tracker on, begun at {f0 + hb:.8g} Hz, at the same amplitude",
-                f"f within {0.1 * hb:.2g} Hz of the resonance in {1e3 * taken:.3g} ms",
-            )
-        )
+    return Stage("sign of q", do, expect)
+
+
+def _slow_loop(at: _Point, controller: Mapping[str, Any]) -> Stage:
+    do = f"gains divided by {SLOWER:g}, tracker off, ask for {at.small:.4g} {at.response}"
+    expect = f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at the end"
+    return Stage("slow loop", do, expect)
+
+
+def _tracker(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
+    tracker = controller["tracker"]
+    if not tracker or at.f0 is None:
+        return None
+    taken = _updates(tracker, at.half_bandwidth) * tracker["period_s"] + SETTLED * at.tau
+    expect = f"f within {0.1 * at.half_bandwidth:.2g} Hz of the resonance in {1e3 * taken:.3g} ms"
+    return Stage("tracker", f"tracker on, begun at {at.f0 + at.half_bandwidth:.8g} Hz, at the same amplitude", expect)
+
+
+def _full(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
     promise = controller["promise"]
-    if promise["settling_s"] is not None:
-        stages.append(
-            Stage(
-                "full",
-                f"the gains as they are, ask for {amplitude:.4g} {response}",
-                f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {steady:.4g} {drive} at the end; an overshoot of"
-                f" {100 * promise['overshoot']:.2g} % at most, beside the noise",
-            )
-        )
-    limit = controller["voltage_limit"]
-    spare = "" if limit is None else f"; {limit:.4g} {drive} hold it up to {limit / steady:.3g} times the damping"
-    stages.append(
-        Stage("touch", "a finger on the plate", f"the amplitude comes back, the voltage rises as the damping does{spare}")
+    if promise["settling_s"] is None:
+        return None
+    expect = (
+        f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end; an overshoot of"
+        f" {100 * promise['overshoot']:.2g} % at most, beside the noise"
     )
-    if controller["guard"] is None:
-        return stages
-    pulled = f"no voltage after {1e3 * controller['guard']['patience_s']:.3g} ms, and none until the fault is reset"
-    return [*stages, Stage("fault", "pull the sensor's plug", pulled)]
+    return Stage("full", f"the gains as they are, ask for {at.amplitude:.4g} {at.response}", expect)
+
+
+def _touch(at: _Point, limit: float | None) -> Stage:
+    spare = "" if limit is None else f"; {limit:.4g} {at.drive} hold it up to {limit / at.steady:.3g} times the damping"
+    return Stage("touch", "a finger on the plate", f"the amplitude comes back, the voltage rises as the damping does{spare}")
+
+
+def _fault(guard: Mapping[str, Any] | None) -> Stage | None:
+    if guard is None:
+        return None
+    expect = f"no voltage after {1e3 * guard['patience_s']:.3g} ms, and none until the fault is reset"
+    return Stage("fault", "pull the sensor's plug", expect)
 
 
 def _slow(controller: Mapping[str, Any]) -> float:

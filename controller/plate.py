@@ -38,6 +38,7 @@ class Plate:
 
 
 def plate_of(source: Any) -> Plate:
+    """The plate of a posterior, a fit or a plant. Raises ValueError where it has no G or tau that a loop could be made for."""
     parameters, fit = _read(source)
     G, tau = _needed(parameters, "G"), _needed(parameters, "tau")
     if G == 0.0 or tau <= 0.0:
@@ -91,6 +92,7 @@ def units_of(fit: Any) -> tuple[str | None, str | None]:
 
 
 def positive(name: str, value: float) -> float:
+    """The value as a float. Raises ValueError, with the `name` it was given under, where it is not finite and above zero."""
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"{name} = {value:g} must be a finite number above 0")
     return float(value)

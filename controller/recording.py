@@ -115,6 +115,7 @@ def words(loop: Loop) -> Words:
 
 
 def measures_temperature(loop: Loop) -> bool:
+    """Whether the exported step takes a temperature: the rig measures it and there is a resonance that it moves."""
     return loop.rig.thermometer and loop.f0 is not None
 
 

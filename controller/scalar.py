@@ -27,18 +27,22 @@ class Full(NamedTuple):
 
 
 def where(condition: bool, yes: float, no: float) -> float:
+    """As numpy's, of one number."""
     return yes if condition else no
 
 
 def isfinite(x: float) -> bool:
+    """As numpy's, of one number."""
     return math.isfinite(x)
 
 
 def logical_not(x: bool) -> bool:
+    """As numpy's, of one number."""
     return not x
 
 
 def floor(x: float) -> float:
+    """As numpy's, of one number: infinite stays infinite."""
     return float(math.floor(x)) if math.isfinite(x) else x
 
 

@@ -97,6 +97,7 @@ def find_delimiter(line: str) -> str:
 
 
 def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
+    """The header line of two: each name with the unit that stands below it at its end."""
     pairs = zip(names, units, strict=True)
     named = io.StringIO()
     csv.writer(named, delimiter=delimiter).writerow(

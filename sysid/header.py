@@ -215,6 +215,7 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
+    """What to say of a file whose columns are not known: what was found, what was expected, and a mapping file to begin with."""
     path = head.path
     if head.dialect.header and (wide := min(map(len, head.sample))) > len(head.names) + 1:
         across = "; a table that lies across, one quantity a line, is to be turned: one a column"
@@ -234,6 +235,7 @@ def _is_misspelt(name: str, quantity: str, unit: str) -> bool:
 
 
 def stated(metadata: Mapping[str, str], key: str) -> str | None:
+    """What the metadata state under `key`, in upper or lower case; None where they are silent or empty."""
     return next((value for name, value in metadata.items() if name.casefold() == key and value), None)
 
 
@@ -245,6 +247,7 @@ def refuse_repeated(head: Head, metadata: Mapping[str, str], words: Collection[s
 
 
 def metadata_number(head: Head, key: str, text: str) -> float:
+    """A number of the metadata. Raises LogError where it is none, or where the file states two."""
     refuse_repeated(head, {key: head.metadata.get(key, "")}, (key.casefold(),))
     if not math.isfinite(number := to_number(text, str(head.dialect.decimal))):
         raise LogError(f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number")

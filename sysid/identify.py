@@ -241,6 +241,7 @@ def _why_finger(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str
 
 
 def seconds(t: float) -> str:
+    """A time in the unit that suits it: "1.67 ms"."""
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
         if t >= size:
             return f"{t / size:.3g} {unit}"

@@ -321,6 +321,7 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
 
 
 def is_decibel(unit: str) -> bool:
+    """Whether a column in this unit is 20 log10 of an amplitude."""
     return unit in ("dB", "dBm", "dBV")
 
 

@@ -48,6 +48,7 @@ class Rows(NamedTuple):
 
 
 def rows_like(first: Sequence[str], delimiter: str) -> Rows:
+    """What tells rows like the `first` from other lines: how many cells, and which of them are numbers."""
     return Rows(delimiter, len(first), tuple(k for k, cell in enumerate(first) if _is_value(cell)))
 
 

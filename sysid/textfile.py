@@ -73,6 +73,7 @@ def read_line(path: str, file: BinaryIO, number: int) -> bytes:
 
 
 def refuse_binary(path: str, raw: bytes, number: int) -> None:
+    """Raise LogError where the line `number` is not text of UTF-8 with line feeds."""
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):  # of a packed file
         raise LogError(f"{path}: found UTF-16 text, expected UTF-8; save it again as CSV (UTF-8)")
     if b"\x00" in raw:
