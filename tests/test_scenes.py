@@ -253,3 +253,12 @@ def test_the_touch_is_the_same_at_finer_steps():
     # there rho goes as F^(2/3), whose middle is 5 % off its mean: 5 % of rho = 0.4 over 0.06 tau of 2 um is 2.4e-3 um, an
     # eighth of the noise of one row
     assert np.max(np.abs(coarse.simulate().response - fine.simulate().response)) < 2.4e-3
+
+
+def test_two_scenes_of_one_seed_have_no_noise_in_common():
+    """Logs that are fitted together are taken for independent: a joint fit of two that share their noise covers too seldom."""
+    one = scene("plate/step_100V_24C")
+    quiet = scene("plate/step_100V_24C", noise=False).simulate(3).response
+    first, again, other = (dataclasses.replace(one, name=name).simulate(3).response - quiet for name in ("a", "a", "b"))
+    assert np.array_equal(first, again)
+    assert abs(np.vdot(first, other)) < 4 * np.var(first) * np.sqrt(len(quiet))  # four standard errors

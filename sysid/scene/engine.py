@@ -400,6 +400,15 @@ def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array,
     return passed[-1], tuple(after)
 
 
+def key_of(seed: int, scene: str) -> Array:
+    """The stream of a scene's noise: two scenes of one seed, which may be fitted together, have no noise in common."""
+    return _named(jax.random.key(seed), scene)
+
+
 def _key(key: Array, e: Any, count: Any) -> Array:
     """A stream of its own for each effect and chunk: adding one effect changes no other's noise."""
-    return jax.random.fold_in(jax.random.fold_in(key, crc32(e.name.encode()) & 0x7FFFFFFF), count)
+    return jax.random.fold_in(_named(key, e.name), count)
+
+
+def _named(key: Array, name: str) -> Array:
+    return jax.random.fold_in(key, crc32(name.encode()) & 0x7FFFFFFF)

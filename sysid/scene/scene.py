@@ -111,7 +111,8 @@ class Scene:
         return dataclasses.replace(self, plant=plant)
 
     def simulate(self, seed: int = 0) -> Log:
-        """The log of this scene. The same seed gives the same log, whatever else the scene holds."""
+        """The log of this scene. The same seed gives the same noise, whatever else the scene holds; a scene of another name has
+        noise of its own."""
         parts = list(self._stream(seed))
         return self._log({k: None if v is None else np.concatenate([p[k] for p in parts]) for k, v in parts[0].items()})
 
@@ -135,7 +136,7 @@ class Scene:
         """Columns of the rows from `first` up to `last`, chunk by chunk; the plate is at rest at `first`."""
         plant = jax.tree.map(float, self.plant)  # an integer would be another program
         with jax.enable_x64(True):
-            key = jax.random.key(seed)
+            key = engine.key_of(seed, self.name)
             state = engine.start(self.fidelity, plant, self.effects, key)
         for at in range(first, last, self._chunk_rows):
             count = min(self._chunk_rows, last - at)
