@@ -54,6 +54,7 @@ def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
 
 COLUMNS = 3  # offset, feedthrough or background, slope, and one more for each pole of a filter: absent ones are zero
 SPARE = COLUMNS + OWN  # rows of the priors
+KNOWN = 1e6  # degrees of freedom of a level that is known: sums of squares S of a log beside it make exp(-S/2)
 FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
@@ -83,7 +84,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         before=_pad(before, rows),
         basis=joined(bases),
         tightness=np.asarray(1 / trial.looseness),
-        freedom=np.asarray(trial.efficiency * freedom(trial)),
+        freedom=np.asarray(trial.efficiency * freedom(trial) if trial.rounded is None else KNOWN),
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),

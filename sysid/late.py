@@ -104,4 +104,5 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, extra={}, resonance=None, late=0.0)
     narrow = {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=read_at(trial.inputs, log.time, delay), narrow=narrow)
-    return with_noise(new, trial.noise_std, 0.0)
+    levels = () if trial.rounded is None else tuple(x._replace(time=0.0) for x in trial.levels)
+    return with_noise(new, trial.noise_std, 0.0, levels)

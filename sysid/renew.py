@@ -7,18 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid import rice
+from sysid import rice, rounding
 from sysid.extra import renewed
 from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
-from sysid.trial import Trial, freedom, joined, with_noise
+from sysid.trial import Trial, freedom, freedoms, joined, with_noise
 
 MUCH = 0.3  # of a log
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
+ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
 SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
 
@@ -65,6 +66,10 @@ def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
     channels = (1 if trial.log.amplitude_only else 2) / len(parts)
     shrink = sum(0.5 * np.sum(np.log1p(-(p.memory() ** 2))) - np.sum(np.log(p.weight[p.used])) for p in parts)
     dof = freedom(trial)
+    if trial.rounded is not None:  # rows that share a rounding error count as one, and the level is known
+        shrink -= sum(np.sum(np.log(p.rounded[p.used])) for p in parts)
+        level = sum(count * np.log(p.noise_std) for count, p in zip(freedoms(trial), parts, strict=True))
+        return float(0.5 * total + level + channels * shrink + _cost_of_outliers(trial, model))
     level = dof / len(parts) * sum(np.log(p.noise_std) for p in parts)
     return float(0.5 * dof * np.log(total / dof + trial.rounding) + level + channels * shrink + _cost_of_outliers(trial, model))
 
@@ -84,7 +89,8 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
     model = model.real if trial.log.amplitude_only else model
     trial = trial if trial.log.relative_noise and not trial.steady else _with_spread(trial, model, floor, round_)
-    new = _with_noise_of(trial, model, course.design, round_)
+    new = _with_rounding(trial, model, round_) if any(trial.steps) else None
+    new = new or _with_noise_of(replace(trial, rounded=None) if trial.steps else trial, model, course.design, round_)
     if trial.log.relative_noise and not trial.steady:  # of the next round: what a first model makes of a tail in dB is no level
         new = _with_spread(new, model, floor, round_)
     if new.noise_time > 0 and not new.signed:
@@ -241,6 +247,37 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     tail = np.ones(len(trial.log))
     tail[found.rows] = weight
     return replace(new, tail=tail)
+
+
+def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
+    """The trial with white noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
+    (`sysid.rounding`); else None. Which rows do is held after HELD rounds."""
+    if round_ >= HELD and trial.rounded is None:
+        return None
+    plain = replace(trial, levels=(), rounded=None, tail=None, kept=trial.there)
+    left, tail = trial.residual(model) * plain.weight, np.ones(len(model)) if trial.tail is None or not round_ else trial.tail
+    channels = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
+    spreads = [np.ones(len(model))] * len(channels) if trial.rounded is None else [p.rounded for p in trial.parts]
+    least = [rounding.least(step) for step in trial.steps]
+    for _ in range(ROUNDS):
+        levels, alike = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else (), joined(spreads)
+        counts = freedoms(replace(plain, levels=levels, rounded=alike))
+        powers = [float(np.sum(tail * (v / s) ** 2)) for (v, _), s in zip(channels, spreads, strict=True)]
+        stds = [max(float(np.sqrt(p / n)), low) for p, n, low in zip(powers, counts, least, strict=True)]
+        if round_ < HELD:
+            known = zip(channels, trial.steps, stds, strict=True)
+            spreads = [rounding.spread(rows, step, std, trial.count) for (_, rows), step, std in known]
+    alone = np.mean([s[plain.used] ** -2.0 for s in spreads])
+    if alone > 1 - rounding.LITTLE:
+        return None
+    told = trial.efficiency if trial.tail is not None and round_ else 1.0
+    if 0 < round_ < HELD:
+        scaled = joined([v[plain.used] / std for (v, _), std in zip(channels, stds, strict=True)])
+        tail = np.ones(len(model))
+        tail[plain.used], told = tails(scaled)
+    levels = tuple(Level(std, 0.0) for std in stds) if len(channels) == 2 else ()
+    new = replace(plain, rounded=joined(spreads), tail=None if told == 1 else tail, efficiency=told)
+    return with_noise(new, float(np.sqrt(np.mean(np.square(stds)))), 0.0, levels)
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

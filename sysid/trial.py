@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammainc
 
-from sysid import rice
+from sysid import rice, rounding
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
@@ -59,6 +59,8 @@ class Trial:
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     share: float = 0.0  # of the noise's variance at the largest response, which is proportional to the response
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
+    rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
     kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
@@ -86,6 +88,7 @@ class Trial:
             there=read.there,
             kept=read.there,
             whole=log if len(read.log) < len(log) else None,
+            steps=() if log.relative_noise else rounding.steps(log.response),
         )
         share = DECIBEL[kind] if log.relative_noise else 0.0
         return replace(trial, share=share, spread=trial.uneven(share, read.log.response)) if share else trial
@@ -102,7 +105,7 @@ class Trial:
         plain = replace(self, log=log, inputs=read.inputs, count=read.count, whole=None)
         plain = replace(plain, noise_time=rows * self.noise_time, levels=levels)
         spread = plain.uneven(self.share, log.response) if self.share else None
-        return replace(plain, spread=spread, tail=None, there=there, kept=there, efficiency=told, extra={})
+        return replace(plain, spread=spread, rounded=None, tail=None, there=there, kept=there, efficiency=told, extra={})
 
     def uneven(self, share: float, response: np.ndarray) -> np.ndarray:
         """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response."""
@@ -126,7 +129,9 @@ class Trial:
 
     @property
     def rounding(self) -> float:
-        """Square of the noise that float64 makes over the log's."""
+        """Square of the noise that float64 makes over the log's; 1 where rounding makes it, and its level is known."""
+        if self.rounded is not None:
+            return 1.0
         return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
 
     @cached_property
@@ -221,12 +226,15 @@ class Trial:
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         weight = weight if self.spread is None else weight / self.spread
+        weight = weight if self.rounded is None or np.iscomplexobj(self.rounded) else weight / self.rounded  # else by `parts`
         return weight if self.tail is None else weight * np.sqrt(self.tail)
 
     @property
     def parts(self) -> tuple["Trial", ...]:
         """The trial as each channel has it, d and q, where their noise differs; else itself."""
-        return tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=()) for x in self.levels) or (self,)
+        rounded = (None, None) if self.rounded is None else (self.rounded.real, self.rounded.imag)
+        pairs = zip(self.levels, rounded, strict=False)
+        return tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=(), rounded=r) for x, r in pairs) or (self,)
 
     @property
     def used(self) -> slice | np.ndarray:
@@ -420,7 +428,14 @@ def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 def freedom(trial: Trial) -> float:
     """Degrees of freedom of a log's residual, at least 1."""
-    return float(max(numbers_left(trial), 1))
+    return sum(freedoms(trial)) if trial.rounded is not None else float(max(numbers_left(trial), 1))
+
+
+def freedoms(trial: Trial) -> tuple[float, ...]:
+    """Of each part, at least 1: rows that share a rounding error count as one."""
+    parts = trial.parts
+    alike = [0.0 if p.rounded is None else float(np.sum(1 - p.rounded[p.used] ** -2.0)) for p in parts]
+    return tuple(max(numbers_left(trial) / len(parts) - shared, 1.0) for shared in alike)
 
 
 def numbers_left(trial: Trial) -> int:
@@ -437,4 +452,6 @@ def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] 
     """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
     least = FLOOR * trial.scale
     levels = levels if all(x.std > least for x in levels) else ()
-    return replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)
+    rounded = trial.rounded if levels or trial.log.amplitude_only else None  # of d and q it is that of each
+    new = replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)
+    return new if rounded is trial.rounded else replace(new, rounded=rounded)

@@ -1,0 +1,77 @@
+"""Rounding to the steps of a recorder, an ADC or a text of few decimals, where the noise is too small to blur them.
+
+A channel in steps of q shows x + n as the nearest whole multiple. With noise n of standard deviation s its error, averaged over
+where x lies between two steps, has the variance q^2/12, and beside it the part of n. Of it the part
+
+    b^2 = q^2/(2 pi^2) sum_m exp(-(2 pi m s/q)^2)/m^2
+
+is a function of x alone (Widrow & Kollar, Quantization Noise, Cambridge 2008, ch. 19): noise of half a step makes it nothing, and
+without noise it is all. Rows of one x share it, however many there are: a plateau is off by up to half a step, and no average
+helps. The error's correlation falls as 1 - 6 d + ... with the distance d of two x in steps, whose range is a sixth of a step.
+
+So a row that shares its rounding error with r - 1 others is taken to have r - 1 times that part of the variance more. No sum of
+rows then has less variance than it should: a diagonal matrix whose entries are the row sums of a covariance that is not
+negative is no smaller than it (Gershgorin).
+"""
+
+import numpy as np
+
+ALIKE = 1 / 6  # of a step, within which rows have one rounding error
+ROWS = 100_000  # of a log, at most, in which steps are looked for
+REPEATED = 0.9  # distinct values over rows, above which rows hardly ever read the same, and share nothing
+OFF = 0.1  # of a step, by which a level may be off: printed with few digits, levels are
+NEXT = 1.5  # of the least gap between two values, below which another is of one step as well
+NEAR = 10  # steps from a value to the next, above which an error of the step hides whether they are whole ones
+TERMS = np.arange(1, 33)
+LITTLE = 0.05  # of the rows' information, which is not worth a model of how they share their errors
+
+
+def steps(response: np.ndarray) -> tuple[float, ...]:
+    """The steps of d and of q, or of the one channel, in which a response (n,) is recorded; 0.0 where none show.
+
+    A channel that hardly moves shows none: it is taken to have those of the other.
+    """
+    rows = response[:: len(response) // ROWS + 1]
+    found = [_step(v) for v in ((rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,))]
+    seen = [s for s in found if s]
+    return tuple(float(seen[0] if s is None and seen else s or 0.0) for s in found)
+
+
+def _step(values: np.ndarray) -> float | None:
+    """None where the values are too few to tell."""
+    scale = float(np.max(np.abs(values))) or 1.0
+    distinct = np.unique(np.round(values / scale, 9))  # beyond which texts and units round
+    if len(distinct) < 3:
+        return None
+    if len(distinct) > REPEATED * len(values):
+        return 0.0
+    gaps = np.diff(distinct)
+    step = np.mean(gaps[gaps < NEXT * np.min(gaps)])
+    for _ in range(2):
+        near = gaps[gaps < (NEAR + 0.5) * step]
+        step = np.sum(near) / np.sum(np.rint(near / step))
+    whole = np.all(np.abs(near / step - np.rint(near / step)) < OFF)
+    return float(step * scale) if whole else 0.0
+
+
+def shared(variance: float) -> float:
+    """Part of the variance (steps squared) of a row's noise, rounding included, that rows of one value share."""
+    blur = max(variance - 1 / 12, 0.0)
+    part = np.sum(np.exp(-((2 * np.pi * TERMS) ** 2) * blur) / TERMS**2) / (2 * np.pi**2)
+    return float(min(part / max(variance, 1 / 12), 1.0))
+
+
+def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> np.ndarray:
+    """(n,) noise of each row over its own, `std`, as it shares the rounding error of the rows of its value, of a channel's modelled
+    rows (n,), each the mean of `count`."""
+    if not step:
+        return np.ones(len(model))
+    order = np.argsort(model)
+    level, rows = model[order], np.append(0.0, np.cumsum(count[order]))
+    begin, end = (np.searchsorted(level, model + side * ALIKE * step) for side in (-1, 1))
+    return np.sqrt(1 + shared((std / step) ** 2) * np.maximum(rows[end] - rows[begin] - 1, 0.0))
+
+
+def least(step: float) -> float:
+    """The least noise that rounding to a step makes, beside any other."""
+    return step / np.sqrt(12)
