@@ -9,13 +9,14 @@ import numpy as np
 
 from sysid import rice, rounding
 from sysid.extra import renewed
-from sysid.noise import WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
+from sysid.noise import SURE, WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
 from sysid.trial import Trial, freedom, freedoms, joined, with_noise
 
 MUCH = 0.3  # of a log
+COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
@@ -143,6 +144,8 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
         return 0.0
     there = slice(None) if trial.there is None else trial.there
     left = (trial.residual(model) * np.sqrt(trial.count))[there]
+    if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):
+        return 0.0  # at rest there is less of rounding than of noise
     return proportional(left, size[there], least[there], known)
 
 
@@ -273,8 +276,9 @@ def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None
     told = trial.efficiency if trial.tail is not None and round_ else 1.0
     if 0 < round_ < HELD:
         scaled = joined([v[plain.used] / std for (v, _), std in zip(channels, stds, strict=True)])
-        tail = np.ones(len(model))
-        tail[plain.used], told = tails(scaled)
+        tail, told = np.ones(len(model)), 1.0
+        if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
+            tail[plain.used], told = tails(scaled)
     levels = tuple(Level(std, 0.0) for std in stds) if len(channels) == 2 else ()
     new = replace(plain, rounded=joined(spreads), tail=None if told == 1 else tail, efficiency=told)
     return with_noise(new, float(np.sqrt(np.mean(np.square(stds)))), 0.0, levels)
