@@ -123,8 +123,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     if harmful:
         likely = {f.name: f.sentence for f in reversed(found)}
         return [*said, "; or else ".join(reversed(likely.values()))], []
-    steps = {i for i, trial in enumerate(state.trials) if wording.coarse(trial)}  # which are no noise, and look like anything
-    return said, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in found[:1] if f.log not in steps)]
+    return said, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in found[:1])]
 
 
 def _unharmed(found: Found) -> str:

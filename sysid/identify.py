@@ -21,6 +21,7 @@ SETTLED_AMPLITUDE = (
     "cannot tell, because the settled amplitude at one frequency does not say how far that is from the resonance; record a sweep"
     " across the resonance"
 )
+FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -42,6 +43,12 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
             "cannot tell, because the temperature drifted along with the frequency, which k_T and the width of the resonance"
             " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
         )
+    said = _cause(name, trials, tau, free)
+    hidden = "noise" in said or "half a bandwidth" in said  # by which the steps of a recorder are as well
+    return f"{said}; {FINER}" if hidden and any(t.rounded is not None for t in trials) else said
+
+
+def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     causes = {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}
     return causes.get(name, _why_finger)(trials, tau, free)
 

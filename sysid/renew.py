@@ -279,9 +279,14 @@ def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None
         tail, told = np.ones(len(model)), 1.0
         if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
             tail[plain.used], told = tails(scaled)
-    levels = tuple(Level(std, 0.0) for std in stds) if len(channels) == 2 else ()
+    times_ = [0.0] * len(stds)
+    if told == 1:
+        clock = plain.clock[plain.used]
+        fits = [estimate((v / s)[plain.used], clock, n) for (v, _), s, n in zip(channels, spreads, counts, strict=True)]
+        stds, times_ = [max(x, low) for (x, _), low in zip(fits, least, strict=True)], [t for _, t in fits]
+    levels = tuple(map(Level, stds, times_)) if len(channels) == 2 else ()
     new = replace(plain, rounded=joined(spreads), tail=None if told == 1 else tail, efficiency=told)
-    return with_noise(new, float(np.sqrt(np.mean(np.square(stds)))), 0.0, levels)
+    return with_noise(new, float(np.sqrt(np.mean(np.square(stds)))), times_[0], levels)
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

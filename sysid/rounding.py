@@ -62,7 +62,7 @@ def shared(variance: float) -> float:
 
 
 def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> np.ndarray:
-    """(n,) noise of each row over its own, `std`, as it shares the rounding error of the rows of its value, of a channel's modelled
+    """(n,) noise of each row over its own, `std`, as it shares the rounding error of all rows of its value: of a channel's modelled
     rows (n,), each the mean of `count`."""
     if not step:
         return np.ones(len(model))

@@ -151,7 +151,7 @@ class View:
 
     def likelihood(self, rows: np.ndarray) -> float:
         """Log-likelihood of real rows as this log's noise, at its best level and correlation time."""
-        if self.trial.rounded is not None:  # whose level is known
+        if self.trial.rounded is not None and not any(p.noise_time for p in self.trial.parts):  # whose level is known
             return -0.5 * float(rows @ rows)
         n, clock, dof = len(self._whitening[0]), self.trial.clock[self.trial.used], freedom(self.trial)
         if self.trial.levels:

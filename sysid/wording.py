@@ -7,8 +7,9 @@ import numpy as np
 from sysid.condense import OFFSET_UNITS
 from sysid.guess import phase_falls
 from sysid.hold import FULL_TOUCH, force_of
-from sysid.identify import seconds
-from sysid.trial import Trial, whitened
+from sysid.identify import FINER, seconds
+from sysid.span import times
+from sysid.trial import Trial, joined, whitened
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
@@ -19,6 +20,7 @@ LEAST_ROWS = 40  # of which it can be told whether what is left of them is their
 LAGS = (1, 2, 3)  # rows, and by chance no more than
 CHANCE = 3.0  # standard deviations
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
+LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau on one level
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -126,6 +128,7 @@ def noise(trial: Trial) -> str:
         said = f"{said}, {largest}{least}"
     if outliers := trial.left_out - trial.lost:
         return f"{said}, {outliers} outliers left out"
+    said = said if trial.rounded is None else f"{said} but for its rounding"
     return said if trial.tail is None else f"{said}, with outliers"
 
 
@@ -143,6 +146,8 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     is noise that could hide as much."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
     rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+    if trial.rounded is not None:  # what rows share of it is known
+        residual = times(joined([1 / p.rounded for p in trial.parts]), residual)
     order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
     part, chance = _structure(residual[rows[order]])
     much = f"{100 * part / (size or 1.0):.1f} %"
@@ -169,7 +174,7 @@ def clipped(trial: Trial) -> str | None:
     """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
     y = trial.log.response
     channels = _channels(trial)
-    if np.all(trial.count > 1) or coarse(trial):
+    if np.all(trial.count > 1) or any(p.noise_std < LEVELLED * s for p, s in zip(trial.parts, trial.steps, strict=False)):
         return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
     for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
         values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
@@ -185,17 +190,18 @@ def _channels(trial: Trial) -> list[np.ndarray]:
 
 
 def coarse(trial: Trial) -> str | None:
-    """A sentence when a channel's values are steps of a recorder that are larger than its noise; else None."""
-    for channel in _channels(trial):
-        steps = np.diff(np.unique(np.round(channel / trial.scale, 9)))
-        least = float(np.min(steps, initial=np.inf))
-        on_grid = len(steps) > 1 and np.all(np.abs(steps / least - np.rint(steps / least)) < 1e-3)
-        if on_grid and trial.noise_std < 0.5 * least * trial.scale:
-            return (
-                f"recorded in steps of {least * trial.scale:.2g} {trial.log.response_unit}, larger than its noise, so that errors"
-                " are approximate; record it again at a finer range"
-            )
-    return None
+    """A sentence when a channel is recorded in steps so large beside its noise that rows share their rounding; else None."""
+    if trial.rounded is None:
+        return None
+    unit, parts = trial.log.response_unit, trial.parts
+    each = [f"{step:.2g} {unit}" for step in trial.steps]
+    steps = each[0] if len(set(each)) == 1 else " and ".join(f"{x} in {c}" for x, c in zip(each, "dq", strict=True))
+    spreads = [p.rounded[p.used] for p in parts if p.rounded is not None]
+    own = sum(float(np.sum(x**-2.0)) for x in spreads)
+    return (
+        f"recorded in steps of {steps}, larger than its noise: rows of one value share one rounding error, of up to half a step,"
+        f" so that its {sum(map(len, spreads))} readings tell as much as {own:.0f}, as the intervals have it; {FINER}"
+    )
 
 
 def touched(trial: Trial) -> str | None:

@@ -41,6 +41,7 @@ ORDER = [
     "rice",
     "likelihood",
     "noise",
+    "rounding",
     "trial",
     "experiment",
     "perturbed",
