@@ -13,7 +13,7 @@ from sysid.noise import SURE, WORTH, Level, apart, apart_in_colour, estimate, in
 from sysid.perturbed import Course
 from sysid.projected import efficiency
 from sysid.span import times
-from sysid.trial import Trial, freedom, freedoms, joined, with_noise
+from sysid.trial import Trial, freedom, freedoms, joined, numbers_left, with_noise
 
 MUCH = 0.3  # of a log
 COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
@@ -69,8 +69,10 @@ def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
     dof = freedom(trial)
     if trial.rounded is not None:  # rows that share a rounding error count as one, and the level is known
         shrink -= sum(np.sum(np.log(p.rounded[p.used])) for p in parts)
-        level = sum(count * np.log(p.noise_std) for count, p in zip(freedoms(trial), parts, strict=True))
-        return float(0.5 * total + level + channels * shrink + _cost_of_outliers(trial, model))
+        least = [rounding.least(step) or p.noise_std for step, p in zip(trial.steps, parts, strict=True)]
+        level = numbers_left(trial) / len(parts) * np.sum(np.log(least))
+        level += sum(n * np.log(p.noise_std / low) for n, p, low in zip(freedoms(trial), parts, least, strict=True))
+        return float(0.5 * (total - dof) + level + channels * shrink + _cost_of_outliers(trial, model))
     level = dof / len(parts) * sum(np.log(p.noise_std) for p in parts)
     return float(0.5 * dof * np.log(total / dof + trial.rounding) + level + channels * shrink + _cost_of_outliers(trial, model))
 
@@ -91,7 +93,7 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     model = model.real if trial.log.amplitude_only else model
     trial = trial if trial.log.relative_noise and not trial.steady else _with_spread(trial, model, floor, round_)
     new = _with_rounding(trial, model, round_) if any(trial.steps) else None
-    new = new or _with_noise_of(replace(trial, rounded=None) if trial.steps else trial, model, course.design, round_)
+    new = new or _with_noise_of(replace(trial, rounded=None, own=None) if trial.steps else trial, model, course.design, round_)
     if trial.log.relative_noise and not trial.steady:  # of the next round: what a first model makes of a tail in dB is no level
         new = _with_spread(new, model, floor, round_)
     if new.noise_time > 0 and not new.signed:
@@ -252,41 +254,82 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     return replace(new, tail=tail)
 
 
+class _Channel(NamedTuple):
+    """What a fit leaves of one channel (n,) in units of the weights but those of its rounding; its modelled rows, the step of its
+    recorder; which rows share their rounding error, as `rounding.spread` has it."""
+
+    left: np.ndarray
+    model: np.ndarray
+    step: float
+    spread: np.ndarray
+    own: np.ndarray
+    time: float  # of its colour, as known so far
+
+    @classmethod
+    def of(cls, trial: Trial, left: np.ndarray, model: np.ndarray) -> list["_Channel"]:
+        """Of d and q, or the one."""
+        d_q = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
+        if trial.rounded is None:
+            return [cls(*pair, step, *2 * (np.ones(len(left)),), 0.0) for pair, step in zip(d_q, trial.steps, strict=True)]
+        known = zip(d_q, trial.steps, trial.parts, strict=True)
+        return [cls(*pair, step, p.rounded, p.own, p.noise_time) for pair, step, p in known]
+
+
 def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
-    """The trial with white noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
+    """The trial with noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
     (`sysid.rounding`); else None. Which rows do is held after HELD rounds."""
     if round_ >= HELD and trial.rounded is None:
         return None
-    plain = replace(trial, levels=(), rounded=None, tail=None, kept=trial.there)
-    left, tail = trial.residual(model) * plain.weight, np.ones(len(model)) if trial.tail is None or not round_ else trial.tail
-    channels = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
-    spreads = [np.ones(len(model))] * len(channels) if trial.rounded is None else [p.rounded for p in trial.parts]
-    least = [rounding.least(step) for step in trial.steps]
-    for _ in range(ROUNDS):
-        levels, alike = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else (), joined(spreads)
-        counts = freedoms(replace(plain, levels=levels, rounded=alike))
-        powers = [float(np.sum(tail * (v / s) ** 2)) for (v, _), s in zip(channels, spreads, strict=True)]
-        stds = [max(float(np.sqrt(p / n)), low) for p, n, low in zip(powers, counts, least, strict=True)]
-        if round_ < HELD:
-            known = zip(channels, trial.steps, stds, strict=True)
-            spreads = [rounding.spread(rows, step, std, trial.count) for (_, rows), step, std in known]
-    alone = np.mean([s[plain.used] ** -2.0 for s in spreads])
-    if alone > 1 - rounding.LITTLE:
+    plain = replace(trial, levels=(), rounded=None, own=None, tail=None, kept=trial.there)
+    channels = _Channel.of(trial, trial.residual(model) * plain.weight, model)
+    tail, told = np.ones(len(model)), 1.0
+    if round_ and trial.tail is not None:
+        tail, told = trial.tail, trial.efficiency
+    stds = _levels_beside(plain, channels, tail)
+    for _ in range(ROUNDS if round_ < HELD else 0):
+        shares = [rounding.spread(c.model, c.step, std, trial.count) for c, std in zip(channels, stds, strict=True)]
+        channels = [c._replace(spread=s, own=own) for c, (s, own) in zip(channels, shares, strict=True)]
+        stds = _levels_beside(plain, channels, tail)
+    if np.mean([c.own[plain.used] for c in channels]) > 1 - rounding.LITTLE:
         return None
-    told = trial.efficiency if trial.tail is not None and round_ else 1.0
     if 0 < round_ < HELD:
-        scaled = joined([v[plain.used] / std for (v, _), std in zip(channels, stds, strict=True)])
+        scaled = joined([c.left[plain.used] / std for c, std in zip(channels, stds, strict=True)])
         tail, told = np.ones(len(model)), 1.0
         if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
             tail[plain.used], told = tails(scaled)
-    times_ = [0.0] * len(stds)
+    levels = [Level(std, 0.0) for std in stds]
     if told == 1:
-        clock = plain.clock[plain.used]
-        fits = [estimate((v / s)[plain.used], clock, n) for (v, _), s, n in zip(channels, spreads, counts, strict=True)]
-        stds, times_ = [max(x, low) for (x, _), low in zip(fits, least, strict=True)], [t for _, t in fits]
-    levels = tuple(map(Level, stds, times_)) if len(channels) == 2 else ()
-    new = replace(plain, rounded=joined(spreads), tail=None if told == 1 else tail, efficiency=told)
-    return with_noise(new, float(np.sqrt(np.mean(np.square(stds)))), times_[0], levels)
+        counts = freedoms(_sharing(plain, channels))
+        levels = [_coloured(plain, c, n, trial.rounded is None, round_) for c, n in zip(channels, counts, strict=True)]
+    new = replace(_sharing(plain, channels), tail=None if told == 1 else tail, efficiency=told)
+    std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
+    return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
+
+
+def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
+    """The trial whose rows share their rounding errors so; of d and q, with levels to be found."""
+    levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
+    return replace(plain, levels=levels, rounded=joined([c.spread for c in channels]), own=joined([c.own for c in channels]))
+
+
+def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:
+    """Standard deviation of each channel's noise, rows weighted by `tail`, never below that of its rounding."""
+    counts = freedoms(_sharing(plain, channels))
+    powers = [float(np.sum(tail * (c.left / c.spread) ** 2)) for c in channels]
+    return [max(float(np.sqrt(p / n)), rounding.least(c.step)) for c, p, n in zip(channels, powers, counts, strict=True)]
+
+
+def _coloured(plain: Trial, channel: _Channel, count: float, first: bool, round_: int) -> Level:
+    """Level of a channel's noise of `count` degrees of freedom, with the colour that rows show which share no rounding error: one
+    of each that do."""
+    left, clock = channel.left[plain.used], plain.clock[plain.used]
+    alone = np.flatnonzero(np.diff(np.floor(np.cumsum(channel.own[plain.used])), prepend=-1.0))
+    time = channel.time
+    if round_ <= SETTLED:
+        time = estimate(left[alone], clock[alone], float(len(alone)))[1]
+        time = time if first or round_ <= 2 else _halfway(time, channel.time)
+    std, time = estimate(left / channel.spread[plain.used], clock, count, time=time)
+    return Level(max(std, rounding.least(channel.step)), time)
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

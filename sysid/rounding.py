@@ -61,15 +61,17 @@ def shared(variance: float) -> float:
     return float(min(part / max(variance, 1 / 12), 1.0))
 
 
-def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> np.ndarray:
-    """(n,) noise of each row over its own, `std`, as it shares the rounding error of all rows of its value: of a channel's modelled
-    rows (n,), each the mean of `count`."""
+def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of each of a channel's modelled rows (n,), the means of `count` rows of noise `std`: its noise over that of a mean of rows
+    which share nothing, as it shares the rounding error of all rows of its value; and which part of it is its own (0 to 1)."""
     if not step:
-        return np.ones(len(model))
+        return np.ones(len(model)), np.ones(len(model))
     order = np.argsort(model)
     level, rows = model[order], np.append(0.0, np.cumsum(count[order]))
     begin, end = (np.searchsorted(level, model + side * ALIKE * step) for side in (-1, 1))
-    return np.sqrt(1 + shared((std / step) ** 2) * np.maximum(rows[end] - rows[begin] - 1, 0.0))
+    part = shared((std / step) ** 2)
+    square, within = 1 + part * np.maximum(rows[end] - rows[begin] - 1, 0.0), 1 + part * np.maximum(count - 1, 0.0)
+    return np.sqrt(square), np.minimum(within / square, 1.0)
 
 
 def least(step: float) -> float:

@@ -58,7 +58,7 @@ class Thinned:
     """One log at rows enough for a search. Arrays are (N + priors, B): over its rows, and over B candidates side by side."""
 
     def __init__(self, trial: Trial, reference: tuple[float, float]):
-        self.trial = trial = replace(trial, noise_time=0.0, levels=(), rounded=None, kept=None)
+        self.trial = trial = replace(trial, noise_time=0.0, levels=(), rounded=None, own=None, kept=None)
         rows = _thin(trial)
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))

@@ -61,6 +61,7 @@ class Trial:
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
     steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
     rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
+    own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
     kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
@@ -105,7 +106,8 @@ class Trial:
         plain = replace(self, log=log, inputs=read.inputs, count=read.count, whole=None)
         plain = replace(plain, noise_time=rows * self.noise_time, levels=levels)
         spread = plain.uneven(self.share, log.response) if self.share else None
-        return replace(plain, spread=spread, rounded=None, tail=None, there=there, kept=there, efficiency=told, extra={})
+        plain = replace(plain, rounded=None, own=None, tail=None)
+        return replace(plain, spread=spread, there=there, kept=there, efficiency=told, extra={})
 
     def uneven(self, share: float, response: np.ndarray) -> np.ndarray:
         """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response."""
@@ -226,15 +228,18 @@ class Trial:
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         weight = weight if self.spread is None else weight / self.spread
-        weight = weight if self.rounded is None or np.iscomplexobj(self.rounded) else weight / self.rounded  # else by `parts`
+        if self.rounded is not None and not np.iscomplexobj(self.rounded):  # of d and q it is that of `parts`
+            weight = weight / self.rounded
         return weight if self.tail is None else weight * np.sqrt(self.tail)
 
     @property
     def parts(self) -> tuple["Trial", ...]:
         """The trial as each channel has it, d and q, where their noise differs; else itself."""
-        rounded = (None, None) if self.rounded is None else (self.rounded.real, self.rounded.imag)
-        pairs = zip(self.levels, rounded, strict=False)
-        return tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=(), rounded=r) for x, r in pairs) or (self,)
+        parts = tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=()) for x in self.levels) or (self,)
+        if self.rounded is None or self.own is None or not self.levels:
+            return parts
+        pairs = ((self.rounded.real, self.own.real), (self.rounded.imag, self.own.imag))
+        return tuple(replace(p, rounded=r, own=own) for p, (r, own) in zip(parts, pairs, strict=True))
 
     @property
     def used(self) -> slice | np.ndarray:
@@ -434,7 +439,7 @@ def freedom(trial: Trial) -> float:
 def freedoms(trial: Trial) -> tuple[float, ...]:
     """Of each part, at least 1: rows that share a rounding error count as one."""
     parts = trial.parts
-    alike = [0.0 if p.rounded is None else float(np.sum(1 - p.rounded[p.used] ** -2.0)) for p in parts]
+    alike = [0.0 if p.own is None else float(np.sum(1 - p.own[p.used])) for p in parts]
     return tuple(max(numbers_left(trial) / len(parts) - shared, 1.0) for shared in alike)
 
 
@@ -452,6 +457,5 @@ def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] 
     """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
     least = FLOOR * trial.scale
     levels = levels if all(x.std > least for x in levels) else ()
-    rounded = trial.rounded if levels or trial.log.amplitude_only else None  # of d and q it is that of each
     new = replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)
-    return new if rounded is trial.rounded else replace(new, rounded=rounded)
+    return new if levels or trial.log.amplitude_only else replace(new, rounded=None, own=None)  # which are of d and of q

@@ -196,11 +196,10 @@ def coarse(trial: Trial) -> str | None:
     unit, parts = trial.log.response_unit, trial.parts
     each = [f"{step:.2g} {unit}" for step in trial.steps]
     steps = each[0] if len(set(each)) == 1 else " and ".join(f"{x} in {c}" for x, c in zip(each, "dq", strict=True))
-    spreads = [p.rounded[p.used] for p in parts if p.rounded is not None]
-    own = sum(float(np.sum(x**-2.0)) for x in spreads)
+    own = [p.own[p.used] for p in parts if p.own is not None]
     return (
         f"recorded in steps of {steps}, larger than its noise: rows of one value share one rounding error, of up to half a step,"
-        f" so that its {sum(map(len, spreads))} readings tell as much as {own:.0f}, as the intervals have it; {FINER}"
+        f" so that its {sum(map(len, own))} readings tell as much as {sum(map(np.sum, own)):.0f}, as its intervals say; {FINER}"
     )
 
 
