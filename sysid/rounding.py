@@ -22,6 +22,7 @@ REPEATED = 0.9  # distinct values over rows, above which rows hardly ever read t
 OFF = 0.1  # of a step, by which a level may be off: printed with few digits, levels are
 NEXT = 1.5  # of the least gap between two values, below which another is of one step as well
 NEAR = 10  # steps from a value to the next, above which an error of the step hides whether they are whole ones
+FEW = 6  # of these, which are whole steps by chance in one of 3000 logs
 TERMS = np.arange(1, 33)
 LITTLE = 0.05  # of the rows' information, which is not worth a model of how they share their errors
 
@@ -50,7 +51,7 @@ def _step(values: np.ndarray) -> float | None:
     for _ in range(2):
         near = gaps[gaps < (NEAR + 0.5) * step]
         step = np.sum(near) / np.sum(np.rint(near / step))
-    whole = np.all(np.abs(near / step - np.rint(near / step)) < OFF)
+    whole = len(near) >= min(FEW, len(gaps)) and np.all(np.abs(near / step - np.rint(near / step)) < OFF)
     return float(step * scale) if whole else 0.0
 
 
