@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid import identify, wording
-from sysid.coincidence import hangs
 from sysid.fitted import Fit, alone, beside, parameter, usable
 from sysid.late import timed
 from sysid.log import Log
@@ -35,11 +34,11 @@ class Question:
     warnings: tuple[str, ...]  # what had to be assumed
 
 
-def conclude(question: Question, states: Sequence[State]) -> Fit:
-    """The fit whose minima are `states`, the best first."""
+def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -> Fit:
+    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
-    wrong, doubts = _judged(question, best, fit.reference_temperature)
+    wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     believed = _believed(fit, question.reference_temperature)
     parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
@@ -82,9 +81,9 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     )
 
 
-def _judged(question: Question, best: State, at: float | None) -> tuple[list[str], list[str]]:
+def _judged(question: Question, best: State, at: float | None, hangs: bool) -> tuple[list[str], list[str]]:
     """Sentences on what the model does not describe, which make the fit a misfit; and on what is only a warning. `at` (degC):
-    where f0 is told."""
+    where f0 is told. `hangs`: G does, on how late the response is."""
     reference, free = question.minimiser.reference, question.minimiser.free
     found, unseen = misfits(best, reference, free, at)
     found = timed(_likeliest(found), best, reference, free)
@@ -93,7 +92,7 @@ def _judged(question: Question, best: State, at: float | None) -> tuple[list[str
     if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):
         wrong, doubts = [said], []
     doubts = doubts if wrong else [*doubts, *unseen]
-    if "late" in hangs(best, reference, free) and not identify.hopeless(best.trials, free):
+    if hangs and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, carried]

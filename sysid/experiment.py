@@ -28,11 +28,16 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: boo
         xs = [x for _, x in stack]
         blank = xs[0]._replace(now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(()))
         xs += [blank] * (bucket(len(xs)) - len(xs))
-        stacked = [np.stack(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
-        split = len(Hold._fields)
-        groups.append((layout, Experiment(Hold(*stacked[:split]), *stacked[split:])))
+        stacked = [np.array(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
+        inputs = len(Hold._fields)
+        groups.append((layout, Experiment(Hold(*stacked[:inputs]), *stacked[inputs:])))
         members.append([i for i, _ in stack])
     return tuple(groups), members
+
+
+def split(groups: Groups) -> tuple[tuple[Layout, ...], tuple[Experiment, ...]]:
+    """The groups' layouts, which say what program they need, and what that is given."""
+    return tuple(layout for layout, _ in groups), tuple(x for _, x in groups)
 
 
 def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
@@ -71,11 +76,10 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
     layout = Layout(*flags, rows, intervals)
-    used = keep[: len(keep) - trial.left_out]
-    now, before = trial.whitening(used)
-    y = trial.log.response[used] if amplitude else np.asarray(trial.log.response[used], complex)
+    now, before = trial.whitening()
+    y = trial.log.response[trial.used] if amplitude else np.asarray(trial.log.response[trial.used], complex)
     y = _pad(whitened(y, now, before), rows)
-    bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans(used)]
+    bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
     return layout, Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
@@ -118,7 +122,7 @@ def padded(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, in
         duration=_pad(hold.duration[held], intervals),
         drive=_pad(hold.drive[held], intervals),
         omega=_pad(hold.omega[held], intervals, np.nan),
-        offset=_pad(np.nan_to_num(hold.offset[held]), intervals),
+        offset=_pad(hold.offset[held], intervals),
         warming=_pad(hold.warming[held], intervals),
         contact=_pad(hold.contact[held], intervals),
         interval=_pad(hold.interval[keep], rows),

@@ -39,6 +39,8 @@ def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict
 def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
     """The trial with the shapes that are asked for. With its thermometer's error its resonance is its own, that of theta first,
     and moves by what `numbers` (E,) of the course's columns add to it to first order: far away it is come to step by step."""
+    if set(UNITS).isdisjoint(new.nuisances):
+        return new
     trial, (f0, k_T) = course.trial, course.theta[2:4]
     if "thermometer" in trial.nuisances:
         own, most = f0 + k_T * course.warming if trial.resonance is None else trial.resonance, STRIDE / (2 * np.pi * course.tau)

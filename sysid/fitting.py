@@ -46,13 +46,14 @@ def fit(
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
-    if len(states) > 1 or not (names := hangs(best, minimiser.reference, minimiser.free)):
-        return conclude(question, states)
-    tight = minimiser.refine(tightened(best, minimiser.reference, names), best.theta)
-    narrow = conclude(question, [unfolded(minimiser, tight)])
+    names = hangs(best, minimiser.reference, minimiser.free)
+    if len(states) > 1 or not names:
+        return conclude(question, states, names)
+    tight = unfolded(minimiser, minimiser.refine(tightened(best, minimiser.reference, names), best.theta))
+    narrow = conclude(question, [tight], hangs(tight, minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit:
         return narrow
-    wide = conclude(question, states)
+    wide = conclude(question, states, names)
     return wide if wide.result is Result.misfit else narrow
 
 

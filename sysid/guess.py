@@ -61,9 +61,9 @@ def _pole(f: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
 def _rational_pole(u: np.ndarray, y: np.ndarray, degree: int) -> complex:
     """Pole p of y = (A + B u + C u^2)/(u - p): u y = p y + A + B u + C u^2, reweighted by the last |u - p|."""
     weight, pole = np.ones(len(u)), 0j
+    design = np.column_stack([y] + [u**k for k in range(degree + 1)])
     for _ in range(8):
-        design = np.column_stack([y] + [u**k for k in range(degree + 1)]) * weight[:, None]
-        pole = np.linalg.lstsq(design, u * y * weight, rcond=None)[0][0]
+        pole = np.linalg.lstsq(design * weight[:, None], u * y * weight, rcond=None)[0][0]
         distance = np.abs(u - pole)
         weight = 1 / np.maximum(distance, 1e-3 * np.max(distance) + 1e-12)
     return pole

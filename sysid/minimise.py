@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.experiment import group
+from sysid.experiment import group, split
 from sysid.images import images
-from sysid.likelihood import Residual, linearised
+from sysid.likelihood import Groups, Residual, linearised
 from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
@@ -166,7 +166,8 @@ class _Steps:
         if not (np.any(self.next) or self.measured):
             self._begin(left, newton, measured=True)
             return True
-        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
+        short = self.left < DONE  # a step that was worth nothing: what is left now the noise has made
+        if not self.still or short or left <= self.left or self.damping <= LEAST_DAMPING:
             return False
         shrink = 0.25 if self.measured else 0.0
         self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
@@ -220,10 +221,8 @@ class Minimiser:
 
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
         """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
-        groups, _ = group(trials, self.reference)
         theta = np.zeros(len(NAMES))
-        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        _search.prepare(theta, self._directions(theta), np.asarray(0), *self.prior, layouts, arrays)
+        _search.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
@@ -249,9 +248,7 @@ class Minimiser:
             before, directions = (theta, trials), self._directions(theta)
             first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
             groups, members = group(trials, self.reference, low_q=low_q)
-            layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-            seen = _search(first, directions, np.asarray(most), *self.prior, layouts, arrays)
-            theta, grams, gradients, found = jax.device_get(seen)
+            theta, grams, gradients, found = self._seen(groups, first, directions, most)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
@@ -270,19 +267,25 @@ class Minimiser:
                 break
         efficient = [trials[i].efficiency for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
-        count = np.concatenate([x.freedom[: len(logs)] for x, logs in zip(arrays, members, strict=True)])
+        count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)
         told = _informed(*shares, inverse)
         covariance, alone = (directions @ _invert(t) @ directions.T for t in (told + self._held(directions), told))
         volume = _volume(found, members)
         return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
 
+    def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
+        """What `_search` finds from theta, in numpy."""
+        return jax.tree.map(np.asarray, _search(*self._arguments(groups, theta, directions, most)))
+
+    def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
+        return theta, directions, np.asarray(most), *self.prior, *split(groups)
+
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
         """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
-        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
-        *_, found = jax.device_get(_search(theta, directions, np.asarray(0), *self.prior, layouts, arrays))
+        *_, found = self._seen(groups, theta, directions, 0)
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         held = np.eye(directions.shape[1]) / RUNAWAY**2

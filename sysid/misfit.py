@@ -217,11 +217,20 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
 
 
 class _Added(NamedTuple):
-    """Rows of a term's shapes, of unit size, by log, and which of its coefficients they have; that size; products of the rows
-    with the Jacobian, with themselves and with the residual."""
+    """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the rows, scaled to unit
+    size, with the Jacobian, with themselves and with the residual."""
 
     rows: dict[int, tuple[np.ndarray, slice]]
     scale: np.ndarray
+    cross: np.ndarray
+    square: np.ndarray
+    score: np.ndarray
+
+
+class _Looked(NamedTuple):
+    """Rows of a term's shapes in one log, and their products with its Jacobian, with themselves and with its residual."""
+
+    rows: np.ndarray
     cross: np.ndarray
     square: np.ndarray
     score: np.ndarray
@@ -246,6 +255,7 @@ class _Linear:
         self.inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
         self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
         self.before = [v.likelihood(v.recorded) for v in views]
+        self.looked: dict[tuple[int, int], _Looked] = {}
         self.added: dict[int, _Added | None] = {}
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
@@ -269,6 +279,7 @@ class _Linear:
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
         """Those that the logs hold; `others`: how many were tried before."""
         chance = np.log(max(len(tried) + others, 1))
+        self._look([t for t in tried if not t.parts])
         return [f for t in tried if (f := self.worth(t, chance + t.freedom - 1)) is not None]
 
     def tells(self, term: Term) -> bool:
@@ -307,16 +318,28 @@ class _Linear:
         cross, square = np.concatenate([a.cross for a in parts], axis=1), block_diag(*(a.square for a in parts))
         return _Added(rows, scale, cross, square, score)
 
+    def _look(self, tried: Sequence[Term]) -> None:
+        """At the shapes of these terms, at all of a log at once."""
+        for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
+            here = [t for t in tried if i in t.shapes]
+            if not here:
+                continue
+            rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
+            cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
+            end = 0
+            for t in here:
+                part = slice(end, end := end + t.shapes[i].shape[1])
+                self.looked[id(t), i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
+
     def _alone(self, term: Term) -> "_Added | None":
-        rows = {i: self.views[i].off(shapes.T).T for i, shapes in term.shapes.items()}
-        scale = np.sqrt(sum(np.sum(a**2, axis=0) for a in rows.values()))
+        parts = {i: self.looked[id(term), i] for i in term.shapes}
+        cross, square, score = (sum(x) for x in zip(*(part[1:] for part in parts.values()), strict=True))
+        scale = np.sqrt(np.diag(square))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
             return None
-        rows = {i: a / np.where(scale > 0, scale, 1.0) for i, a in rows.items()}
-        cross = sum(self.jacobians[i].T @ a for i, a in rows.items())
-        square = sum(a.T @ a for a in rows.values())
-        score = sum(a.T @ self.views[i].r for i, a in rows.items())
-        return _Added({i: (a, slice(None)) for i, a in rows.items()}, scale, cross, square, score)
+        size = np.where(scale > 0, scale, 1.0)
+        rows = {i: (part.rows, slice(None)) for i, part in parts.items()}
+        return _Added(rows, scale, cross / size, square / np.outer(size, size), score / size)
 
     def _own(self, added: "_Added") -> np.ndarray:
         """Products of a term's rows with themselves, less what the parameters can make of them."""
@@ -336,12 +359,12 @@ class _Linear:
         if 0.5 * score @ value < threshold:
             return None
         shift = self.inverse @ (self.slope - cross @ value)
-        gained = self._believed(shift)
+        gained, coefficient = self._believed(shift), value / np.where(scale > 0, scale, 1.0)
         for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
-            change = jacobian @ shift + (rows[i][0] @ value[rows[i][1]] if i in rows else 0.0)
+            change = jacobian @ shift + (rows[i][0] @ coefficient[rows[i][1]] if i in rows else 0.0)
             if change @ change > UNCHANGED:
                 gained += view.likelihood(view.r - change) - self.before[i]
-        said = term.say(value / np.where(scale > 0, scale, 1.0), self.views[term.log or 0])
+        said = term.say(coefficient, self.views[term.log or 0])
         if gained < threshold or said is None:
             return None
         moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))

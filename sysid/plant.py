@@ -159,6 +159,8 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
 
     Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
     """
+    if xp is np and growth[0].size <= FEW:
+        return _solved(growth, target, kick)
     count, *plants = growth.shape
     lanes = 1 if count <= ONE_LANE else 1 << (math.isqrt(count).bit_length() - 1)
     idle = xp.zeros((-count % lanes, *plants), growth.dtype)  # intervals in which nothing happens
@@ -173,8 +175,6 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
         forced, free = state
         return (lane[0] + lane[1] * forced, lane[1] * free), state
 
-    if xp is np and growth[0].size <= FEW:
-        return _solved(growth, target, kick)
     scan = jax.lax.scan if xp is jnp else _scan
     rest = (xp.zeros((lanes, *plants), growth.dtype), xp.ones((lanes, *plants), growth.dtype))
     given = (xp.concatenate([v, idle]) if len(idle) else v for v in (growth, target, kick) if v is not None)
@@ -224,12 +224,19 @@ def _propagate(pole: Leaf, push: Leaf, hold: Hold, kick: Leaf | None, xp: Any) -
     target = over(push, pole)
     (forced, free), _ = carried(grow(pole * hold.duration), target, kick, xp)
     forced = forced if kick is None else forced + kick
-    at = xp.stack([pole, target, forced, free], axis=-1)[hold.interval]
-    pole, target, forced, free = (at[..., i] for i in range(4))
+    pole, target, forced, free = _of_rows([pole, target, forced, free], hold, xp)
     # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
     grown = grow(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     forced = forced + grown * (forced + target)
     return Response(forced, pole * (forced + target), free + grown * free)
+
+
+def _of_rows(parts: list[Leaf], hold: Hold, xp: Any) -> list[Leaf]:
+    """Of numbers (M, ...) of the intervals those of each row's, (N, ...)."""
+    if xp is np:
+        return [v.take(hold.interval, axis=0) for v in parts]
+    at = xp.stack(parts, axis=-1)[hold.interval]  # one look-up is less to compile than several
+    return [at[..., i] for i in range(len(parts))]
 
 
 def _smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any) -> Response:
@@ -260,8 +267,7 @@ def _smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, sett
         begun = None if settled is None else hold.begun * rest
         shown = carried(xp.broadcast_to(lost, target.shape).astype(complex), target, begun, xp)[0][0]
         passed.append(shown if begun is None else shown + begun)
-    at = xp.stack([pole, rest, swing, free, *passed], axis=-1)[hold.interval]
-    pole, rest, swing, free, *passed = (at[..., i] for i in range(4 + order))
+    pole, rest, swing, free, *passed = _of_rows([pole, rest, swing, free, *passed], hold, xp)
     x = hold.elapsed / hold.smoothing
     flat, swung = phis(xp.zeros_like(x) + 0j, x, order, xp), phis(pole * hold.elapsed, x, order, xp)
     stages = [xp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]

@@ -100,10 +100,10 @@ class compiled:
         *arrays, _, groups = args
         return self._made(args).result()(*arrays, groups)
 
-    def prepare(self, *args: Any) -> None:
+    def prepare(self, arguments: Callable[[], Sequence]) -> None:
         """Begin to make the program of such arguments beside what goes on here, where `make_beside` has allowed it."""
         if _beside:
-            self._made(args, _beside[0].submit)
+            self._made(arguments(), _beside[0].submit)
 
     def _made(self, args: Sequence, begin: Callable[..., Future] | None = None) -> Future[Callable[..., Any]]:
         *arrays, layouts, groups = args

@@ -63,7 +63,7 @@ def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
 
 def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
     """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
-    parts = replace(trial, tail=None).parts
+    parts = (trial if trial.tail is None else replace(trial, tail=None)).parts
     channels = (1 if trial.log.amplitude_only else 2) / len(parts)
     shrink = sum(0.5 * np.sum(np.log1p(-(p.memory() ** 2))) - np.sum(np.log(p.weight[p.used])) for p in parts)
     dof = freedom(trial)
@@ -116,8 +116,9 @@ def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> 
     share = _share(trial, model, size, least, round_)
     if round_ >= HELD and share == trial.share and (trial.signed or not trial.steady):
         return trial
-    even = share == 0 and bool(np.all(least == 1))
-    return replace(trial, share=share, spread=None if even else np.sqrt((1 - share) * least**2 + share * size**2))
+    if share == 0 and np.all(least == 1):
+        return trial if trial.spread is None else replace(trial, share=share, spread=None)
+    return replace(trial, share=share, spread=np.sqrt((1 - share) * least**2 + share * size**2))
 
 
 def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
@@ -166,7 +167,7 @@ class _Residual(NamedTuple):
 
     @classmethod
     def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
-        plain = replace(trial, tail=None, kept=trial.there)
+        plain = trial if trial.tail is None and trial.kept is trial.there else replace(trial, tail=None, kept=trial.there)
         rows = np.arange(len(trial.log))[plain.used]
         left = times(joined([p.weight for p in plain.parts]), trial.log.response - model)[rows]
         return cls(plain, rows, trial.clock[rows], left, design)

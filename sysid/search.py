@@ -58,15 +58,16 @@ class Thinned:
     """One log at rows enough for a search. Arrays are (N + priors, B): over its rows, and over B candidates side by side."""
 
     def __init__(self, trial: Trial, reference: tuple[float, float]):
-        self.trial = trial = replace(trial, noise_time=0.0, levels=(), rounded=None, own=None, kept=None)
         rows = _thin(trial)
+        kept = np.isin(np.arange(len(trial.log)), rows)
+        self.trial = trial = replace(trial, noise_time=0.0, levels=(), rounded=None, own=None, kept=kept)
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
         hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))
         self.hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
         self.together = max(TOGETHER // max(len(rows), len(hold.drive)), 1)
-        self.weight = trial.whitening(rows)[0][:, None]
-        ((basis, _),) = trial.spans(rows)
+        self.weight = trial.whitening()[0][:, None]
+        ((basis, _),) = trial.spans
         self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
         self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
         self.response = _off(self.bench, self._with_priors(self.weight * trial.log.response[rows, None]))

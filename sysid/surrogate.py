@@ -14,7 +14,7 @@ from time import perf_counter
 import jax
 import numpy as np
 
-from sysid.experiment import group
+from sysid.experiment import group, split
 from sysid.likelihood import Groups, density, residual
 from sysid.minimise import State
 from sysid.precision import compiled
@@ -44,8 +44,12 @@ def _rows(thetas, layouts, groups):
 
 def prepare(state: State, reference: tuple[float, float]) -> None:
     """Let the program of the density about a minimum be made, beside what goes on here."""
-    groups, _ = group(state.trials, reference, low_q=state.low_q)
-    _rows.prepare(np.zeros((_batch(groups), len(NAMES))), tuple(g[0] for g in groups), tuple(g[1] for g in groups))
+
+    def arguments() -> Sequence:
+        groups, _ = group(state.trials, reference, low_q=state.low_q)
+        return np.zeros((_batch(groups), len(NAMES))), *split(groups)
+
+    _rows.prepare(arguments)
 
 
 def _batch(groups: Groups) -> int:
@@ -123,7 +127,7 @@ class Density:
     def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
         """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side; and
         volumes (n, logs)."""
-        layouts, arrays = tuple(g[0] for g in groups), tuple(g[1] for g in groups)
+        layouts, arrays = split(groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
         for part in full.reshape(-1, self.batch, full.shape[1]):
             if (begun := perf_counter()) > self.until:

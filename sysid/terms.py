@@ -121,10 +121,12 @@ def _drift(i: int, view: View) -> Iterator[Term]:
 
 def _lag(i: int, view: View) -> Iterator[Term]:
     """A temperature that its sensor tells late."""
-    lag = possible(view.trial, view.course, view.beside).get("lag")
-    if lag is None or "lag" in view.trial.extra or np.ptp(view.trial.log.temperature) < LEAST_WARMING:
+    name, warm = view.trial.log.name, view.trial.log.temperature
+    if warm is None or np.ptp(warm) < LEAST_WARMING or "lag" in view.trial.extra:
         return
-    name = view.trial.log.name
+    lag = possible(view.trial, view.course, view.beside).get("lag")
+    if lag is None:
+        return
 
     def say(value: np.ndarray, _: View) -> str | None:
         return (

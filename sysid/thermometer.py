@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import dct, idct
 
 FEW = 8  # readings, of which no noise is told
 LONG = 16384  # readings that are looked at one by one
@@ -111,6 +110,8 @@ class _Walk(NamedTuple):
 
 def _walk(y: np.ndarray, line: np.ndarray, stiff: np.ndarray, walks: np.ndarray) -> _Walk:
     """The likeliest of `walks` beside a line; `stiff` (n - 1,): e_k^m."""
+    from scipy.fft import dct, idct  # a tenth of a second, which logs without noise in their temperature need not wait for
+
     cosines = dct(y - line, norm="ortho")[1:]
     spread = 1 + walks[:, None] / stiff
     noise = np.maximum(np.mean(cosines**2 / spread, axis=1), np.finfo(float).tiny)

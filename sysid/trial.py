@@ -266,23 +266,22 @@ class Trial:
         left = self.log.response - (model.real if self.log.amplitude_only else model)
         return left if self.there is None else np.where(self.there, left, 0.0)
 
-    def memory(self, keep: slice | np.ndarray | None = None) -> np.ndarray:
-        """Correlation of the noise of each used row, or of those of `keep`, with the one before."""
-        clock = self.clock[self.used if keep is None else keep]
+    def memory(self) -> np.ndarray:
+        """Correlation of the noise of each used row with the one before."""
+        clock = self.clock[self.used]
         if self.noise_time <= 0:
             return np.zeros(len(clock))
         rho = np.exp(-np.diff(clock) / self.noise_time)
         return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
 
-    def whitening(self, keep: slice | np.ndarray | None = None, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """(a, b) of `whitened`, of the used rows or those of `keep`, in units of the noise (OU, any time grid): complex where d
-        and q have their own. `coloured`: False to leave what neighbours share."""
+    def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """(a, b) of `whitened`, of the used rows, in units of the noise (OU, any time grid): complex where d and q have their
+        own. `coloured`: False to leave what neighbours share."""
         if self.levels:
-            now, before = zip(*(p.whitening(keep, coloured) for p in self.parts), strict=True)
+            now, before = zip(*(p.whitening(coloured) for p in self.parts), strict=True)
             return joined(now), joined(before)
-        keep = self.used if keep is None else keep
-        weight = self.weight[keep] / (self.noise_std or 0.05 * self.scale)
-        memory = self.memory(keep) if coloured else np.zeros(len(weight))
+        weight = self.weight[self.used] / (self.noise_std or 0.05 * self.scale)
+        memory = self.memory() if coloured else np.zeros(len(weight))
         left = np.sqrt(1 - memory**2)
         return weight / left, memory * np.roll(weight, 1) / left
 
@@ -396,11 +395,13 @@ class Trial:
         """Standard deviation of the start's prior over `looseness`; one settled response, where it is counted in those."""
         return (1.0 if self.begun else self.prior("start")) / self.looseness
 
-    def spans(self, keep: slice | np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each part: orthonormal basis (n + K, K) of the whitened columns, with each one's prior, and the triangle R of it."""
-        columns = self.columns[:, self.used if keep is None else keep]
+    @cached_property
+    def spans(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each part: orthonormal basis (n + K, K) of the whitened columns of the used rows, with each one's prior, and the
+        triangle R of it."""
+        columns = self.columns[:, self.used]
         prior = np.diag([1 / self.prior(name) for name in self.shapes])
-        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening(keep)).T, prior])) for p in self.parts]
+        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.parts]
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
         """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
@@ -408,7 +409,7 @@ class Trial:
             return driven
         white = whitened((self.log.response - driven)[self.used], *self.whitening())
         channels = (white.real, white.imag) if self.levels else (white,)
-        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans(), channels, strict=True)]
+        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
         return driven + joined(found) @ self.columns
 
     def hold(self, reference: tuple[float, float]) -> Hold:
