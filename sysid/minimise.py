@@ -28,6 +28,7 @@ SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds
 MOST = 128  # steps of a search
 ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
 ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
+ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
 STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
@@ -240,15 +241,16 @@ class Minimiser:
 
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
-        steps, last, converged, begin = _Steps(), np.inf, False, theta
+        steps, last, converged, unmoved, begin = _Steps(), np.inf, False, False, theta
         if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
         k = 0
         for _ in range(2 * rounds):
             before, directions = (theta, trials), self._directions(theta)
             first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
-            groups, members = group(trials, self.reference, low_q=low_q)
-            theta, grams, gradients, found = self._seen(groups, first, directions, most)
+            if not unmoved:  # else what was seen stands
+                groups, members = group(trials, self.reference, low_q=low_q)
+                theta, grams, gradients, found = self._seen(groups, first, directions, most)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
@@ -261,7 +263,7 @@ class Minimiser:
             trials, models, cost, moved = update(trials, members, found, courses, round_=k)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
-            change, last, k = abs(last - cost), cost, k + 1
+            change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
