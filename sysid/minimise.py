@@ -28,6 +28,7 @@ SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds
 MOST = 128  # steps of a search
 ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
 ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
+NONE = 1e-10  # of a sum of squares, below which a step is none
 ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
@@ -167,9 +168,11 @@ class _Steps:
         if not (np.any(self.next) or self.measured):
             self._begin(left, newton, measured=True)
             return True
-        short = self.left < DONE  # a step that was worth nothing: what is left now the noise has made
-        if not self.still or short or left <= self.left or self.damping <= LEAST_DAMPING:
+        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
             return False
+        if self.left < NONE and not self.measured:  # that step was none: what is left now is what the new noise makes of it
+            self._begin(left, newton, measured=True)
+            return True
         shrink = 0.25 if self.measured else 0.0
         self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
         return True
