@@ -166,7 +166,7 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     trial, stated = seen.trial, seen.trial.log.bench.get("delay_s")
     if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or stated == 0:
         return None
-    view = View(trial, seen.model, state, reference, coloured=True)
+    view = View(trial, seen.model, state, reference, coloured=True) if any(p.noise_time for p in trial.parts) else seen
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
     share = complex(form @ np.array([c.value for c in view.columns]))
     covariance = view.covariance(state.covariance)

@@ -141,10 +141,10 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
     known = trial.log.relative_noise
     if not trial.steady and not known and (trial.noise_time > 0 or trial.left_out > trial.lost):
         return 0.0  # of a colour few rows are independent, and of those at rest fewer
-    if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
-        return trial.share
     if not trial.steady and not trial.share and round_ > EARLY:
         return 0.0
+    if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
+        return trial.share
     there = slice(None) if trial.there is None else trial.there
     left = (trial.residual(model) * np.sqrt(trial.count))[there]
     if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):

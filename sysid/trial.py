@@ -210,9 +210,9 @@ class Trial:
         """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
         if self.log.time is None:
             return np.arange(len(self.log), dtype=float)
-        stamps, first, count = np.unique(self.log.time, return_index=True, return_counts=True)
-        if len(stamps) == len(self.log.time):
+        if np.all(np.diff(self.log.time) > 0):
             return np.asarray(self.log.time)
+        stamps, first, count = np.unique(self.log.time, return_index=True, return_counts=True)
         if len(stamps) == 1:
             return np.arange(len(self.log), dtype=float)
         end = np.append(stamps[1:], 2 * stamps[-1] - stamps[-2])
