@@ -11,13 +11,12 @@ the density of every row for p and that of the means for N, over as few of the z
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """Mean, standard deviation and ends of the central 95 % interval of one parameter; or the numerical error of each."""
 
     value: float

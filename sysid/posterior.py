@@ -4,7 +4,7 @@ What is reported is the mean, the standard deviation and the interval of the nor
 `sysid/estimate.py`.
 """
 
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 from typing import TYPE_CHECKING
 
@@ -164,7 +164,7 @@ def _off(target: Target, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
     ratios = target(z) - proposed, normal.log_density(z) - proposed
     even = target.marginals()
     after = {n: moved(even[n], (x, ratios)) for n, x in target.parameters(z).items()}
-    return {n: Estimate(*np.abs(np.subtract(astuple(after[n]), astuple(e))).tolist()) for n, e in estimates.items()}
+    return {n: Estimate(*np.abs(np.subtract(after[n], e)).tolist()) for n, e in estimates.items()}
 
 
 def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, begun: float) -> Posterior:
@@ -205,7 +205,7 @@ def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, E
     for name, x in target.parameters(z).items():
         blocks = [slice(k, None, BLOCKS) for k in range(BLOCKS)]
         parts = [moved(even[name], (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
-        spread = np.std([astuple(e) for e in parts], axis=0, ddof=1) / np.sqrt(BLOCKS)
+        spread = np.std(parts, axis=0, ddof=1) / np.sqrt(BLOCKS)
         estimates[name], errors[name] = moved(even[name], (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
     return estimates, errors
 
