@@ -161,6 +161,11 @@ class Trial:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
 
+    @property
+    def channels(self) -> int:
+        """2 for d/q rows, 1 for real ones."""
+        return 2 if np.iscomplexobj(self.log.response) else 1
+
     @cached_property
     def one_level(self) -> bool:
         """A transient whose inputs never change."""
@@ -201,9 +206,9 @@ class Trial:
     @cached_property
     def at_one_frequency(self) -> bool:
         """Settled d/q points at one frequency: of their response and a feedthrough they show the sum."""
-        if not (self.steady and self.signed and self.resonant and self.driven and "background" in self.nuisances):
+        if not (self.steady and self.signed and self.driven and "background" in self.nuisances):
             return False
-        return bool(np.ptp(self.log.frequency) == 0)
+        return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
 
     @cached_property
     def clock(self) -> np.ndarray:
@@ -293,10 +298,10 @@ class Trial:
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
-        offset, background = "offset" in self.nuisances, "background" in self.nuisances and self.resonant
+        offset, background = "offset" in self.nuisances, "background" in self.nuisances
         shapes: dict[str, np.ndarray] = {}
         if self.steady:
-            if background and np.ptp(self.log.frequency) > 0:
+            if background and self.resonant and np.ptp(self.log.frequency) > 0:
                 shapes["feedthrough"] = drive
                 if n >= SLOPED:
                     shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))

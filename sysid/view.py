@@ -76,7 +76,7 @@ class View:
         # In the plate's own frame: its real part is how late the response is.
         shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
         shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
-        parts = (("d", 1.0), ("q", 1j))
+        parts = (("d", 1.0), ("q", 1j))[: trial.channels]
         columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
         sideways = {"late_q": trial.sideways} | {f"{name}_q": REAL for name in trial.extra_columns}
         columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
@@ -87,7 +87,7 @@ class View:
             target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
         found = self._fitted(columns, target) + there
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
-        value = dict(zip(shapes, found[::2] + 1j * found[1::2], strict=True))
+        value = dict(zip(shapes, found.reshape(len(shapes), len(parts)) @ [by for _, by in parts], strict=True))
         self.bench = sum((v * shapes[name] for name, v in value.items()), np.zeros_like(forced))
         self.plate = (forced + value.get("start", 0.0) * c.free) / self.turn
         self.beside = value.get("start", 0j) / self.turn / self.own, 0.0  # where much is wrong, lateness more than all

@@ -41,8 +41,9 @@ def assumptions(trial: Trial) -> list[str]:
         found.append(f"no row shows the response without drive; {rest if trial.resonant else alone}")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")
-    if log.amplitude_only and trial.resonant and trial.driven:
-        found.append("amplitude only: a feedthrough of the drive cannot be told from the resonance and is taken as zero")
+    if not trial.signed and trial.driven:
+        other = "the resonance" if trial.resonant else "a late trigger and the gain"
+        found.append(f"amplitude only: a feedthrough of the drive cannot be told from {other} and is taken as zero")
     if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
         drive = "no drive is recorded" if log.drive is None else "the drive is zero in every row"
         found.append(

@@ -71,3 +71,87 @@ def test_a_gain_that_looks_like_what_cancels_is_named(bench, factor):
     fit = sysid.fit([replace(log, response=factor * log.response), bench.sweep(seed=321)])
     assert fit.result is Result.misfit
     assert any("G contradicts the other logs" in said for said in fit.warnings), fit.warnings
+
+
+# --- logs without a frequency: tau w' = -w + G u, and a feedthrough share * G of u beside it ----------------------------------
+
+G, TAU, ROW = 0.02, 1.67e-3, 8.35e-5
+
+
+def driven(levels, share, seed, *, late=0.0, phase=0.0, noise=0.01, **bench):
+    """A first-order log of inputs that hold for 50 rows each, `late` (rows) and of a noise of that share of the response; d/q,
+    turned by a demodulator of another phase, where the feedthrough has a `phase`."""
+    drive = 100.0 * np.repeat([0.0, *levels], 50)
+    k, w, rng = np.arange(len(drive)), np.zeros(len(drive)), np.random.default_rng(seed)
+    before = np.append(0.0, drive[:-1])
+    for i in k[1:]:  # late by a part of a row: the input before holds on for so long
+        held = np.append(0.0, before)[i]
+        w[i] = held * G + (w[i - 1] - held * G) * np.exp(-late * ROW / TAU)
+        w[i] = before[i] * G + (w[i] - before[i] * G) * np.exp(-(1 - late) * ROW / TAU)
+    y = w + share * G * np.exp(1j * phase) * before
+    y = y.real if phase == 0 else y * np.exp(0.4j)
+    spread = noise * 100.0 * G * (rng.standard_normal(len(k)) + (0 if phase == 0 else 1j * rng.standard_normal(len(k))))
+    return sysid.Log("step", y + spread, time=ROW * k, drive=drive, sampling="instant", bench=bench)
+
+
+STEPS = ([1.0, 1.0, 1.0], [1.0, -1.0, 0.5], [1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.9])
+@pytest.mark.parametrize("levels", STEPS)
+def test_a_feedthrough_without_a_frequency_is_in_the_interval_of_the_gain(levels, phase):
+    """Taken for a part of G, which it was, 5 % of it are eight to forty standard deviations."""
+    found = [sysid.fit([driven(levels, 0.05, seed, phase=phase)]) for seed in range(SEEDS)]
+    assert all(f.result is Result.successful for f in found)
+    scores = [(f.parameters["G"].value - G) / f.parameters["G"].std for f in found]
+    assert np.max(np.abs(scores)) < 4
+    assert all(any("a feedthrough, a trigger that is late by a row" in w for w in f.warnings) for f in found)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.9])
+@pytest.mark.parametrize("levels", STEPS)
+@pytest.mark.parametrize("share", [-0.05, 0.0, 0.05])
+def test_a_feedthrough_without_a_frequency_is_found_where_the_delay_is_stated(levels, share, phase):
+    logs = [driven(levels, share, seed, phase=phase, delay_s=0.0) for seed in range(SEEDS)]
+    found = [sysid.fit([log]) for log in logs]
+    scores = np.array([(f.parameters["G"].value - G) / f.parameters["G"].std for f in found])
+    assert chi2.ppf(1e-4, SEEDS) < np.sum(scores**2) < chi2.ppf(1 - 1e-4, SEEDS)
+    assert max(f.parameters["G"].std for f in found) < 0.008 * G
+    if share:
+        through = [sysid.nuisances(f)[0] for f in found]
+        names = ("feedthrough",) if phase == 0 else ("feedthrough_d", "feedthrough_q")
+        size = np.median([[t[n].value for n in names] for t in through], axis=0)
+        leak = share * G * np.exp(1j * (phase + 0.4))  # as the demodulator shows it
+        expected = [share * G] if phase == 0 else [leak.real, leak.imag]
+        assert size == pytest.approx(expected, abs=0.15 * abs(share) * G)  # of one log 0.1
+
+
+@pytest.mark.parametrize("levels", STEPS)
+def test_a_gain_without_a_frequency_is_as_sure_as_plateau_and_rise_agree(levels):
+    """Nothing is late and nothing leaks: worse than where the delay is stated by what a size told by one number is less sure."""
+    found = [sysid.fit([driven(levels, 0.0, seed)]).parameters["G"] for seed in range(SEEDS)]
+    stated = [sysid.fit([driven(levels, 0.0, seed, delay_s=0.0)]).parameters["G"] for seed in range(SEEDS)]
+    assert np.max(np.abs([(p.value - G) / p.std for p in found])) < 3
+    assert np.median([p.std for p in found]) < 12.7 / 1.96 * np.median([p.std for p in stated])
+
+
+def test_logs_whose_feedthrough_and_lateness_nearly_cancel_in_one_do_not_hang_on_that_one():
+    """Each log late by another part of a row, of which one cancels the feedthrough, and alone would have had a narrow prior."""
+    scores = []
+    for seed in range(SEEDS):
+        logs = [driven(levels, 0.05, seed, late=late) for levels, late in zip(STEPS, (0.1, 0.5, 0.97), strict=True)]
+        p = sysid.fit(logs).parameters["G"]
+        scores.append((p.value - G) / p.std)
+    assert np.max(np.abs(scores)) < 4.5
+
+
+def test_a_feedthrough_of_a_step_and_of_settled_levels_without_a_frequency_is_one():
+    """Levels show the sum of G and of the feedthrough, the step both apart."""
+    drive = 100.0 * np.repeat([0.0, 0.5, 1.0], 8)
+    scores = []
+    for seed in range(SEEDS):
+        noise = 0.02 * np.random.default_rng(1000 + seed).standard_normal(len(drive))
+        levels = sysid.Log("levels", 1.05 * G * drive + noise, drive=drive, kind="steady")
+        p = sysid.fit([driven(STEPS[1], 0.05, seed, delay_s=0.0), levels]).parameters["G"]
+        scores.append((p.value - G) / p.std)
+    assert chi2.ppf(1e-4, SEEDS) < np.sum(np.square(scores)) < chi2.ppf(1 - 1e-4, SEEDS)
