@@ -17,6 +17,7 @@ negative is no smaller than it (Gershgorin).
 import numpy as np
 
 ALIKE = 1 / 6  # of a step, within which rows have one rounding error
+DIGITS = 9  # of the largest value, of which steps are looked for; the last two of them are steps of these
 ROWS = 100_000  # of a log, at most, in which steps are looked for
 REPEATED = 0.9  # distinct values over rows, above which rows hardly ever read the same, and share nothing
 OFF = 0.1  # of a step, by which a level may be off: printed with few digits, levels are
@@ -41,7 +42,7 @@ def steps(response: np.ndarray) -> tuple[float, ...]:
 def _step(values: np.ndarray) -> float | None:
     """None where the values are too few to tell."""
     scale = float(np.max(np.abs(values))) or 1.0
-    distinct = np.unique(np.round(values / scale, 9))  # beyond which texts and units round
+    distinct = np.unique(np.round(values / scale, DIGITS))  # beyond which texts and units round
     if len(distinct) < 3:
         return None
     if len(distinct) > REPEATED * len(values):
@@ -52,7 +53,7 @@ def _step(values: np.ndarray) -> float | None:
         near = gaps[gaps < (NEAR + 0.5) * step]
         step = np.sum(near) / np.sum(np.rint(near / step))
     whole = len(near) >= min(FEW, len(gaps)) and np.all(np.abs(near / step - np.rint(near / step)) < OFF)
-    return float(step * scale) if whole else 0.0
+    return float(step * scale) if whole and step > 100 * 10.0**-DIGITS else 0.0
 
 
 def shared(variance: float) -> float:

@@ -106,8 +106,17 @@ class Trial:
         plain = replace(self, log=log, inputs=read.inputs, count=read.count, whole=None)
         plain = replace(plain, noise_time=rows * self.noise_time, levels=levels)
         spread = plain.uneven(self.share, log.response) if self.share else None
-        plain = replace(plain, rounded=None, own=None, tail=None)
-        return replace(plain, spread=spread, there=there, kept=there, efficiency=told, extra={})
+        plain = replace(plain, spread=spread, rounded=None, own=None, tail=None, there=there, kept=there)
+        return self._sharing_in(replace(plain, efficiency=told, extra={}))
+
+    def _sharing_in(self, whole: "Trial") -> "Trial":
+        """The whole log, each row of which shares its rounding error as the means about it do."""
+        if self.rounded is None:
+            return whole
+        at, now = (t.log.frequency if t.steady and t.resonant else t.clock for t in (whole, self))
+        order = np.argsort(now, kind="stable")
+        spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.parts if p.rounded is not None]
+        return replace(whole, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
 
     def uneven(self, share: float, response: np.ndarray) -> np.ndarray:
         """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response."""
