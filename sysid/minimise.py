@@ -275,7 +275,9 @@ class Minimiser:
         count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)
         told = _informed(*shares, inverse)
-        covariance, alone = (directions @ _invert(t) @ directions.T for t in (told + self._held(directions), told))
+        alone = directions @ _invert(told) @ directions.T
+        flat = not np.any(self.prior.precision)
+        covariance = alone if flat else directions @ _invert(told + self._held(directions)) @ directions.T
         volume = _volume(found, members)
         return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
 

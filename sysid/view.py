@@ -1,5 +1,6 @@
 """One log at the fit, linear about it, as misfits, comparisons and plans look at it: rows, and what the bench may have added."""
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -41,11 +42,33 @@ class View:
         self.residual = trial.residual(self.model)
         self.columns = self._nuisances()
         self.priors = len(self.columns)
-        self.basis = self._orthonormal()
-        self.recorded = self.rows(self.residual)
-        self.r = self.off(self.residual)
-        self.derivatives = self.own * self.observed(self.course.derivatives(*self.beside).T).T
-        self.jacobian = self.off(self.derivatives.T).T
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """Orthonormal, of the bench's columns."""
+        if not self.columns:
+            return np.zeros((len(self.rows(self.residual, 0)), 0))
+        return orthonormal(self.weighted(self.columns), ALIKE)
+
+    @cached_property
+    def recorded(self) -> np.ndarray:
+        """Rows of the residual."""
+        return self.rows(self.residual)
+
+    @cached_property
+    def r(self) -> np.ndarray:
+        """The same, less what the nuisances can make of them."""
+        return self.off(self.residual)
+
+    @cached_property
+    def derivatives(self) -> np.ndarray:
+        """(n, 6) of the log by the numbers of theta."""
+        return self.own * self.observed(self.course.derivatives(*self.beside).T).T
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """Rows of the derivatives, less what the nuisances can make of them."""
+        return self.off(self.derivatives.T).T
 
     def _nuisances(self) -> list[Column]:
         """What the bench may add, linear about the fit."""
@@ -131,12 +154,6 @@ class View:
             by_theta = found @ (a / size).T @ self.rows(self.derivatives.T).T
             found = found + by_theta @ plant @ by_theta.T
         return found / np.outer(size, size)
-
-    def _orthonormal(self) -> np.ndarray:
-        """Basis of the bench's columns."""
-        if not self.columns:
-            return np.zeros((len(self.rows(self.residual, 0)), 0))
-        return orthonormal(self.weighted(self.columns), ALIKE)
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
