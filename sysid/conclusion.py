@@ -39,7 +39,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
     wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
-    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
+    coarse = [f"{t.log.name}: {said}" for t in best.trials for said in (wording.coarse(t), wording.turned(t)) if said]
     believed = _believed(fit, question.reference_temperature)
     parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
     result = fit.result

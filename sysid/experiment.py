@@ -88,7 +88,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         before=_pad(before, rows),
         basis=joined(bases),
         tightness=np.asarray(1 / trial.looseness),
-        freedom=np.asarray(trial.efficiency * freedom(trial) if trial.rounded is None else KNOWN),
+        freedom=np.asarray(trial.told * freedom(trial) if trial.rounded is None else KNOWN),
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),

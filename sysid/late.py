@@ -101,7 +101,8 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
     spread = trial.uneven(trial.share, log.response) if trial.share else None
-    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, extra={}, resonance=None, late=0.0)
+    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
+    plain = replace(plain, extra={}, resonance=None, late=0.0)
     narrow = {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=read_at(trial.inputs, log.time, delay), narrow=narrow)
     levels = () if trial.rounded is None else tuple(x._replace(time=0.0) for x in trial.levels)

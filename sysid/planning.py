@@ -211,7 +211,7 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
     found = state.prior.precision.copy()
     for trial, model in zip(trials, state.models, strict=True):
         jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
-        found += trial.efficiency * jacobian.T @ jacobian
+        found += trial.told * jacobian.T @ jacobian
     return found
 
 

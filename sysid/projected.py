@@ -32,12 +32,12 @@ def efficiency(trial: Trial, course: Course) -> float:
     seen = unweighted * np.exp(-1j * np.angle(plate)) * (trial.noise_std / trial.weight[used])
     inverse = np.linalg.pinv(white @ white.T, hermitian=True)
     steps = -np.diff(trial.clock[used], prepend=trial.clock[used][0]) / trial.noise_time
-    shared = np.array([_shared(steps, v) for v in seen])
+    shared = np.array([shared(steps, v) for v in seen])
     spread = inverse @ (seen.conj() @ shared.T).real @ inverse
     return float(min(1.0, np.min(np.diag(inverse) / np.diag(spread))))
 
 
-def _shared(steps: np.ndarray, v: np.ndarray) -> np.ndarray:
+def shared(steps: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The covariance of an Ornstein-Uhlenbeck process of variance 1 times v (n,); `steps` to each row, in correlation times."""
     memory = np.exp(steps)
     backward = accumulated(np.append(0.0, memory[:0:-1]), v[::-1])[::-1]

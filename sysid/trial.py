@@ -66,6 +66,7 @@ class Trial:
     there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
     kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
     efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
+    jitter: tuple[float, float, float] | None = None  # of its phase: rad, correlation time, and the information that it leaves
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
@@ -169,6 +170,11 @@ class Trial:
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
+
+    @property
+    def told(self) -> float:
+        """`efficiency`, less what the noise of the phase takes."""
+        return self.efficiency * (self.jitter[2] if self.jitter else 1.0)
 
     @property
     def channels(self) -> int:

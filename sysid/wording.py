@@ -14,6 +14,7 @@ from sysid.trial import Trial, joined, whitened
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
@@ -127,10 +128,28 @@ def noise(trial: Trial) -> str:
         largest = f"{100 * trial.noise_std * np.sqrt(trial.share) / trial.scale:.2g} % of the response"
         least = f" and {trial.noise_std * np.sqrt(1 - trial.share):.2g} {unit}" if trial.share < NEARLY_ALL else ""
         said = f"{said}, {largest}{least}"
+    if trial.jitter is not None:
+        said = f"{said}, of which the phase's is {trial.jitter[0]:.2g} rad, correlated over {_time(trial, trial.jitter[1])}"
     if outliers := trial.left_out - trial.lost:
         return f"{said}, {outliers} outliers left out"
     said = said if trial.rounded is None else f"{said} but for its rounding"
     return said if trial.tail is None else f"{said}, with outliers"
+
+
+def _time(trial: Trial, time: float) -> str:
+    """A correlation time in words."""
+    return f"{time:.2g} rows" if trial.log.time is None else seconds(time)
+
+
+def turned(trial: Trial) -> str | None:
+    """A sentence when the noise of a log's phase takes most of what it tells; else None."""
+    if trial.jitter is None or trial.jitter[2] > MOST_TAKEN:
+        return None
+    std, time, left = trial.jitter
+    return (
+        f"phase noise of {std:.2g} rad that is correlated over {_time(trial, time)} makes errors {left**-0.5:.2g} times as large;"
+        " lock drive and demodulator to one clock, or record the average of several logs"
+    )
 
 
 def _colour(trial: Trial) -> str:
@@ -138,7 +157,7 @@ def _colour(trial: Trial) -> str:
         return "white"
     if np.median(trial.memory()[1:]) < FAINT:
         return "white, as far as so few rows tell"
-    over = f"{trial.noise_time:.2g} rows" if trial.log.time is None else seconds(trial.noise_time)
+    over = _time(trial, trial.noise_time)
     return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 
 

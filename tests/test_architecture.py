@@ -46,6 +46,7 @@ ORDER = [
     "experiment",
     "perturbed",
     "projected",
+    "jitter",
     "extra",
     "renew",
     "guess",
