@@ -18,6 +18,8 @@ _THOUSANDS = {
     for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
 }
 _AMOUNT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)(?![\d:])\s*(.*)")  # not of 12:31
+# Of SCPI, and so of many instruments: 9.91e37 is "not a number", ±9.9e37 infinity (SCPI-99, volume 1, 7.2.1).
+NO_NUMBER = 9.9e37
 SHOWN = 20  # names in a message, of files that have thousands
 
 
@@ -43,7 +45,8 @@ def split_line(text: str, delimiter: str) -> list[str]:
 
 
 def to_number(text: str, decimal: str = ".") -> float:
-    """A cell as a number, NaN when it is none. Where the decimal mark is a comma, 32.300 is none: it may be thousands.
+    """A cell as a number, NaN when it is none, or what instruments write for none. Where the decimal mark is a comma, 32.300 is
+    none: it may be thousands.
 
     Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard space), and so are a
     printed minus and Fortran's 1.5D-3.
@@ -52,9 +55,10 @@ def to_number(text: str, decimal: str = ".") -> float:
     if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
         return math.nan
     try:
-        return float(text.replace(decimal, "."))
+        number = float(text.replace(decimal, "."))
     except ValueError:
-        return _odd_number(text, decimal)
+        number = _odd_number(text, decimal)
+    return math.nan if abs(number) >= NO_NUMBER else number
 
 
 def _odd_number(text: str, decimal: str) -> float:
@@ -74,6 +78,14 @@ def is_number(text: str) -> bool:
     except ValueError:
         return not (math.isnan(to_number(text)) and math.isnan(to_number(text, ",")))
     return "_" not in text
+
+
+def means_none(text: str) -> bool:
+    """Whether a cell is the number that an instrument writes where it has none."""
+    try:
+        return NO_NUMBER <= abs(float(text.replace(",", "."))) < math.inf
+    except ValueError:
+        return False
 
 
 def amount(text: str) -> tuple[str, str] | None:

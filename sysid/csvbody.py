@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from sysid.cells import WHITESPACE, Dialect, is_number, listed, split_line, to_number
+from sysid.cells import NO_NUMBER, WHITESPACE, Dialect, is_number, listed, means_none, split_line, to_number
 from sysid.csvfile import Head, LogError, metadata_of
 from sysid.pieces import Gap, find_gaps, pieces, rows_like, without_end
 from sysid.preamble import DEEPEST, names_below
@@ -121,6 +121,7 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
         text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
     cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
+    found += ", which instruments write for no number" if means_none(cell) else ""
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
     if (is_date(cell) and not head.dated(column)) or is_local(cell):
@@ -215,7 +216,11 @@ def _parse(
         elif frame[column].dtype != np.float64:
             frame[column] = [to_number(cell, str(head.dialect.decimal)) for cell in frame[column].fillna("")]
     texts = frame[key].str.strip().to_numpy(object) if key is not None else None
-    return {column: frame[column].to_numpy(np.float64) for column in columns}, texts
+    numbers = {column: frame[column].to_numpy(np.float64) for column in columns}
+    for column, values in numbers.items():
+        if (none := np.abs(values) >= NO_NUMBER).any():
+            numbers[column] = np.where(none, np.nan, values)
+    return numbers, texts
 
 
 def _not_a_row_a_line(head: Head, block: bytes, line: int, said: str) -> LogError:

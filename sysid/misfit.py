@@ -324,8 +324,9 @@ class _Linear:
             here = [t for t in tried if i in t.shapes]
             if not here:
                 continue
-            rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
-            cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
+            with np.errstate(over="ignore", invalid="ignore"):  # of an absurd value's powers; `_alone` leaves them out
+                rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
+                cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
             end = 0
             for t in here:
                 part = slice(end, end := end + t.shapes[i].shape[1])

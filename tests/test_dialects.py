@@ -9,7 +9,9 @@ import pytest
 
 from sysid import csvbody
 from sysid.cells import to_number
+from sysid.fitting import fit
 from sysid.log import LogError, read_logs
+from sysid.result import Result
 from sysid.stamps import seconds_since
 
 NOON = datetime.datetime(2024, 3, 1, 12)
@@ -292,6 +294,34 @@ def test_a_refusal_counts_the_rows_like_it(save):
     rows = ["nan,1" if k in (3, 4, 7) else f"{k},1" for k in range(9)]
     refused(save("w_um,time_s\n" + "\n".join(rows)), "line 5", "the 3 rows", "rows = [[0, 3], [5, 7], [8, 9]]")
     refused(save("w_um,time_s\n" + "x,1\n" * 5), "none of the 5 rows")
+
+
+@pytest.mark.parametrize("cell", ["9.91E+37", "9.9E37", "-9.9E+37", "9.90000031e+37"])
+@pytest.mark.parametrize("column", [0, 1, 3])
+def test_what_scpi_writes_for_no_number_is_none(save, cell, column):
+    rows = [row.split(",") for row in STEPS]
+    for row in rows[7:9]:
+        row[column] = cell
+    text = HEADER + "".join(",".join(row) + "\n" for row in rows)
+    named = HEADER.strip().split(",")[column]
+    refused(save(text), "line 9", named, f"found '{cell}'", "no number", "a finite number", "rows = [[0, 7], [9, 24]]")
+    kept_out = text.replace(named, "other_V") if column == 1 else text
+    if column == 1:  # what is not used is no error, as with nan
+        assert read_logs(save(kept_out))[0].drive is None
+    decimal = text.replace(",", ";").replace(".", ",")
+    refused(save(decimal), "line 9", cell.replace(".", ","), "no number")
+
+
+def test_metadata_that_is_no_number(save):
+    refused(save("# temperature_degC: 9.91E+37\n" + HEADER + ROWS), "'temperature_degC'", "9.91E+37", "a finite number")
+
+
+def test_the_largest_number_that_is_one_is_fitted_in_silence(save):
+    """A warning is an error here: a value that overflows where its powers are looked at is a misfit, and no message of numpy's."""
+    rows = [row.split(",") for row in STEPS]
+    rows[12][3] = "9.8e37"
+    (log,) = read_logs(save(HEADER + "".join(",".join(row) + "\n" for row in rows)))
+    assert fit([log]).result is not Result.successful
 
 
 # Drafts
