@@ -25,20 +25,37 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "x": ("x", "re", "real", "inphase", "in-phase", "u1", "g"),
     "y": ("y", "im", "imag", "imaginary", "quadrature", "quad", "u2", "b"),
     "magnitude": ("magnitude", "mag", "amplitude", "amp", "gain", "r", "power", "db"),
-    "phase": ("phase", "phi", "theta", "arg", "ang", "angle"),
+    "phase": ("phase", "phi", "theta", "arg", "ang", "angle", "θ", "θz", "θy", "thetaz", "thetay"),
     "w": ("w", "displacement", "velocity", "response"),
 }
+# Of what an impedance analyser writes, by the unit.
+_RATIOS: dict[str, dict[str, tuple[str, ...]]] = {
+    "ohm": {
+        "x": ("r", "rs", "resistance", "re", "real", "z'"),
+        "y": ("x", "xs", "reactance", "im", "imag", "imaginary", "z''"),
+        "magnitude": ("z", "|z|", "zabs", "absz", "impedance", "magnitude", "mag", "abs", "w"),
+    },
+    "S": {
+        "x": ("g", "gp", "conductance", "re", "real", "y'"),
+        "y": ("b", "bp", "susceptance", "im", "imag", "imaginary", "y''"),
+        "magnitude": ("y", "|y|", "yabs", "absy", "admittance", "magnitude", "mag", "abs"),
+    },
+}
+_KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
 _BEHIND = {word for name in ("x", "y", "magnitude", "phase") for word in _WORDS[name]} - {"g", "b", "u1", "u2"}
 
 
 def template(head: Head) -> str:
     """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
     guessed = _guess(head.names)
+    ratio = _ratio(head.names) if guessed.keys() & {"x", "magnitude"} else ""
+    response = _unit(head.names[guessed["x" if "x" in guessed else "magnitude"]]) if ratio else ""
+    ratio = "" if response and not units.same_kind(response, ratio) else ratio  # as of a log that has a thermistor's ohms
     waveform = _waveform(head, guessed)
     lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
     if not head.dialect.header:
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
-    lines += _of_samples(head, waveform) if waveform else _of_rows(head, guessed)
+    lines += _of_samples(head, waveform) if waveform else _of_ratio(ratio) if ratio else _of_rows(head, guessed)
     dialect = head.dialect
     lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
     lines += ['decimal = ","'] if dialect.decimal == "," else []
@@ -46,12 +63,13 @@ def template(head: Head) -> str:
     lines += [f"split_by = {_place(head, index)}  # each of its values is one experiment" for index in _splits(head)]
     lines += ["", "[columns]"]
     found = waveform or guessed
-    lines += [_column(head, name, index) for name, index in found.items()]
+    lines += [_column(head, name, index, ratio) for name, index in found.items()]
     unused = [index for index in range(len(head.names)) if index not in found.values()]
     example = _place(head, unused[0]) if unused else '"?"'
-    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in _missing(found)]
+    missing = [name for name in _missing(found) if not (ratio and name == "voltage")]
+    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
     lines += [f"# not used: {_in_comment(listed([head.names[index] or str(index) for index in unused]))}"] if unused else []
-    lines += ["", "# [constants]"] + ([] if waveform else ['# voltage = "1 V"']) + ['# temperature = "20 degC"']
+    lines += ["", *_constants(bool(waveform), ratio), '# temperature = "20 degC"']
     lines += ["", "# [metadata]", "# sample_rate_Hz = 1e6"] if waveform and "time" not in waveform else []
     return "\n".join([*lines, ""])
 
@@ -65,6 +83,23 @@ def _of_rows(head: Head, guessed: Mapping[str, int]) -> list[str]:
         if "phase" in guessed or "magnitude" not in guessed:
             lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
     return lines
+
+
+def _of_ratio(ratio: str) -> list[str]:
+    """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree about the phase."""
+    lines = ['# kind = "steady"  # or "transient"']
+    if ratio == "ohm":
+        return [*lines, 'quantity = "impedance"  # read as the current 1/Z that 1 V drives']
+    lines += ['quantity = "current"  # of an admittance, driven by 1 V']
+    lines += ['amplitude = "peak"  # of both, or both rms: it is a ratio']
+    return [*lines, "phase_sign = 1"]
+
+
+def _constants(waveform: bool, ratio: str) -> list[str]:
+    """The heading of the constants, and the drive where it may be one."""
+    if ratio == "S" and not waveform:
+        return ["[constants]", 'voltage = "1 V"  # as an admittance is the current per volt']
+    return ["# [constants]"] if waveform or ratio else ["# [constants]", '# voltage = "1 V"']
 
 
 def _of_samples(head: Head, waveform: Mapping[str, int]) -> list[str]:
@@ -82,9 +117,10 @@ def _splits(head: Head) -> list[int]:
     return [index for index, label in enumerate(head.names) if label.casefold() in SPLITS][:1]
 
 
-def _column(head: Head, name: str, index: int) -> str:
+def _column(head: Head, name: str, index: int, ratio: str) -> str:
     unit = "s" if name == "time" and head.dated(index) else _unit(head.names[index])
-    return f"{name} = {{ column = {_place(head, index)}, unit = {_quote(unit if _fits(name, unit) else '?')} }}"
+    known = unit if _fits(name, unit) else ratio if ratio and name in ("x", "y", "magnitude") else "?"
+    return f"{name} = {{ column = {_place(head, index)}, unit = {_quote(known)} }}"
 
 
 def _place(head: Head, index: int) -> str:
@@ -127,16 +163,16 @@ def _step(head: Head, time: int) -> float:
 def _quantity(head: Head, index: int | None) -> str:
     """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
     unit = _unit(head.names[index]) if index is not None else ""
-    kinds = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A"}
-    quantity = next((kind for kind, of in kinds.items() if unit and units.same_kind(unit, of)), "?")
-    return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge" or "current"'
+    quantity = next((kind for kind, of in _KINDS.items() if unit and units.same_kind(unit, of)), "?")
+    return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
 
 
 def _guess(names: tuple[str, ...]) -> dict[str, int]:
     """Which column is probably which, by name and unit; a response only when it is whole, of one channel where it can be."""
     found: dict[str, list[int]] = {}
+    ratio = _ratio(names)
     for index, label in enumerate(names):
-        if name := _name(label, found):
+        if name := _of_analyser(label, ratio) or _name(label, found):
             found.setdefault(name, []).append(index)
     for name in ("time", "frequency"):
         if name not in found and names and not any(0 in of for of in found.values()) and _fits(name, _unit(names[0])):
@@ -148,6 +184,26 @@ def _guess(names: tuple[str, ...]) -> dict[str, int]:
         guessed |= zip(whole, next(alike, (guessed[whole[0]], guessed[whole[1]])), strict=True)
     spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - set(whole)
     return {name: index for name, index in guessed.items() if name not in spare}
+
+
+def _ratio(names: tuple[str, ...]) -> str:
+    """"ohm" where the columns hold an impedance, by their units, or R beside X, or |Z|; "S" of an admittance; else ""."""
+    stated = {_unit(label) for label in names}
+    for of in _RATIOS:
+        if any(unit and _is_unit(unit) and not is_decibel(unit) and units.same_kind(unit, of) for unit in stated):
+            return of
+    bare = {word for label in names if not _unit(label) for word in _split(label)[:1]}
+    if ({"r", "x"} <= bare and "y" not in bare) or {"|z|", "z", "impedance"} & bare:
+        return "ohm"
+    return "S" if {"g", "b"} <= bare or {"|y|", "admittance"} & bare else ""
+
+
+def _of_analyser(label: str, ratio: str) -> str | None:
+    """What a column of an impedance or an admittance is called, whose letters mean other things elsewhere."""
+    unit, word = _unit(label), next(iter(_split(label)), "")
+    if not ratio or (unit and not units.same_kind(unit, ratio)):
+        return None
+    return next((name for name, of in _RATIOS[ratio].items() if word in of), None)
 
 
 def _name(label: str, found: Mapping[str, list[int]]) -> str | None:
@@ -174,7 +230,7 @@ def _channel(label: str) -> list[str]:
 
 
 def _unit(label: str) -> str:
-    return split_ending(label, False)[0]
+    return split_ending(re.sub(r"(?<=[\])])[^\[\]()]*$", "", label), False)[0]  # `|Z|(ohm)-data` has a word behind its unit
 
 
 def _fits(name: str, unit: str) -> bool:

@@ -13,7 +13,7 @@ from sysid import units
 from sysid.cells import SHOWN, Dialect, amount, listed, to_number
 from sysid.csvfile import Head, LogError, read_head
 from sysid.draft import template
-from sysid.mapping import MappingFile, Plan, Source, is_absent
+from sysid.mapping import MappingFile, Plan, Source, is_absent, is_decibel
 from sysid.stamps import EXAMPLE, is_local, is_long
 
 INPUTS = ("time", "frequency", "temperature", "force")
@@ -32,7 +32,20 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     else:
         plan = contract_plan(head)
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+    if plan.quantity != "impedance":
+        _refuse_ohms(head, plan, mapping)
     return plan
+
+
+def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
+    """Raise LogError where a response is an impedance and nothing says so: its peak is the antiresonance."""
+    for name in ("wd", "wq", "w", "x", "y", "magnitude", "response"):
+        source = plan.sources.get(name)
+        if source and not is_decibel(source.unit) and units.is_of(source.unit, "ohm"):
+            found = f'{head.path}, column {source.label!r}: found {source.unit}, of an impedance, expected quantity = "impedance"'
+            where = mapping.path if mapping and mapping.names_columns else "a mapping file (--columns)"
+            said = f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z"
+            raise LogError(said, None if mapping and mapping.names_columns else template(head))
 
 
 def table_plan(head: Head, metadata: dict[str, str] | None, plan: Plan, mapping: MappingFile | None) -> Plan:

@@ -29,7 +29,7 @@ from sysid.cells import Dialect, listed
 from sysid.csvbody import Body, read_body, refuse_cell
 from sysid.csvfile import Head, LogError, read_head
 from sysid.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
-from sysid.mapping import MappingFile, Plan, Source, decode, is_decibel, load_mapping, lock_in, select_rows, turned
+from sysid.mapping import MappingFile, Plan, Source, decode, is_analysed, is_decibel, load_mapping, lock_in, select_rows, turned
 from sysid.stamps import coarse
 from sysid.textfile import unchanged
 from sysid.waveform import from_samples, sample_times, uneven
@@ -76,7 +76,7 @@ class Log:
     path: str = ""
     sha256: str = ""
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
-    relative_noise: bool = False  # read in decibels: the noise is a fraction of the response
+    relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
         for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
@@ -277,7 +277,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         metadata=plan.metadata,
         path=head.path,
         sha256=body.sha256,
-        relative_noise=any(is_decibel(source.unit) for source in plan.sources.values()),
+        relative_noise=is_analysed(plan) or any(is_decibel(source.unit) for source in plan.sources.values()),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")

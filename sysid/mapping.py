@@ -3,7 +3,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     kind = "steady"                     # or "transient", "waveform"; left out: told from the columns
     sampling = "settled"                # or "instant"; only for transient logs
     amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak to peak)
-    quantity = "velocity"               # or "displacement", "charge", "current": what x and y (or magnitude) show
+    quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y (or magnitude) show
     phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it fall; else 1
     phase_offset_deg = 90.0             # added to the phase, after the sign
 
@@ -41,6 +41,9 @@ phase rises through the resonance, or `amplitude = "rms"`, of the drive and resp
 
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
+An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V drives, peak for peak and
+with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.)
+An admittance is a current of so many S, with `voltage = "1 V"` among the constants.
 Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
 """
 
@@ -61,7 +64,7 @@ from sysid.stamps import is_long
 
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
-_PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
+_PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
@@ -72,7 +75,7 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
     "amplitude": ("peak", "rms", "pp"),
-    "quantity": ("displacement", "velocity", "charge", "current"),
+    "quantity": ("displacement", "velocity", "charge", "current", "impedance"),
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
@@ -142,9 +145,23 @@ class MappingFile:
         """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
         columns = self.options.get("columns", {})
         sources = {name: self._column(name, entry, head) for name, entry in columns.items()} | self._constants()
+        sources = self._of_one_volt(sources) if self.options.get("quantity") == "impedance" else sources
         metadata = self.metadata(head)
         notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
         return self._told(Plan(sources, metadata, notes=notes), head)
+
+    def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
+        """The sources of an impedance, with the 1 V that drives a current of 1/Z; another drive, or another unit: LogError."""
+        for name in sources.keys() & {"x", "y", "magnitude"}:
+            source, key = sources[name], f"[columns] {name}"
+            if not units.is_of(source.unit, "ohm"):
+                raise self.fail(key, f"found the unit {source.unit!r} of an impedance, expected ohm, kohm or Mohm")
+            if source.amplitude != "peak":
+                raise self.fail(key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio")
+        volt = Source("[constants] voltage", "V", constant=1.0)
+        if other := next((sources[name] for name in units.DRIVES if sources.get(name, volt) != volt), None):
+            raise self.fail("quantity", f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V")
+        return sources | {"voltage": volt}
 
     def beside(self, plan: Plan, head: Head) -> Plan:
         """The `plan` of a file by its own names, with all that is said here: a mapping file without [columns]."""
@@ -240,12 +257,14 @@ class MappingFile:
         for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
             silent = name in columns and "amplitude" not in columns[name] and not sources[name].label.startswith("[")
             unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
-            if silent and "amplitude" not in self.options and not units.split_amplitude(unit)[1]:
+            stated = "amplitude" in self.options or units.split_amplitude(unit)[1] or self.options.get("quantity") == "impedance"
+            if silent and not stated:
                 notes.append(f'{name} is taken as peak: {self.path} does not say amplitude = "peak", "rms" or "pp"')
         if "x" in sources or "magnitude" in sources:
             if "quantity" not in self.options:
                 notes.append(f"the signal is taken as a displacement: {self.path} does not say quantity")
-            if "phase_sign" not in self.options and sources.keys() & {"x", "phase"}:
+            known = "phase_sign" in self.options or self.options.get("quantity") == "impedance"
+            if not known and sources.keys() & {"x", "phase"}:
                 notes.append(f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign")
         return tuple(notes)
 
@@ -296,10 +315,27 @@ def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: 
     signal = turned(signal, plan) if complete else signal
     if plan.quantity in ("displacement", "charge"):
         return (1j * signal if complete else signal), unit
+    if plan.quantity == "impedance":
+        signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
     if frequency is None:
-        raise LogError(f"{where}: found no frequency, expected one: a {plan.quantity} is divided by omega")
+        what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
+        raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
     time_integral = unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
     return signal / (2 * np.pi * frequency), time_integral
+
+
+def is_analysed(plan: Plan) -> bool:
+    """Whether a response is a ratio as impedance analysers measure it, an impedance or an admittance."""
+    admittance = any(units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources)
+    return plan.quantity == "impedance" or (plan.quantity == "current" and admittance)
+
+
+def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
+    """1/Z in S of an impedance in ohm."""
+    if not impedance.all():
+        row = int(np.argmin(impedance != 0))
+        raise LogError(f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be inverted")
+    return 1 / impedance
 
 
 def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
@@ -396,5 +432,7 @@ def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]
         raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
     if len(drives := (columns | constants) & {*units.DRIVES}) > 1:
         raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
+    if waveform and mapping.options.get("quantity") == "impedance":
+        raise mapping.fail("quantity", "found the impedance of a waveform, expected what its response shows")
     if "quantity" in mapping.options and named and not response & {"x", "magnitude", "response"}:
         raise mapping.fail("quantity", "belongs to x and y, to magnitude, or to a waveform; found a response that is one already")

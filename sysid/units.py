@@ -37,7 +37,7 @@ _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
-_ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF", "Ω": "ohm"}
+_ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF"}
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {
     "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um", "newton": "N",
@@ -45,6 +45,7 @@ _FULL = {
     "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
+_OHM = re.compile(r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)")  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
 _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
 _AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
@@ -117,6 +118,8 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 def short(unit: str) -> str:
     """The sign of a unit that is written out: `Volts` is `V`, `kilohertz` is `kHz`. Any other text as it is."""
+    if ohm := _OHM.fullmatch(unit):
+        return f"{ohm[1]}ohm"
     found = _WRITTEN.fullmatch(unit)
     return _PREFIXES[found[1].casefold()] + _FULL[found[2].casefold()] if found else unit
 
@@ -148,6 +151,11 @@ def same_kind(unit: str, other: str) -> bool:
         return True
     first, second = _parse(unit), _parse(other)
     return first is not None and second is not None and first.dimensionality == second.dimensionality
+
+
+def is_of(unit: str, kind: str) -> bool:
+    """Whether values in `unit` can be converted to `kind`, an ohm or a siemens; of usual units without loading the library."""
+    return unit == kind or (unit not in _PLAIN and same_kind(unit, kind))
 
 
 def convert(values: Any, unit: str, to: str) -> Any:

@@ -317,7 +317,7 @@ def test_metadata_that_is_no_number(save):
 
 
 def test_the_largest_number_that_is_one_is_fitted_in_silence(save):
-    """A warning is an error here: a value that overflows where its powers are looked at is a misfit, and no message of numpy's."""
+    """A warning is an error here: of a value that overflows where its powers are looked at numpy says nothing."""
     rows = [row.split(",") for row in STEPS]
     rows[12][3] = "9.8e37"
     (log,) = read_logs(save(HEADER + "".join(",".join(row) + "\n" for row in rows)))
