@@ -58,6 +58,7 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     index = [NAMES.index(n) for n in free]
     # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
     drifts = "k_T" in free and np.sqrt(best.alone[3, 3]) <= identify.limits(G, tau)["k_T"]
+    drifts = drifts and not identify.within_errors(best.trials)
     warm = any(t.log.temperature is not None for t in best.trials)
     at = question.reference_temperature if drifts else (reference[1] if warm else None)
     carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0])

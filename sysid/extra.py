@@ -53,12 +53,13 @@ def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
     return replace(new, extra=asked(new, course, (new.start, -new.late)))
 
 
-def with_thermometers(trials: Sequence[Trial], k_T: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
-    """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it."""
-    found, said = [], []
+def with_thermometers(trials: Sequence[Trial], k_T: float, k_T_std: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
+    """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it.
+    By the largest k_T that the logs allow: where it is not known, it may be small by chance."""
+    found, said, largest = [], [], abs(k_T) + 2 * k_T_std
     for trial in trials:
         error = trial.log.bench.get("temperature_std_degC", 0.0)
-        share = abs(k_T) * error / f0_std
+        share = largest * error / f0_std
         fitted = share > TOLD and trial.signed and trial.driven
         found.append(replace(trial, nuisances=(*trial.nuisances, "thermometer")) if fitted else trial)
         if share > UNTOLD and not fitted:

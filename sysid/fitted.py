@@ -94,7 +94,7 @@ def _shown(fit: Fit, name: str) -> bool:
     state = fit.modes[0]
     if not fit.priors and identify.hopeless(state.trials, fit.names):
         return False
-    if identify.ambiguous(name, state.trials, fit.names):
+    if identify.ambiguous(name, state.trials, fit.names) or (name == "k_T" and identify.within_errors(state.trials)):
         return False
     known = name not in ("f0", "k_T") or np.sqrt(state.covariance[1, 1]) <= identify.RELATIVE
     return known or not identify.buried(state.trials)

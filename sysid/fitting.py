@@ -87,7 +87,8 @@ def _asked(
     through = [with_feedthroughs(s, reference) for s in states]
     states = [s if t is s.trials else minimiser.refine(t, s.theta) for s, t in zip(states, through, strict=True)]
     if "thermometer" in nuisances and "k_T" in free:
-        with_errors = [with_thermometers(s.trials, s.theta[3], float(np.sqrt(s.covariance[2, 2]))) for s in states]
+        spread = [np.sqrt(np.diag(s.covariance)) for s in states]
+        with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
         states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
         warnings += with_errors[0][1]
     states = [unfolded(minimiser, s) for s in states]

@@ -4,7 +4,8 @@ A parameter is determined when its interval is finite, comes from the data, belo
 
     G, tau    standard deviation below 20 % of the value
     f0        standard deviation below half of the half bandwidth 1/(2 pi tau)
-    k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth
+    k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth, and the logs' temperatures are three
+              errors of their thermometers apart
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ SETTLED_AMPLITUDE = (
     " across the resonance"
 )
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
+NARROW = 3.0  # errors of their thermometers, by which the logs' temperatures are apart where an interval of k_T holds
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -98,6 +100,17 @@ def _buried(trial: Trial) -> bool:
     y = trial.log.response
     apart = np.mean(np.abs(np.diff(y)) ** 2) / 2
     return bool(len(y) > 8 and apart > BURIED * np.mean(np.abs(y - np.mean(y)) ** 2))
+
+
+def within_errors(trials: Sequence[Trial]) -> bool:
+    """The logs' temperatures lie about as near to one another as their thermometers may be off: then a small k_T has small errors
+    of its own, and a large one large errors, so that no interval about the estimate says which it is."""
+    told = [t for t in trials if t.resonant and t.log.temperature is not None]
+    if not any("thermometer" in t.nuisances for t in told):
+        return False
+    means = np.array([t.log.temperature.mean() for t in told])
+    spread = np.mean([np.mean((t.log.temperature - means.mean()) ** 2) for t in told])
+    return bool(spread < NARROW**2 * np.mean([t.log.bench.get("temperature_std_degC", 0.0) ** 2 for t in told]))
 
 
 def _settles_between(trial: Trial) -> bool:
@@ -231,6 +244,11 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         return (
             "cannot tell, because at one frequency only the product of k_T and tau follows from how the response changes with the"
             " temperature; record a voltage step, and a sweep at each of two temperatures 10 degC apart"
+        )
+    if within_errors(trials):
+        return (
+            f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the error of the thermometer"
+            " (temperature_std_degC); record sweeps at temperatures further apart"
         )
     return (
         f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the resonance;"

@@ -182,3 +182,12 @@ def test_the_error_of_a_thermometer_is_read_from_the_metadata(tmp_path):
     path.write_text(f"# temperature_degC: 24\n# temperature_std_degC: -0.5\n{table}")
     with pytest.raises(sysid.LogError, match=r"temperature_std_degC'?: found -0.5 degC, expected 0 or more"):
         sysid.read_logs([path])
+
+
+def test_a_k_T_that_comes_out_small_by_chance_has_the_thermometers_error_all_the_same():
+    """Readings that lie as far apart as they may be off, and by chance go with the plate's temperature not at all."""
+    true, read = (23.9, 24.0, 24.1), (24.0, 23.9, 24.003)
+    logs = [replace(sweep(t, 1, noise=1e-3), temperature=np.full(101, r)) for t, r in zip(true, read, strict=True)]
+    found = fit([replace(log, bench={"temperature_std_degC": 0.1}) for log in logs])
+    assert not found.parameters["k_T"].determined
+    assert "too little beside the error of the thermometer" in found.parameters["k_T"].why
