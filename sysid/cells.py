@@ -61,6 +61,13 @@ def to_number(text: str, decimal: str = ".") -> float:
     return math.nan if abs(number) >= NO_NUMBER else number
 
 
+def decimals(text: str, decimal: str = ".") -> int:
+    """How many decimals a number is written with: 1 of 24.0, 0 of 24."""
+    mantissa, _, power = text.strip().casefold().replace("d", "e").partition("e")
+    shift = int(power) if power.lstrip("+-").isdigit() else 0
+    return len(mantissa.partition(decimal)[2]) - shift
+
+
 def _odd_number(text: str, decimal: str) -> float:
     text = text.translate(_MARKS)
     if _THOUSANDS[decimal].fullmatch(text):

@@ -90,7 +90,9 @@ def _asked(
         spread = [np.sqrt(np.diag(s.covariance)) for s in states]
         with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
         states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
-        warnings += with_errors[0][1]
+        unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
+        errors = np.sqrt(np.diag(states[0].covariance))
+        warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
     states = [unfolded(minimiser, s) for s in states]
     again = tuple(replace(t, nuisances=s.nuisances, narrow=s.narrow) for t, s in zip(again, states[0].trials, strict=True))
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states

@@ -74,7 +74,7 @@ def contract_plan(head: Head) -> Plan:
         remark = name is not None and amount(value) is None and not units.is_known(name.unit)  # as LabVIEW's Time_Pref: Relative
         if name and name.unit and name.quantity != "response" and not remark:
             number = metadata_number(head, key, value)
-            _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number))
+            _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number, written=value))
     notes += _add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
     if waveform:
@@ -121,7 +121,7 @@ def _add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) ->
             notes.append(f"column {label} is read as {quantity}")
     for key, value in head.metadata.items():
         if quantity := _meant(key, SYNONYMS, sources):
-            source = Source(f"metadata {key!r}", "", constant=metadata_number(head, key, value))
+            source = Source(f"metadata {key!r}", "", constant=metadata_number(head, key, value), written=value)
             _add_source(head, sources, quantity + key.strip()[len(units.split_unit(key)[0]) :], source)
             notes.append(f"metadata {key!r} is read as {quantity}")
     return notes

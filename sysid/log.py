@@ -25,7 +25,7 @@ import numpy as np
 
 from sysid import units
 from sysid.benchwords import BENCH, bench_of, misread
-from sysid.cells import Dialect, listed
+from sysid.cells import Dialect, decimals, listed
 from sysid.csvbody import Body, read_body, refuse_cell
 from sysid.csvfile import Head, LogError, read_head
 from sysid.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
@@ -46,6 +46,8 @@ POSSIBLE = {
 }
 FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
 ROOM = (273.15, 333.15)  # K
+DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
+WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,7 @@ class Log:
     path: str = ""
     sha256: str = ""
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
+    temperature_digit: float = 0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
     relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
@@ -252,6 +255,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
             _refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+    digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
@@ -277,6 +281,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         metadata=plan.metadata,
         path=head.path,
         sha256=body.sha256,
+        temperature_digit=digit,
         relative_noise=is_analysed(plan) or any(is_decibel(source.unit) for source in plan.sources.values()),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
@@ -306,6 +311,20 @@ def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, cou
         expected = f"a date as in the first row, {head.first(source.column)!r}" if source.dated else "a finite number"
         _refuse_row(head, body, source, rows, int(np.argmin(finite)), expected)
     return decode(numbers, source)
+
+
+def _temperature_digit(head: Head, source: Source, body: Body) -> float:
+    """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as numbers show it."""
+    if source.column is None:
+        texts, numbers = [source.written], np.array([source.constant])
+    else:
+        texts, numbers = [row[source.column] for row in head.sample if source.column < len(row)], body.numbers[source.column]
+    mark, places = str(head.dialect.decimal), range(DIGITS)
+    written = max(decimals(text, mark) for text in texts)
+    numbers = np.unique(numbers[np.isfinite(numbers)])
+    shown = next((k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS)
+    zero, one = (float(decode(np.array([x]), source)[0][0]) for x in (0.0, 10.0 ** -max(written, shown)))
+    return abs(float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit)))
 
 
 def _refuse_row(head: Head, body: Body, source: Source, rows: np.ndarray | None, row: int, expected: str) -> NoReturn:

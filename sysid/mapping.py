@@ -96,6 +96,7 @@ class Source:
     offset: float = 0.0
     dated: bool = False  # the column holds dates, read as seconds since the first
     spare: bool = False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    written: str = ""  # the constant, as text
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,7 @@ class MappingFile:
             raise self.fail(key, f'found {text!r}, expected a number and a unit such as "20 degC"')
         unit, amplitude = split_ending(unit.strip() or ("1" if name == "duty" else ""), True)
         self._check_unit(key, name, unit)
-        return Source(key, unit, amplitude or "peak", constant=float(number))
+        return Source(key, unit, amplitude or "peak", constant=float(number), written=number)
 
     def _check_unit(self, key: str, name: str, unit: str) -> None:
         if unit == "?":

@@ -16,7 +16,7 @@ from sysid.trial import LEAST_TOUCH, LEAST_WARMING, Trial
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
     """How each log is read at first, and what had to be assumed."""
-    readings = thermometer.of_plates([log.temperature for log in logs])
+    readings = thermometer.of_plates([log.temperature for log in logs], [log.temperature_digit for log in logs])
     recorded = [r.temperature.mean() for r in readings if r is not None]
     found, warnings = [], list(dict.fromkeys(said for log in logs for said in log.warnings))
     for log, read in zip(logs, readings, strict=True):

@@ -26,6 +26,7 @@ SHIFTED = (
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
     " row to row), or let every point settle"
 )
+OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 THROUGH = (
     "{0}: a feedthrough of {1:.2g} % of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1:.2g} % {5};"
@@ -101,6 +102,7 @@ def _drift(i: int, view: View) -> Iterator[Term]:
     c, log = view.course, view.trial.log
     order = np.arange(len(log)) if log.time is None else log.time
     heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
+    warmed = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
     swept = float(np.ptp(log.frequency))  # Hz; moved by most of it, the resonance has left the sweep
     for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
         if np.ptp(along) == 0:
@@ -110,9 +112,10 @@ def _drift(i: int, view: View) -> Iterator[Term]:
         def say(value: np.ndarray, _: View, why: str = why) -> str | None:
             if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
                 return None
+            warm = "read its temperature in finer steps, on the plate" if warmed else "record the temperature of every row"
             return (
-                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; record the temperature of"
-                " every row, wait until it is constant, or fit a drift (--effects=+drift)"
+                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; {warm}, wait until it is"
+                " constant, or fit a drift (--effects=+drift)"
             )
 
         unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
@@ -284,8 +287,7 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
         yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"))
         yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"))
         if "f0" in free:
-            said = _own(name, "the resonance", lambda x: f"{x:+.4g} Hz off that")
-            yield Term("resonance", {i: columns[:, 2:3]}, said, i, beside=doubted("f0"))
+            yield Term("resonance", {i: columns[:, 2:3]}, _elsewhere(v, "k_T" in free), i, beside=doubted("f0"))
 
 
 def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
@@ -315,3 +317,18 @@ def own(name: str, what: str, about: str) -> str:
 
 def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
     return lambda value, _: own(name, what, put(float(value[0])))
+
+
+def _elsewhere(view: View, warmed: bool) -> Callable[[np.ndarray, View], str]:
+    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that: `warmed`, k_T is
+    fitted."""
+    name, k_T = view.trial.log.name, float(view.course.theta[3])
+
+    def say(value: np.ndarray, _: View) -> str:
+        said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
+        off = value[0] / k_T if warmed and k_T else np.inf
+        if view.trial.log.temperature is None or abs(off) > OFF:
+            return said
+        return f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how far that may be"
+
+    return say

@@ -8,8 +8,9 @@ from sysid.condense import OFFSET_UNITS
 from sysid.guess import phase_falls
 from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import FINER, seconds
+from sysid.log import Log
 from sysid.span import times
-from sysid.trial import Trial, joined, whitened
+from sysid.trial import LEAST_WARMING, Trial, joined, whitened
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
@@ -22,6 +23,8 @@ LAGS = (1, 2, 3)  # rows, and by chance no more than
 CHANCE = 3.0  # standard deviations
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau on one level
+MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
+HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -95,6 +98,27 @@ def hangs_on_lateness(error: float) -> str:
         f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"
         " record a sweep beside it, or state delay_s (0 if nothing is late)"
     )
+
+
+def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, errors: np.ndarray) -> list[str]:
+    """Sentences where the `errors` of theta are mostly those of the thermometers, of which nothing but the readings is known, as
+    errors `without` them are smaller; and where k_T hangs on one that is not the same in all of a log."""
+    wide = [name for k, name in ((2, "f0"), (3, "k_T")) if errors[k] > MOSTLY * without[k] > 0]
+    off = {log.name: log.bench.get("temperature_std_degC", 0.0) for log in unstated}
+    warmed = {log.name: np.ptp(log.temperature) for log in unstated if log.temperature is not None}
+    found = [
+        f"{name}: its thermometer may be {off[name]:.2g} degC off in a part of the rows, which moves k_T by"
+        f" {abs(k_T) * off[name] / warming / errors[3]:.2g} of its standard deviations and is not in them; read it in finer steps"
+        for name, warming in warmed.items()
+        if warming > LEAST_WARMING and abs(k_T) * off[name] > HANGS * errors[3] * warming
+    ]
+    if wide and any(off.values()):
+        found.append(
+            f"the error of {' and of '.join(wide)} is mostly that of the thermometer, up to {max(off.values()):.2g} degC by how"
+            " its readings are written and flicker; state temperature_std_degC where it is known better, or record temperatures"
+            " farther apart"
+        )
+    return found
 
 
 def describe(trial: Trial) -> str:

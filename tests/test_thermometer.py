@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 import sysid
 from sysid import Log, fit
-from sysid.thermometer import LEVELS, _walk, of_plates
+from sysid.thermometer import LEVELS, _walk, of_plates, step_of
 
 ROWS = 150
 
@@ -191,3 +191,93 @@ def test_a_k_T_that_comes_out_small_by_chance_has_the_thermometers_error_all_the
     found = fit([replace(log, bench={"temperature_std_degC": 0.1}) for log in logs])
     assert not found.parameters["k_T"].determined
     assert "too little beside the error of the thermometer" in found.parameters["k_T"].why
+
+
+def written(folder, temperatures, seed, put, noise=1e-3):
+    """Files of sweeps, each with its temperature as metadata, as `put` writes it."""
+    paths = []
+    for k, t in enumerate(temperatures):
+        log = replace(sweep(t, 10 * seed + k, noise=noise), temperature=None)
+        paths.append(folder / f"{k}.csv")
+        sysid.write_log(log, paths[-1])
+        paths[-1].write_text(f"# temperature_degC: {put(t)}\n{paths[-1].read_text()}")
+    return paths
+
+
+def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path):
+    """Sweeps so quiet that only the thermometer's steps of half a degC are left."""
+    scores, rng = [], np.random.default_rng(3)
+    for seed in range(15):
+        paths = written(tmp_path, rng.uniform(20, 32, 5), seed, lambda t: f"{np.round(2 * t) / 2:g}")
+        found = fit(sysid.read_logs(paths))
+        p = found.parameters
+        assert found.result.name == "successful", found.warnings
+        assert any("temperature_std_degC" in w and "error of f0 and of k_T" in w for w in found.warnings)
+        scores.append(((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std))
+    assert np.mean(np.square(scores)) < 1 + 3 * np.sqrt(2 / 30)  # three standard deviations; it was 20 and more
+
+
+@pytest.mark.parametrize(
+    ("texts", "step"),
+    [
+        (("22", "30.5"), 0.5),
+        (("22", "30"), 1.0),
+        (("24.0", "28.0"), 0.1),  # zeros that are written are readings
+        (("22.2", "30.3"), 0.1),
+        (("22.25", "30.5"), 0.25),
+        (("22.2", "30.123"), 0.001),
+        (("24.0125", "2.8e1"), 0.0125),
+    ],
+)
+def test_the_step_of_a_thermometer_is_the_finest_that_all_its_readings_have(tmp_path, texts, step):
+    texts = list(texts)
+    logs = sysid.read_logs(written(tmp_path, (22.0, 30.0), 0, lambda t: texts[0] if t == 22 else texts[1]))
+    digits = [log.temperature_digit for log in logs]
+    assert step_of([log.temperature for log in logs], digits) == pytest.approx(step)
+    one = of_plates([log.temperature for log in logs], digits)
+    assert [x.error for x in one] == pytest.approx([step / np.sqrt(12)] * 2, rel=0.02)  # of a sum that is cut off
+    same = of_plates([logs[0].temperature] * 4, digits[:1] * 4)  # off alike: their mean is no better than one of them
+    assert same[0].error / np.sqrt(4) == pytest.approx(step_of([logs[0].temperature], digits[:1]) / np.sqrt(12), rel=0.02)
+
+
+def test_a_step_in_kelvin_or_in_a_column_is_that_of_its_text(tmp_path):
+    table = "voltage_V,frequency_Hz,wd_um,wq_um,temperature_{}\n1,32300,1,0,{}\n1,32310,1,0,{}\n"
+    cases = (("K", ("297", "298"), 1.0), ("degF", ("75.5", "75.0"), 0.1 / 1.8), ("degC", ("24.0", "24.013"), 1e-3))
+    for unit, rows, digit in cases:
+        path = tmp_path / f"{unit}.csv"
+        path.write_text(table.format(unit, *rows))
+        assert sysid.read_logs([path])[0].temperature_digit == pytest.approx(digit)
+
+
+def test_logs_that_are_made_have_the_temperature_that_they_say():
+    assert [x.error for x in of_plates([np.full(9, 22.0), np.full(9, 30.0)])] == [0, 0]
+
+
+def test_a_thermometer_that_flickers_between_two_steps_is_off_by_what_they_hide():
+    """Readings of a constant temperature in steps of half a degC, with noise of a tenth of one, and of one."""
+    for noise_std, rounded in ((0.05, True), (0.5, False)):
+        off, error = [], []
+        for seed in range(60):
+            true = np.random.default_rng(seed).uniform(23, 25)
+            read = np.round(2 * (true + noise(noise_std, seed))) / 2
+            found = of_plates([read, np.full(2, 40.0)], [0.5, 0.5])[0]
+            off.append(found.temperature.mean() - true)
+            error.append(found.error)
+        assert (rms(error) > 0.1) == rounded
+        assert 0.5 < rms(off) / rms(error) < 1.3
+
+
+def test_a_temperature_that_rests_passes_and_rests_is_followed_in_steps_of_one_degree():
+    course = 24 + 10 * np.clip((np.arange(600) - 50) / 500, 0, 1)
+    found = of_plates([np.round(course)], [1.0])[0]
+    assert np.max(np.abs(found.temperature - course)) < 0.1
+    assert 0.05 < found.error < 1 / np.sqrt(12)
+
+
+def test_logs_whose_thermometers_are_off_name_what_to_state():
+    off = 0.5 * np.random.default_rng(4).standard_normal(4)
+    logs = [sweep(t, k, reading=0.0) for k, t in enumerate((20.0, 24.0, 28.0, 32.0))]
+    logs = [replace(log, temperature=log.temperature + d) for log, d in zip(logs, off, strict=True)]
+    assert any("state temperature_std_degC" in w for w in fit(logs).warnings)
+    stated = fit([replace(log, bench={"temperature_std_degC": 0.5}) for log in logs])
+    assert stated.result.name == "successful"
