@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.glitch import glitches
 from sysid.hold import Hold, contact, hold_inputs, settled_points
 from sysid.log import Log
 from sysid.lost import filled, lost
@@ -29,20 +30,24 @@ class Rows:
     count: np.ndarray  # (n,) rows of the file that each row is the mean of, less those without a signal
     there: np.ndarray | None  # (n,) rows that have any; None: all
     dark: int  # rows of the file without a signal
+    spoilt: tuple[int, ...]  # and those that a recorder spoilt
     gap: float  # s, the longest without a row in which an input changed, who knows when
     most: int  # rows, if condensed no more than a filter asks for
 
 
 def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
     """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor."""
-    gone, steady = lost(log), kind == "steady"
+    dark, steady = lost(log), kind == "steady"
+    spoilt = glitches(filled(log, dark)) & ~dark
+    gone = dark | spoilt
     log = levelled(undelayed(filled(log, gone)) if steady else filled(log, gone))
     unseen = np.zeros(len(log)) if steady else gaps(log)
     hold, n = _inputs(log, kind, unseen), len(log)
     there = ~gone if np.any(gone) else None
     blocks = None if steady else _alike(log, hold)
     most = n if blocks is None else len(blocks)
-    rows = Rows(log, hold, np.ones(n), there, int(np.sum(gone)), float(np.max(unseen, initial=0.0)), most)
+    gap, odd = float(np.max(unseen, initial=0.0)), tuple(np.flatnonzero(spoilt).tolist())
+    rows = Rows(log, hold, np.ones(n), there, int(np.sum(dark)), odd, gap, most)
     if (n <= longest and most == n) or log.kind is None:  # its kind may still change
         return rows
     if steady:

@@ -7,6 +7,7 @@ Wd and Wq that both stand still among rows that move by hundreds of steps were n
 or in every second row of a recorder that is quicker than its lock-in.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,7 +37,7 @@ def _zero(log: Log) -> np.ndarray:
     if not MORE * _by_chance(log) < np.sum(zero) <= MOST * len(log) or not np.any(zero):
         return found
     finest, signal = _finest(log), np.flatnonzero(~zero)
-    for begin, end in _runs(zero):
+    for begin, end in runs(zero):
         at = int(np.searchsorted(signal, begin))
         sides = [size[rows] for rows in (signal[max(at - BESIDE, 0) : at], signal[at : at + BESIDE]) if len(rows)]
         found[begin:end] = begin > 0 and all(np.median(side) > FAR * finest for side in sides)
@@ -56,12 +57,12 @@ def _held(log: Log) -> np.ndarray:
     found = np.zeros(len(log), bool)
     if log.amplitude_only:  # an amplitude that is clipped stands still as well
         return found
-    still, change = _still(log.response), _change(log)
+    still, changed = _still(log.response), change(log)
     for begin in range(0, len(log), BLOCK):
         if not np.any(still[begin : begin + BLOCK]):
             continue
         rows = slice(max(begin - STRETCH, 0), begin + BLOCK + STRETCH)
-        amid = _amid(log.response[rows], still[rows], change[rows])
+        amid = _amid(log.response[rows], still[rows], changed[rows])
         found[begin : begin + BLOCK] = amid[begin - rows.start :][:BLOCK]
     return found
 
@@ -86,7 +87,7 @@ def _amid(response: np.ndarray, still: np.ndarray, change: np.ndarray) -> np.nda
     # as in a sweep, it does not settle.
     moving = moves != 0
     strange = _unlike(moves, still & quiet, moving & quiet, np.cumsum(change)) | _unlike(moves, still & anew, moving & anew)
-    for begin, end in _runs(still) if np.any(strange) else ():
+    for begin, end in runs(still) if np.any(strange) else ():
         found[begin:end] = np.any(strange[begin:end])
     return found
 
@@ -95,13 +96,13 @@ def _at_an_end(values: np.ndarray) -> np.ndarray:
     return (values == np.max(values)) | (values == np.min(values))
 
 
-def _change(log: Log) -> np.ndarray:
+def change(log: Log, inputs: Sequence[str] = ("drive", "frequency")) -> np.ndarray:
     """(n,) rows whose drive or frequency is not that of the row before."""
-    change = np.zeros(len(log), bool)
-    for c in (log.drive, log.frequency):
-        if c is not None:
-            change[1:] |= c[1:] != c[:-1]
-    return change
+    changed = np.zeros(len(log), bool)
+    for name in inputs:
+        if (c := getattr(log, name)) is not None:
+            changed[1:] |= c[1:] != c[:-1]
+    return changed
 
 
 def _unlike(moves: np.ndarray, still: np.ndarray, moving: np.ndarray, hold: np.ndarray | None = None) -> np.ndarray:
@@ -144,7 +145,7 @@ def _finest(log: Log) -> float:
     return float(np.min(np.diff(np.unique(np.concatenate([[0.0], few.real, few.imag]))), initial=np.inf))
 
 
-def _runs(chosen: np.ndarray) -> zip:
+def runs(chosen: np.ndarray) -> zip:
     """(begin, end) of each stretch of chosen rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
     return zip(edges[::2], edges[1::2], strict=True)

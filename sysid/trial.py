@@ -44,6 +44,7 @@ class Trial:
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
     dark: int = 0  # rows of the file that hold no signal
+    spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
     most: int = 0  # rows, if condensed no more than a filter asks for
     rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
     noise_std: float = 0.0  # per channel; 0: not yet known
@@ -85,6 +86,7 @@ class Trial:
             spacing,
             gap=read.gap,
             dark=read.dark,
+            spoilt=read.spoilt,
             most=read.most,
             rectified=rectified,
             there=read.there,
@@ -278,7 +280,7 @@ class Trial:
 
     @property
     def lost(self) -> int:
-        """How many of them hold no signal; the others are outliers."""
+        """How many of them hold no signal, or were spoilt; the others are outliers."""
         return 0 if self.there is None else int(np.sum(~self.there))
 
     def residual(self, model: np.ndarray) -> np.ndarray:

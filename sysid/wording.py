@@ -17,6 +17,7 @@ STRUCTURE = 0.02  # residual that is not noise, relative to the response: more m
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
+NAMED = 8  # rows that were spoilt
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
 LAGS = (1, 2, 3)  # rows, and by chance no more than
@@ -34,6 +35,8 @@ def assumptions(trial: Trial) -> list[str]:
     if trial.dark:
         gone = f"{trial.dark} of {len(trial.whole or log)} rows read exactly zero, or what the row before them reads"
         found.append(f"{gone}, amid a response that moves: the signal was lost; they are left out")
+    if trial.spoilt:
+        found.append(_spoilt(trial))
     if not trial.steady and (shared := stamps_shared(trial)):
         found.append(
             f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are taken as rows of one"
@@ -59,6 +62,14 @@ def assumptions(trial: Trial) -> list[str]:
     if not trial.resonant and not trial.steady:
         found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
     return found
+
+
+def _spoilt(trial: Trial) -> str:
+    """Which rows were, by number as far as these are few."""
+    rows, many = [str(row) for row in trial.spoilt[:NAMED]], len(trial.spoilt) > 1
+    named = ", ".join(rows) + (f" and {len(trial.spoilt) - NAMED} others" if len(trial.spoilt) > NAMED else "")
+    off = f"far off what the rows beside {'them' if many else 'it'} say, by more than all that the rest of the log shows"
+    return f"row{'s' if many else ''} {named} (counted from 0): {off}; left out, as a recorder's or a sensor's fault"
 
 
 def _grows(size: np.ndarray) -> bool:

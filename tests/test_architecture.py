@@ -37,6 +37,7 @@ ORDER = [
     "thermometer",
     "plant",
     "lost",
+    "glitch",
     "condense",
     "span",
     "rice",
