@@ -24,7 +24,7 @@ from sysid.minimise import State
 from sysid.moments import ASTRAY, LATE, at_changes
 from sysid.prior import NAMES
 from sysid.term import Term, together
-from sysid.terms import SHIFTED, THROUGH, one_way, own, terms, times
+from sysid.terms import CURVED, SHIFTED, THROUGH, one_way, own, terms, times
 from sysid.view import View
 from sysid.wording import SAY_SO, stamps_shared
 
@@ -40,6 +40,7 @@ LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances
 MOVES = 2.0  # standard deviations of G, tau or f0
 SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
+LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
 
 
@@ -58,8 +59,8 @@ class Found:
 
     @property
     def farthest(self) -> str:
-        """Which of G, tau and f0 it moves most."""
-        return max((n for n in self.moves if n != "k_T"), key=lambda n: abs(self.moves[n]))
+        """Which of G, tau and f0 it moves most, and k_T where that is not one number."""
+        return max((n for n in self.moves if n != "k_T" or self.name == CURVED), key=lambda n: abs(self.moves[n]))
 
     @property
     def harmful(self) -> bool:
@@ -88,7 +89,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
     doubts += [said for v in views if (said := _through_or_late(v, state, reference)) is not None]
-    return sorted(found, key=lambda f: 2 * f.freedom - f.worth), doubts
+    return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
 
 
 def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:

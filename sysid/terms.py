@@ -26,6 +26,7 @@ SHIFTED = (
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
     " row to row), or let every point settle"
 )
+CURVED = "f0 curved over temperature"
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 THROUGH = (
@@ -234,11 +235,31 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
         power = {i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np) for i, v in touched.items()}
         grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
         yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
+    yield from _curved(views, away, free)
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
             shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
+    """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told, where three
+    temperatures or more show it; in half bandwidths at the warmest, so that more than a first order tells of is seen."""
+    warm = {i: v.course.hold.warming[v.course.hold.interval] - away for i, v in enumerate(views) if v.trial.resonant}
+    if "k_T" not in free or len(warm) < 1:
+        return
+    told = np.concatenate([w if np.ptp(w) > LEAST_WARMING else w[:1] for w in warm.values()])
+    if len(np.unique(np.round(told / LEAST_WARMING))) < 3:
+        return
+
+    def say(value: np.ndarray, _: View) -> str:
+        return (
+            f"f0 does not go straight with the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit logs of a"
+            " narrower range of temperatures, about that of use, or record some nearer to it"
+        )
+
+    yield Term(CURVED, {i: views[i].along(2j * np.pi * w**2)[:, None] for i, w in warm.items()}, say)
 
 
 def _of_several_sizes(levels: np.ndarray) -> bool:

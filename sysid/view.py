@@ -29,7 +29,8 @@ class View:
 
     `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
     whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
-    `coloured`: rows of correlated noise are made independent.
+    `coloured`: rows of correlated noise are made independent. What the fit takes for the thermometer's error, in its standard
+    deviations, is in the rows of its prior: there is what else could explain it.
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
@@ -52,13 +53,20 @@ class View:
 
     @cached_property
     def recorded(self) -> np.ndarray:
-        """Rows of the residual."""
-        return self.rows(self.residual)
+        """Rows of the residual, and what the fit takes for the thermometer's error among those of the priors."""
+        rows = self.rows(self.residual)
+        rows[self.pulled] = [-self.columns[k].value / self.columns[k].prior for k in self.pulled]
+        return rows
+
+    @cached_property
+    def pulled(self) -> list[int]:
+        """Rows, counted from the end, of the thermometer's error."""
+        return [k - self.priors for k, c in enumerate(self.columns) if self.trial.tied and c.name == "thermometer_d"]
 
     @cached_property
     def r(self) -> np.ndarray:
         """The same, less what the nuisances can make of them."""
-        return self.off(self.residual)
+        return self.recorded - (self.recorded @ self.basis) @ self.basis.T
 
     @cached_property
     def derivatives(self) -> np.ndarray:
@@ -167,7 +175,10 @@ class View:
         return rows - (rows @ self.basis) @ self.basis.T
 
     def likelihood(self, rows: np.ndarray) -> float:
-        """Log-likelihood of real rows as this log's noise, at its best level and correlation time."""
+        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and its thermometer's."""
+        return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
+
+    def _noisy(self, rows: np.ndarray) -> float:
         if self.trial.rounded is not None and not any(p.noise_time for p in self.trial.parts):  # whose level is known
             return -0.5 * float(rows @ rows)
         n, clock, dof = len(self._whitening[0]), self.trial.clock[self.trial.used], freedom(self.trial)
