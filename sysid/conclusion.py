@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid import identify, wording
+from sysid import flank, identify, wording
 from sysid.fitted import Fit, alone, beside, parameter, usable
 from sysid.late import timed
 from sysid.log import Log
@@ -47,7 +47,9 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
         result = Result.undetermined
     if wrong and (result is not Result.undetermined or any(parameters[n].determined for n in PLANT)):
         result = Result.misfit  # a value from logs that the model does not describe is none
-    warnings = (*question.warnings, *coarse, *doubts, *wrong, *believed)
+    f0, beside = parameters["f0"], flank.doubt(best, question.minimiser.reference)
+    aside = [beside] if beside and (f0.determined or f0.why == flank.why(best, question.minimiser.reference)) else []
+    warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *believed)
     return replace(fit, parameters=parameters, result=result, warnings=warnings)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid import identify, wording
+from sysid import flank, identify, wording
 from sysid.condense import taken
 from sysid.log import Log
 from sysid.minimise import State, shares
@@ -81,6 +81,8 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     modes, limit = _modes(fit, name), identify.limits(G, longest if name in ("f0", "k_T") else tau)[name]
     told = name in fit.names and (not fit.priors or alone(fit, name)[1] <= limit) and _shown(fit, name)
     if told and np.isfinite(value) and not modes and std <= limit:
+        if tail := flank.why(state, fit.reference):
+            return Parameter(None, None, None, fit.units[name], False, tail)
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     said = identify.why(name, state.trials, tau, fit.names, len(modes))

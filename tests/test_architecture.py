@@ -61,6 +61,7 @@ ORDER = [
     "images",
     "minimise",
     "ridge",
+    "flank",
     "fitted",
     "view",
     "coincidence",
