@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 from sysid import units
 from sysid.cells import GROUPED, Dialect, find_delimiter, is_number, split_line, to_number, with_unit_cells
-from sysid.preamble import DEEPEST, find_top, header_line, is_table, left_out
+from sysid.preamble import DEEPEST, find_top, header_line, increment, is_table, left_out
 from sysid.stamps import is_stamp
 from sysid.textfile import LogError, open_text, read_line, refuse_binary
 
@@ -88,6 +88,9 @@ def read_head(path: str, dialect: Dialect) -> Head:
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
+    if top and (step := increment(lines, top)) and not any(key.casefold().startswith("sample_rate") for key in metadata):
+        metadata["sample_rate_Hz"] = f"{1 / step:.12g}"
+        notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
     remarks = {key: value for key, value in (_stated(comment, "=") for comment in comments) if key and key not in metadata}
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line))

@@ -70,7 +70,8 @@ def template(head: Head) -> str:
     lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
     lines += [f"# not used: {_in_comment(listed([head.names[index] or str(index) for index in unused]))}"] if unused else []
     lines += ["", *_constants(bool(waveform), ratio), '# temperature = "20 degC"']
-    lines += ["", "# [metadata]", "# sample_rate_Hz = 1e6"] if waveform and "time" not in waveform else []
+    untimed = waveform and "time" not in waveform and not any(key.casefold().startswith("sample_rate") for key in head.metadata)
+    lines += ["", "# [metadata]", "# sample_rate_Hz = 1e6"] if untimed else []
     return "\n".join([*lines, ""])
 
 

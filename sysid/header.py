@@ -7,7 +7,8 @@ that is not understood is refused with a mapping file to start from.
 import contextlib
 import dataclasses
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
 
 from sysid import units
 from sysid.cells import SHOWN, Dialect, amount, listed, to_number
@@ -19,7 +20,12 @@ from sysid.stamps import EXAMPLE, is_local, is_long
 INPUTS = ("time", "frequency", "temperature", "force")
 # Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
 STAMPED = {"date": "time", "datetime": "time", "date/time": "time", "zeitstempel": "time"}  # where the cells are dates
-SYNONYMS = {"timestamp": "time", "freq": "frequency", "temp": "temperature", "volt": "voltage", "volts": "voltage"}
+SYNONYMS = {
+    "timestamp": "time", "freq": "frequency", "omega": "frequency", "\u03c9": "frequency", "temp": "temperature",
+    "volt": "voltage", "volts": "voltage",
+}  # fmt: skip
+ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
+SAMPLES = ("sample", "samples", "sample_no", "sample_number", "sample_index")  # what counts the rows of an even sampling
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
 
@@ -77,6 +83,12 @@ def contract_plan(head: Head) -> Plan:
             _add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number, written=value))
     notes += _add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
+    counter = None if waveform or "time" in sources else _counter(head, unknown)
+    rate = sample_rate(head, head.metadata) if counter else None
+    if counter and rate:
+        sources["time"] = Source(counter, "s", column=head.names.index(counter), scale=1 / rate)
+        unknown.remove(counter)
+        notes.append(f"column {counter} is read as time, at a sample rate of {rate:.7g} Hz")
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
@@ -90,7 +102,50 @@ def contract_plan(head: Head) -> Plan:
         head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
+        warnings=(_without_rate(head, counter),) if counter and not rate and _seems_timed(head, sources) else (),
     )
+
+
+def _counter(head: Head, labels: Collection[str]) -> str | None:
+    """The column that counts the samples, by its name and its first rows; None where there is none."""
+    for label in labels:
+        if label.strip().casefold() in SAMPLES:
+            column = head.names.index(label)
+            first = [to_number(row[column], str(head.dialect.decimal)) for row in head.sample if column < len(row)]
+            if all(after == before + 1 for before, after in pairwise(first)):
+                return label
+    return None
+
+
+def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
+    """Whether rows without a time look like those of a transient: at one frequency, and not said to be settled."""
+    frequency = sources.get("frequency")
+    if stated(head.metadata, "kind"):
+        return False
+    column = None if frequency is None else frequency.column
+    return column is None or len({row[column] for row in head.sample if column < len(row)}) == 1
+
+
+def _without_rate(head: Head, counter: str) -> str:
+    """What to say of rows that are counted and have no time."""
+    way = "state `# sample_rate_Hz: 10000`, say, above the header, or `# kind: steady` of settled points"
+    return f"{head.name}: found no time, and a column {counter!r} that counts the rows, taken as settled points; {way}"
+
+
+def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
+    """The sample rate (Hz) that the metadata state; None where they do not."""
+    key = next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
+    if key is None:
+        return None
+    unit = key[len("sample_rate_") :]
+    try:
+        units.check_unit("frequency", unit)
+    except ValueError as error:
+        raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
+    rate = float(units.convert(metadata_number(head, key, metadata[key]), unit, "Hz"))
+    if rate <= 0:
+        raise LogError(f"{head.path}, metadata {key!r}: found {rate:.6g} Hz, expected a rate above zero")
+    return rate
 
 
 def _kept_out(head: Head, labels: list[str], timed: bool) -> list[str]:
@@ -139,7 +194,7 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
     """The input that a label names by another word, when that input is missing and the unit is of its kind; else None."""
     name, unit, _ = units.split_unit(label)
     quantity = words.get(name.casefold())
-    if quantity is None or not is_absent(quantity, sources):
+    if quantity is None or not is_absent(quantity, sources) or (name.casefold() in ANGULAR and "rad" not in unit):
         return None
     return quantity if units.fits(quantity, units.split_amplitude(unit)[0]) else None
 
@@ -230,7 +285,7 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
 def not_understood(head: Head, found: str, expected: str) -> LogError:
     """What to say of a file whose columns are not known: what was found, what was expected, and a mapping file to begin with."""
     path = head.path
-    if head.dialect.header and (wide := min(map(len, head.sample))) > len(head.names) + 1:
+    if head.dialect.header and (wide := min(map(_width, head.sample))) > len(head.names) + 1:
         across = "; a table that lies across, one quantity a line, is to be turned: one a column"
         said = f"found {wide} columns, expected {len(head.names)} as in the header{across}"
         return LogError(f"{path}, line {head.first_line}: {said}")
@@ -240,6 +295,11 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
         with contextlib.suppress(LogError):
             head = read_head(head.path, Dialect(comment=(first,)))
     return LogError(f"{path}: found {found} ({names}), expected {expected}", template(head))
+
+
+def _width(row: Sequence[str]) -> int:
+    """Cells of a row up to the last that holds something."""
+    return max((k for k, cell in enumerate(row, 1) if cell.strip()), default=0)
 
 
 def _is_misspelt(name: str, quantity: str, unit: str) -> bool:

@@ -225,7 +225,7 @@ def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
             plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
             doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
             plans = [
-                dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=doubt)
+                dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
                 for plan, doubt in zip(plans, doubts, strict=True)
             ]
             return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]

@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import NamedTuple
 
 from sysid import units
-from sysid.cells import WHITESPACE, Dialect, find_delimiter, is_number, listed, split_line, with_unit_cells
+from sysid.cells import WHITESPACE, Dialect, find_delimiter, is_number, listed, split_line, to_number, with_unit_cells
 
 DEEPEST = 200  # lines among which the first row is looked for
 ALIKE = 3  # rows of numbers, one below the other, that are a table
@@ -74,6 +74,15 @@ def header_line(lines: list[str], top: Top) -> str:
     names = _cells(lines[top.names], top.delimiter)[: top.width]
     units_below = _cells(lines[top.names + 1], top.delimiter)[: top.width] if top.units else [""] * top.width
     return with_unit_cells(names, units_below, top.delimiter)
+
+
+def increment(lines: list[str], top: Top) -> float | None:
+    """Seconds from sample to sample, where they stand below a name Increment behind the units (Rigol); else None."""
+    names = [name.casefold() for name in _cells(lines[top.names], top.delimiter)]
+    if not top.units or "increment" not in names[top.width :]:
+        return None
+    step = dict(enumerate(_cells(lines[top.names + 1], top.delimiter))).get(names.index("increment"), "")
+    return to_number(step) if to_number(step) > 0 else None
 
 
 def left_out(lines: list[str], number: int, top: Top, comments: Collection[int]) -> list[str]:

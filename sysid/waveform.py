@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid import mapping, units
+from sysid import mapping
 from sysid.carrier import SURE, Stretches, filling, follow, strongest
 from sysid.csvfile import Head, LogError
-from sysid.header import metadata_number
+from sysid.header import sample_rate
 from sysid.lockin import blocks, low_pass
 from sysid.mapping import Plan
 
@@ -162,20 +162,13 @@ def _named(held: Stretches, step: float, stated: np.ndarray | None) -> tuple[np.
 
 def sample_times(head: Head, metadata: Mapping[str, str], time: np.ndarray | None, count: int) -> np.ndarray:
     """Times (s) of the samples: by a stated `sample_rate_Hz`, from the first time stamp on, else the stamps themselves."""
-    key = next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
-    if key is None:
+    if (rate := sample_rate(head, metadata)) is None:
         if time is None:
             raise LogError(f"{head.path}: found a waveform without time, expected a column time_s, or metadata sample_rate_Hz")
         return time
-    unit = key[len("sample_rate_") :]
-    try:
-        units.check_unit("frequency", unit)
-    except ValueError as error:
-        raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
-    rate = units.convert(metadata_number(head, key, metadata[key]), unit, "Hz")
-    if rate <= 0 or (time is not None and abs(_step(time) * rate - 1) > RATE):
-        stamps = "a rate above zero" if time is None else f"{1 / _step(time):.6g} Hz as in the time stamps"
-        raise LogError(f"{head.path}, metadata {key!r}: found {rate:.6g} Hz, expected {stamps}")
+    if time is not None and abs(_step(time) * rate - 1) > RATE:
+        stamps = f"{1 / _step(time):.6g} Hz as in the time stamps"
+        raise LogError(f"{head.path}, metadata sample_rate: found {rate:.6g} Hz, expected {stamps}")
     return (0.0 if time is None else time[0]) + np.arange(count) / rate
 
 

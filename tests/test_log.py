@@ -630,7 +630,7 @@ KINDS = '  # what the signal shows: "displacement", "velocity", "charge", "curre
             '# temperature = { column = "?", unit = "?" }',
         ]),
         ("X,CH1,CH2,Start,Increment,,\nSequence,Volt,Volt,-2e-3,1e-6,\n0,1,2,\n1,3,4,\n2,5,6,\n", [
-            *SAMPLES, 'drive = { column = "CH1_Volt", unit = "V" }', "# sample_rate_Hz = 1e6", "# not used: X_Sequence",
+            *SAMPLES, 'drive = { column = "CH1_Volt", unit = "V" }', "# not used: X_Sequence",
         ]),
         ("Model,A,B,C\nTIME,CH1,CH2\n0,1,2\n1e-6,3,4\n2e-6,5,6\n", [
             *SAMPLES, 'time = { column = "TIME", unit = "?" }', 'drive = { column = "CH1", unit = "?" }',
