@@ -132,10 +132,14 @@ def _without_rate(head: Head, counter: str) -> str:
     return f"{head.name}: found no time, and a column {counter!r} that counts the rows, taken as settled points; {way}"
 
 
+def rate_key(metadata: Mapping[str, str]) -> str | None:
+    """Under which key the metadata state a sample rate; its end is the unit."""
+    return next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
+
+
 def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
     """The sample rate (Hz) that the metadata state; None where they do not."""
-    key = next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
-    if key is None:
+    if (key := rate_key(metadata)) is None:
         return None
     unit = key[len("sample_rate_") :]
     try:

@@ -18,7 +18,7 @@ import numpy as np
 from sysid import mapping
 from sysid.carrier import SURE, Stretches, filling, follow, strongest
 from sysid.csvfile import Head, LogError
-from sysid.header import sample_rate
+from sysid.header import rate_key, sample_rate
 from sysid.lockin import blocks, low_pass
 from sysid.mapping import Plan
 
@@ -168,7 +168,7 @@ def sample_times(head: Head, metadata: Mapping[str, str], time: np.ndarray | Non
         return time
     if time is not None and abs(_step(time) * rate - 1) > RATE:
         stamps = f"{1 / _step(time):.6g} Hz as in the time stamps"
-        raise LogError(f"{head.path}, metadata sample_rate: found {rate:.6g} Hz, expected {stamps}")
+        raise LogError(f"{head.path}, metadata {rate_key(metadata)!r}: found {rate:.6g} Hz, expected {stamps}")
     return (0.0 if time is None else time[0]) + np.arange(count) / rate
 
 
