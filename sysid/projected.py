@@ -32,8 +32,8 @@ def efficiency(trial: Trial, course: Course) -> float:
     seen = unweighted * np.exp(-1j * np.angle(plate)) * (trial.noise_std / trial.weight[used])
     inverse = np.linalg.pinv(white @ white.T, hermitian=True)
     steps = -np.diff(trial.clock[used], prepend=trial.clock[used][0]) / trial.noise_time
-    shared = np.array([shared(steps, v) for v in seen])
-    spread = inverse @ (seen.conj() @ shared.T).real @ inverse
+    along = np.array([shared(steps, v) for v in seen])
+    spread = inverse @ (seen.conj() @ along.T).real @ inverse
     return float(min(1.0, np.min(np.diag(inverse) / np.diag(spread))))
 
 

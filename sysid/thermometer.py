@@ -6,7 +6,8 @@ slope (m = 2: a smoothing spline). The cosines c_k of the rows (DCT-II) of what 
 variance r (1 + s / e_k^m), e_k = 2 - 2 cos(pi k / n). So r has a closed form for each s, the likelihood of s is a sum, and T has
 the cosines times s / (s + e_k^m). Readings without noise have the largest s there is, and stay what they are.
 
-A reading in steps of q is off by up to half a step, evenly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1). Logs of one reading are off
+A reading in steps of q is off by up to half a step, evenly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1); whole degrees, one for each
+log, are set points, which nobody has read. Logs of one reading are off
 alike, so that each of k of them is taken to be off by sqrt(k) as much: their mean is then no better than one of them. Readings
 that pass several steps, or flicker about them, tell where the steps lie.
 """
@@ -43,7 +44,7 @@ def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None 
     were recorded at one. `digits` (degC): one of the last digit that each was written with; 0 where that is not known."""
     digits = [0.0] * len(logs) if digits is None else digits
     step = step_of(logs, digits)
-    steps = [step if digit else 0.0 for digit in digits]
+    steps = [step if digit and not exact else 0.0 for digit, exact in zip(digits, set_points(logs), strict=True)]
     found = [None if y is None else _steady(y, q) for y, q in zip(logs, steps, strict=True)]
     read = [x for x in found if x is not None]
     if any(x.error for x in read):
@@ -66,6 +67,13 @@ def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float
         return digit
     many = int(np.gcd.reduce(np.append(np.rint(counts), np.rint(1 / digit)).astype(np.int64)))
     return digit if many % 10 == 0 else many * digit
+
+
+def set_points(logs: Sequence[np.ndarray | None]) -> list[bool]:
+    """Which logs have one temperature that was set rather than read: where those of all such logs are whole degrees."""
+    alone = [y is not None and np.ptp(y) == 0 for y in logs]
+    whole = all(y[0] == np.rint(y[0]) for y, one in zip(logs, alone, strict=True) if one and y is not None)
+    return [one and whole for one in alone]
 
 
 def _rounded(logs: Sequence[np.ndarray | None], found: list[Reading | None], steps: Sequence[float]) -> list[Reading | None]:

@@ -10,6 +10,7 @@ from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import FINER, seconds
 from sysid.log import Log
 from sysid.span import times
+from sysid.thermometer import set_points
 from sysid.trial import LEAST_WARMING, Trial, joined, whitened
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
@@ -129,7 +130,20 @@ def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, er
             " its readings are written and flicker; state temperature_std_degC where it is known better, or record temperatures"
             " farther apart"
         )
-    return found
+    return found + _of_set_points(unstated, abs(k_T), errors[2])
+
+
+def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[str]:
+    """A sentence on temperatures that are taken for exact, where they would decide f0 if they had been read."""
+    temperatures = [log.temperature for log in unstated]
+    logs = [log for log, exact in zip(unstated, set_points(temperatures), strict=True) if exact]
+    digit = max((log.temperature_digit for log in logs), default=0.0)
+    if len({float(log.temperature[0]) for log in logs if log.temperature is not None}) < 2 or k_T * digit < error * np.sqrt(12):
+        return []
+    return [
+        f"whole degrees are taken for set points that were kept exactly; read to {digit:g} degC they leave f0 open by"
+        f" {k_T * digit / np.sqrt(12):.2g} Hz: state temperature_std_degC"
+    ]
 
 
 def describe(trial: Trial) -> str:

@@ -205,10 +205,10 @@ def written(folder, temperatures, seed, put, noise=1e-3):
 
 
 def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path):
-    """Sweeps so quiet that only the thermometer's steps of half a degC are left."""
+    """Sweeps so quiet that only the thermometer's steps of half a degC are left; 25.5 shows that they are steps."""
     scores, rng = [], np.random.default_rng(3)
     for seed in range(15):
-        paths = written(tmp_path, rng.uniform(20, 32, 5), seed, lambda t: f"{np.round(2 * t) / 2:g}")
+        paths = written(tmp_path, [25.4, *rng.uniform(20, 32, 4)], seed, lambda t: f"{np.round(2 * t) / 2:g}")
         found = fit(sysid.read_logs(paths))
         p = found.parameters
         assert found.result.name == "successful", found.warnings
@@ -235,9 +235,24 @@ def test_the_step_of_a_thermometer_is_the_finest_that_all_its_readings_have(tmp_
     digits = [log.temperature_digit for log in logs]
     assert step_of([log.temperature for log in logs], digits) == pytest.approx(step)
     one = of_plates([log.temperature for log in logs], digits)
+    if all(float(text).is_integer() for text in texts):  # set points
+        assert [x.error for x in one] == [0.0, 0.0]
+        return
     assert [x.error for x in one] == pytest.approx([step / np.sqrt(12)] * 2, rel=0.02)  # of a sum that is cut off
-    same = of_plates([logs[0].temperature] * 4, digits[:1] * 4)  # off alike: their mean is no better than one of them
-    assert same[0].error / np.sqrt(4) == pytest.approx(step_of([logs[0].temperature], digits[:1]) / np.sqrt(12), rel=0.02)
+    k = next(k for k, text in enumerate(texts) if not float(text).is_integer())
+    half, digit = logs[k].temperature, digits[k]
+    same = of_plates([half] * 4, [digit] * 4)  # off alike: their mean is no better than one of them
+    assert same[0].error / np.sqrt(4) == pytest.approx(step_of([half], [digit]) / np.sqrt(12), rel=0.02)
+
+
+def test_whole_degrees_are_set_points_and_a_warning_says_what_hangs_on_that(tmp_path):
+    """Ovens are set to 22 and 30 degC: f0 is as sure as it was, and the warning states half a degree times k_T, -10 Hz/degC."""
+    logs = sysid.read_logs(written(tmp_path, (22.0, 30.0), 0, "{:.0f}".format))
+    found = sysid.fit(logs)
+    exact = sysid.fit([replace(log, temperature_digit=0.0) for log in logs])
+    assert found.parameters["f0"] == exact.parameters["f0"] and not any("set points" in w for w in exact.warnings)
+    (said,) = (w for w in found.warnings if "set points" in w)
+    assert f"by {10 / np.sqrt(12):.2g} Hz: state temperature_std_degC" in said
 
 
 def test_a_step_in_kelvin_or_in_a_column_is_that_of_its_text(tmp_path):
@@ -260,7 +275,7 @@ def test_a_thermometer_that_flickers_between_two_steps_is_off_by_what_they_hide(
         for seed in range(60):
             true = np.random.default_rng(seed).uniform(23, 25)
             read = np.round(2 * (true + noise(noise_std, seed))) / 2
-            found = of_plates([read, np.full(2, 40.0)], [0.5, 0.5])[0]
+            found = of_plates([read, np.full(2, 39.5)], [0.5, 0.5])[0]
             off.append(found.temperature.mean() - true)
             error.append(found.error)
         assert (rms(error) > 0.1) == rounded
