@@ -39,7 +39,8 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
     wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
-    coarse = [f"{t.log.name}: {said}" for t in best.trials for said in (wording.coarse(t), wording.turned(t)) if said]
+    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
+    turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
     believed = _believed(fit, question.reference_temperature)
     parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
     result = fit.result
@@ -49,7 +50,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
         result = Result.misfit  # a value from logs that the model does not describe is none
     f0, beside = parameters["f0"], flank.doubt(best, question.minimiser.reference)
     aside = [beside] if beside and (f0.determined or f0.why == flank.why(best, question.minimiser.reference)) else []
-    warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *believed)
+    warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *turned, *believed)
     return replace(fit, parameters=parameters, result=result, warnings=warnings)
 
 

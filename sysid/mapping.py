@@ -160,7 +160,8 @@ class MappingFile:
             if source.amplitude != "peak":
                 raise self.fail(key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio")
         volt = Source("[constants] voltage", "V", constant=1.0)
-        if other := next((sources[name] for name in units.DRIVES if sources.get(name, volt) != volt), None):
+        drives = [replace(sources[name], written="") for name in units.DRIVES if name in sources]
+        if other := next((drive for drive in drives if drive != volt), None):
             raise self.fail("quantity", f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V")
         return sources | {"voltage": volt}
 

@@ -254,7 +254,9 @@ class _Linear:
         reported[2, 3] = away
         self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
         self.covariance = state.covariance
-        self.std = np.sqrt(np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
+        # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
+        firm = min((v.trial.jitter[2] for v in views if v.trial.jitter), default=1.0)
+        self.std = np.sqrt(firm * np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]
         self.pulled = state.prior.slope(state.theta)[index]
