@@ -4,15 +4,13 @@ For a term with shapes A, its coefficients are fitted beside the plant's paramet
 weights), the noise of the logs is estimated anew from what is then left, and the gain in log-likelihood is what the term is
 worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried. It makes the
 fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning. One that would move them and
-is worth less, but PERHAPS, is a warning too, unless it moves them so far that it is not to be left out: the loss that is expected
-is the odds of the term, e^worth, times the square of how far it moves, so that ENOUGH is less by twice the logarithm of how many
-intervals that is.
+is worth less, but PERHAPS, is a warning too.
 
 Cook & Weisberg, Residuals and Influence in Regression (1982), added variables and one-step influence.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -67,11 +65,6 @@ class Found:
     @property
     def harmful(self) -> bool:
         return abs(self.moves[self.farthest]) > MOVES
-
-    @property
-    def stake(self) -> float:
-        """Log-likelihood that need not be shown: leaving the term out costs the square of how far it moves, as in a variance."""
-        return 2 * float(np.log(max(abs(self.moves[self.farthest]) / MOVES, 1.0)))
 
 
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> tuple[list[Found], list[str]]:
@@ -383,6 +376,5 @@ class _Linear:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
         if term.squared is not None and term.squared[0] in moves:
             moves[term.squared[0]] += term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
-        found = Found(said, float(gained), moves, term.name, term.log, term.freedom)
-        found = replace(found, certain=bool(gained >= chance + ENOUGH - found.stake))
+        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, bool(gained >= chance + ENOUGH))
         return found if found.certain or found.harmful else None
