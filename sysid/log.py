@@ -151,7 +151,8 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 
 def write_log(log: Log, path: str | Path, append: bool = False) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside).
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
+    temperature that was not read from text is stated to be exact).
 
     The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
     `append`: further rows of the log that the file holds.
@@ -165,6 +166,8 @@ def write_log(log: Log, path: str | Path, append: bool = False) -> None:
         columns[_label(log.response_unit, "wq")] = log.response.imag
     recorded = {name: values.tolist() for name, values in columns.items() if values is not None}
     words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
+    if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
+        words.setdefault("temperature_std_degC", 0.0)  # nobody read it: what is written of it is no step of a thermometer
     kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
     with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
         if not append:

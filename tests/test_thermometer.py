@@ -296,3 +296,12 @@ def test_logs_whose_thermometers_are_off_name_what_to_state():
     assert any("state temperature_std_degC" in w for w in fit(logs).warnings)
     stated = fit([replace(log, bench={"temperature_std_degC": 0.5}) for log in logs])
     assert stated.result.name == "successful"
+
+
+def test_a_log_that_was_written_is_fitted_as_it_is_in_memory(tmp_path):
+    """Temperatures of a simulation are exact, though 22.5 and 30.5 look like those of a thermometer."""
+    logs = [sweep(t, seed, noise=1e-3) for seed, t in enumerate((22.5, 26.0, 30.5))]
+    for k, log in enumerate(logs):
+        sysid.write_log(log, tmp_path / f"{k}.csv")
+    read = sysid.fit(sysid.read_logs([tmp_path / f"{k}.csv" for k in range(3)]))
+    assert read.parameters["f0"].std == pytest.approx(sysid.fit(logs).parameters["f0"].std, rel=1e-6)
