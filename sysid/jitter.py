@@ -26,7 +26,7 @@ from sysid.trial import Trial, whitened
 ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
 LEAST = 40  # rows, of which a colour that differs from channel to channel can be told
-SUSPECT = 1.5  # standard deviations of the difference of the channels, below which the likelihood of white noise is not asked
+SUSPECT = 1.5  # standard deviations of the difference of the channels in white noise, below which the likelihood is not asked
 TWO = 1.0  # log-likelihood more that two numbers, a size and a time, have to gain
 SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # rows, and share of the log, between which so many correlation times are tried
 SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sigma
@@ -51,7 +51,7 @@ def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
     weight, clock = trial.weight[used], trial.clock[used]
     towards = np.exp(-1j * np.angle(model[used])) * weight
     across = left * towards
-    if not (trial.noise_time or trial.levels or _suspect(across, size * weight)):
+    if not _suspect(across, size * weight):
         return None
     made = course.design()[used] * trial.turn * towards[:, None]
     real = np.concatenate([made, 1j * made], axis=1)

@@ -21,6 +21,8 @@ from sysid.span import orthonormal
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
 TIMES = 24  # correlation times that are tried
+ALIKE_STEPS = 1e-6  # of the longest step between rows, within which two are one: what digits of stamps make of a steady clock
+FEW_STEPS = 8  # between rows: a steady clock with outliers left out
 MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
 SHARE = 0.25  # of the rows are outliers at most
 MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
@@ -76,9 +78,9 @@ def _fitted(
         return white, 0.0, 0.0
     typical = np.median(steps[steps > 0])
     times = np.geomspace(0.2 * typical, max(0.3 * (clock[-1] - clock[0]), typical), TIMES)
-    found, shrink = _whitened(residual, steps, times[:, None])
-    shrunk = 0.5 * channels * np.sum(np.log(shrink), axis=-1)
-    cost = shrunk + 0.5 * channels * len(residual) * np.log(power_of(found) / power)
+    left, shrunk = _grams(residual[None], steps, times)
+    shrunk = 0.5 * channels * shrunk
+    cost = shrunk + 0.5 * channels * len(residual) * np.log(left[:, 0, 0].real / power)
     if np.min(cost) > -worth:
         return white, 0.0, 0.0
     if design is not None:
@@ -86,9 +88,9 @@ def _fitted(
         basis = orthonormal(made if channels == 2 else made.real, ALIKE)
         cost = _restricted(residual, basis, steps, times, channels) + shrunk
     share = np.exp(np.min(cost) - cost)
-    time = float(np.exp(np.sum(share * np.log(times)) / np.sum(share)))
-    whitened, shrink = _whitened(residual, steps, time)
-    return float(np.sqrt(power_of(whitened) / freedom)), time, -0.5 * channels * float(np.sum(np.log(shrink)))
+    time = np.exp(np.sum(share * np.log(times), keepdims=True) / np.sum(share))
+    left, shrunk = _grams(residual[None], steps, time)
+    return float(np.sqrt(left[0, 0, 0].real / freedom)), float(time[0]), -0.5 * channels * float(shrunk[0])
 
 
 def _restricted(residual: np.ndarray, basis: np.ndarray, steps: np.ndarray, times: np.ndarray, channels: int) -> np.ndarray:
@@ -99,12 +101,41 @@ def _restricted(residual: np.ndarray, basis: np.ndarray, steps: np.ndarray, time
     last, the norm of what the basis leaves of the residual.
     """
     n, K = basis.shape
-    both = np.concatenate([basis.T, residual[None] / np.linalg.norm(residual)])
-    white = (_whitened(both, steps, time)[0] for time in times)
-    grams = np.stack([w @ w.conj().T for w in white])
+    grams, _ = _grams(np.concatenate([basis.T, residual[None] / np.linalg.norm(residual)]), steps, times)
     factors = np.linalg.cholesky(grams * (1 + ROUNDING * np.eye(K + 1)))
     diagonal = np.log(np.diagonal(factors, axis1=1, axis2=2).real)
     return channels * (np.sum(diagonal[:, :K], axis=1) + (n - K) * diagonal[:, K])
+
+
+def _grams(rows: np.ndarray, steps: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, C, C) Gram matrices of rows (C, n) whitened for each correlation time, and (T,) sums of the logarithms of the variance
+    that is left of each row.
+
+    With x = a + d, a row after the one before it, and g = 1 - rho, what whitening leaves is (d + g a) / sqrt(1 - rho^2): of each
+    step between rows, where they are few, the sums of d d^H, d a^H and a a^H are those of all times.
+    """
+    kinds, which = np.unique(np.rint(steps / (ALIKE_STEPS * np.max(steps))), return_inverse=True)
+    if len(kinds) > FEW_STEPS:
+        found = [_whitened(rows, steps, time) for time in times]
+        return np.stack([w @ w.conj().T for w, _ in found]), np.array([np.sum(np.log(shrink)) for _, shrink in found])
+    groups = [slice(None)] if len(kinds) == 1 else [np.flatnonzero(which == k) for k in range(len(kinds))]
+    before, change = rows[:, :-1], np.diff(rows, axis=1)
+    sums = []
+    for group in groups:
+        a, d = before[:, group], change[:, group]
+        across = d @ a.conj().T
+        sums.append((d @ d.conj().T, across + across.conj().T, a @ a.conj().T))
+    moments = np.array(sums)  # (S, 3, C, C)
+    gap, shrink = _gap(np.array([np.mean(steps[group]) for group in groups]), times[:, None])
+    parts = np.stack([1 / shrink, gap / shrink, gap**2 / shrink], axis=-1)
+    first = rows[:, :1] @ rows[:, :1].conj().T
+    return first + np.tensordot(parts, moments, 2), np.log(shrink) @ np.bincount(which)
+
+
+def _gap(steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1 - rho, at least 1e-9, and 1 - rho^2, of the correlation rho that rows so many steps apart have."""
+    gap = np.maximum(-np.expm1(-steps / time), 1e-9)
+    return gap, gap * (2 - gap)
 
 
 def power_of(v: np.ndarray) -> np.ndarray:
@@ -117,12 +148,10 @@ def independent(residual: np.ndarray, clock: np.ndarray, time: float) -> np.ndar
     return _whitened(residual, np.diff(clock), time)[0] if time > 0 else residual
 
 
-def _whitened(values: np.ndarray, steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (..., n) less what each shares with the row before, of unit variance; and the variance (..., n - 1) left of each.
-    `time` is one, or (T, 1) for as many answers."""
-    rho = np.minimum(np.exp(-steps / time), 1 - 1e-9)
-    shrink = 1 - rho**2
-    new = (values[..., 1:] - rho * values[..., :-1]) / np.sqrt(shrink)
+def _whitened(values: np.ndarray, steps: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (..., n) less what each shares with the row before, of unit variance; and the variance (n - 1,) left of each."""
+    gap, shrink = _gap(steps, time)
+    new = (values[..., 1:] - (1 - gap) * values[..., :-1]) / np.sqrt(shrink)
     first = np.broadcast_to(values[..., :1], (*new.shape[:-1], 1))
     return np.concatenate([first, new], axis=-1), shrink
 
@@ -184,8 +213,9 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
     n, channels = float(len(residual)), (residual.real, residual.imag)
     if len(residual) < 20 or not all(np.any(v) for v in channels):
         return 1.0
-    worth = sum(log_likelihood(v, clock, n) for v in channels) - log_likelihood(residual, clock, 2 * n) > WORTH + 1
-    d, q = (_fitted(v, clock, n, None)[0] for v in channels)
+    (d, _, gained_d), (q, _, gained_q) = (_fitted(v, clock, n, None) for v in channels)
+    gained = gained_d + gained_q - n * float(np.log(max(d, 1e-300)) + np.log(max(q, 1e-300)))
+    worth = gained - log_likelihood(residual, clock, 2 * n) > WORTH + 1
     return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
 
 

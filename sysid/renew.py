@@ -22,6 +22,7 @@ EARLY = 2  # rounds in which noise that goes with the response is looked for in 
 SELDOM = 5  # rounds after which the noise of the phase is looked for again, which changes with the rest of the noise alone
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
 ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
+WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
 SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
 
@@ -223,7 +224,7 @@ class _Residual(NamedTuple):
             else:
                 made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
                 std, time = estimate(channel, clock, counted, partial(np.asarray, made))
-                time = _halfway(time, before[k].time) if before and round_ > 2 else time
+                time = _halfway(time, before[k].time) if before and round_ > WHOLE else time
             found.append(Level(std, time))
         return tuple(found)
 
@@ -249,7 +250,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     plain = time == 0 and told == 1 and ratio == 1 and not trial.share and found.trial.left_out == found.trial.lost
     if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
         std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
-    time = _halfway(time, trial.noise_time) if round_ > 2 else time
+    time = _halfway(time, trial.noise_time) if round_ > WHOLE else time
     if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
         ratio = found.apart(weight, time)
         if ratio != 1 and told < 1:
@@ -340,7 +341,7 @@ def _coloured(plain: Trial, channel: _Channel, count: float, first: bool, round_
     time = channel.time
     if round_ <= SETTLED:
         time = estimate(left[alone], clock[alone], float(len(alone)))[1]
-        time = time if first or round_ <= 2 else _halfway(time, channel.time)
+        time = time if first or round_ <= WHOLE else _halfway(time, channel.time)
     std, time = estimate(left / channel.spread[plain.used], clock, count, time=time)
     return Level(max(std, rounding.least(channel.step)), time)
 
