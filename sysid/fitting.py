@@ -49,7 +49,7 @@ def fit(
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
-    tight = unfolded(minimiser, minimiser.refine(tightened(best, minimiser.reference, names), best.theta))
+    tight = unfolded(minimiser, minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1))
     narrow = conclude(question, [tight], hangs(tight, minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit:
         return narrow
@@ -85,11 +85,11 @@ def _asked(
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     through = [with_feedthroughs(s, reference) for s in states]
-    states = [s if t is s.trials else minimiser.refine(t, s.theta) for s, t in zip(states, through, strict=True)]
+    states = [s if t is s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, through, strict=True)]
     if "thermometer" in nuisances and "k_T" in free:
         spread = [np.sqrt(np.diag(s.covariance)) for s in states]
         with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
-        states = [s if t == s.trials else minimiser.refine(t, s.theta) for s, (t, _) in zip(states, with_errors, strict=True)]
+        states = [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, (t, _) in zip(states, with_errors, strict=True)]
         unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
         errors = np.sqrt(np.diag(states[0].covariance))
         warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]

@@ -228,18 +228,21 @@ class Minimiser:
         theta = np.zeros(len(NAMES))
         _search.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
 
-    def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30) -> State:
-        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one."""
+    def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one.
+
+        `known`: rounds in which the noise of the trials was found; 0: it is looked for from nothing.
+        """
         if not any(t.resonant and not t.steady for t in trials):
-            return self._descend(trials, theta, False, rounds)
-        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
+            return self._descend(trials, theta, False, rounds, known)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known)
         q = self._q(state.theta)
         if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
             return state
-        other = self._descend(trials, state.theta, not state.low_q, rounds)
+        other = self._descend(trials, state.theta, not state.low_q, rounds, known)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
-    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int) -> State:
+    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int) -> State:
         """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
 
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
@@ -247,7 +250,7 @@ class Minimiser:
         steps, last, converged, unmoved, begin = _Steps(), np.inf, False, False, theta
         if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
-        k = 0
+        k = known
         for _ in range(2 * rounds):
             before, directions = (theta, trials), self._directions(theta)
             first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
@@ -318,7 +321,7 @@ class Minimiser:
         for first in found:
             if any(not self._apart(first, other) for other in states):
                 continue
-            state = self.refine(first.trials, first.theta)
+            state = self.refine(first.trials, first.theta, known=1)
             if all(self._apart(state, other) for other in states):
                 states.append(state)
         states.sort(key=lambda s: s.cost)
