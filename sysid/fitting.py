@@ -17,7 +17,7 @@ from sysid.precision import float64
 from sysid.prior import Prior, checked
 from sysid.result import Result
 from sysid.ridge import unfolded
-from sysid.trial import NUISANCES
+from sysid.trial import NUISANCES, Trial
 
 
 @float64
@@ -84,15 +84,19 @@ def _asked(
         states = minimiser.minima(again, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
-    through = [with_feedthroughs(s, reference) for s in states]
-    states = [s if t is s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, through, strict=True)]
+    states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     if "thermometer" in nuisances and "k_T" in free:
         spread = [np.sqrt(np.diag(s.covariance)) for s in states]
         with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
-        states = [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, (t, _) in zip(states, with_errors, strict=True)]
+        states = _anew(minimiser, states, [trials for trials, _ in with_errors])
         unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
         errors = np.sqrt(np.diag(states[0].covariance))
         warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
     states = [unfolded(minimiser, s) for s in states]
     again = tuple(replace(t, nuisances=s.nuisances, narrow=s.narrow) for t, s in zip(again, states[0].trials, strict=True))
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
+
+
+def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:
+    """The minima with the trials that were found at each, looked for again where these are others than its own."""
+    return [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, found, strict=True)]
