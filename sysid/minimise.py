@@ -17,7 +17,7 @@ from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
 from sysid.prior import FINGER, FLAT, NAMES, Prior
-from sysid.renew import update
+from sysid.renew import update, with_jitter
 from sysid.search import Search
 from sysid.start import joint, local
 from sysid.trial import Trial, with_noise
@@ -273,6 +273,8 @@ class Minimiser:
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
+        if known:
+            trials = tuple(with_jitter(*each) for each in zip(trials, models, courses, strict=True))
         efficient = [trials[i].told for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
         count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])

@@ -19,7 +19,6 @@ MUCH = 0.3  # of a log
 COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
-SELDOM = 5  # rounds after which the noise of the phase is looked for again, which changes with the rest of the noise alone
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
 ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
 WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
@@ -44,6 +43,12 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             moved = max(moved, _moved(trials[i], new), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new
     return tuple(updated), tuple(models), cost, moved
+
+
+def with_jitter(trial: Trial, model: np.ndarray, course: Course) -> Trial:
+    """The trial with the noise of its phase, and the information that this leaves of it: nothing else of a fit depends on it."""
+    found = jitter.found(trial, model, course) if trial.signed else None
+    return replace(trial, jitter=found and (*found[:2], jitter.efficiency(trial, model, course, found)))
 
 
 def _moved(trial: Trial, new: Trial) -> float:
@@ -101,8 +106,6 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     if new.noise_time > 0 and not new.signed:
         new = replace(new, efficiency=efficiency(new, course))
     late = late * trial.lateness / trial.looseness
-    if trial.signed and round_:
-        new = _with_jitter(new, model, course, round_)
     if trial.signed:
         return replace(new, start=start, late=late)
     if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
@@ -112,15 +115,6 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     free = new.floor_free and not trial.steady and floor > 0
     held = (1 - new.share) * new.noise_std**2 if trial.steady else 1e-6 * new.noise_std**2
     return replace(new, start=start, late=late, floor=floor if free else held, floor_free=bool(free))
-
-
-def _with_jitter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> Trial:
-    """The trial with the noise of its phase, and the information that this leaves of it: after the first rounds seldom anew."""
-    told = trial.jitter
-    if round_ <= EARLY or round_ % SELDOM == 0:
-        found = jitter.found(trial, model, course)
-        told = None if found is None else (*found[:2], jitter.efficiency(trial, model, course, found))
-    return replace(trial, jitter=told)
 
 
 def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
