@@ -36,17 +36,25 @@ class Search:
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference, k_T."""
-        found = np.empty((2, len(points), len(self.logs)))
-        with np.errstate(all="ignore"):  # what overflows is far from any log
-            for k, log in enumerate(self.logs):
-                for i in range(0, len(points), log.together):
-                    found[:, i : i + log.together, k] = log(points[i : i + log.together].T)
-        sums, gains = found
-        return np.where(np.isfinite(sums), sums, np.inf), gains
+        sums, gains = np.stack([self._found(log, points) for log in self.logs], axis=-1)
+        return sums, gains
 
     def sums(self, points: np.ndarray) -> np.ndarray:
         """(n, logs) residual sums of squares."""
         return self(points)[0]
+
+    def of(self, k: int, points: np.ndarray) -> np.ndarray:
+        """(n,) those of one log."""
+        return self._found(self.logs[k], points)[0]
+
+    def _found(self, log: "Thinned", points: np.ndarray) -> np.ndarray:
+        """(2, n) sums and gains of one log."""
+        found = np.empty((2, len(points)))
+        with np.errstate(all="ignore"):  # what overflows is far from any log
+            for i in range(0, len(points), log.together):
+                found[:, i : i + log.together] = log(points[i : i + log.together].T)
+        found[0, ~np.isfinite(found[0])] = np.inf
+        return found
 
     def score(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
         """(n,) log-likelihood by which each point falls short of every log's own `best` residual sum."""
