@@ -157,11 +157,11 @@ def beside(state: State) -> tuple[FittedLog, ...]:
                 response=model,
                 residual=left,
                 nrmse_percent=_percent(left, log.response - np.mean(log.response)),
-                noise_std=trial.noise_std,
-                noise_time=trial.noise_time,
+                noise_std=trial.noise.std,
+                noise_time=trial.noise.time,
                 description=wording.describe(trial),
                 noise=wording.noise(trial),
-                levels=trial.levels,
+                levels=trial.noise.levels,
             )
         )
     return tuple(fitted)

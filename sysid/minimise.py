@@ -270,7 +270,7 @@ class Minimiser:
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
-        efficient = [trials[i].told for logs in members for i in logs]  # padding stands behind each group's logs
+        efficient = [trials[i].noise.told for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
         count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)

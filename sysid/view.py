@@ -10,7 +10,8 @@ from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
 from sysid.span import REAL, orthonormal
-from sysid.trial import Trial, freedom, whitened
+from sysid.trial import Trial, freedom
+from sysid.whitening import whitened
 
 ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
 
@@ -37,7 +38,7 @@ class View:
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
-        self._whitening = trial.whitening(coloured=coloured)
+        self._whitening = trial.noise.whitening(coloured=coloured)
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
@@ -165,7 +166,7 @@ class View:
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
-        v = whitened(shape[..., self.trial.used], *self._whitening)
+        v = whitened(shape[..., self.trial.noise.used], *self._whitening)
         channels = [v.real, v.imag] if np.iscomplexobj(self.residual) else [v.real]
         return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
 
@@ -179,10 +180,11 @@ class View:
         return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
 
     def _noisy(self, rows: np.ndarray) -> float:
-        if self.trial.rounded is not None and not any(p.noise_time for p in self.trial.parts):  # whose level is known
+        noise = self.trial.noise
+        if noise.rounded is not None and not noise.coloured:  # whose level is known
             return -0.5 * float(rows @ rows)
-        n, clock, dof = len(self._whitening[0]), self.trial.clock[self.trial.used], freedom(self.trial)
-        if self.trial.levels:
+        n, clock, dof = len(self._whitening[0]), noise.clock[noise.used], freedom(self.trial)
+        if noise.levels:
             return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
         left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
         return log_likelihood(left, clock, dof)

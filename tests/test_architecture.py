@@ -43,6 +43,7 @@ ORDER = [
     "rice",
     "likelihood",
     "noise",
+    "whitening",
     "trial",
     "experiment",
     "perturbed",
