@@ -13,8 +13,6 @@ The fit keeps the weights W of that. Its estimates have then no bias, and the co
     S = sigma^2 + std^2 |W| |W'| exp(-|t - t'|/time)        across the response, sigma^2 along it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sysid.noise import ROUNDING, WORTH
@@ -22,7 +20,7 @@ from sysid.perturbed import Course
 from sysid.projected import shared
 from sysid.span import orthonormal, times
 from sysid.trial import Trial
-from sysid.whitening import whitened
+from sysid.whitening import Jitter, whitened
 
 ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
@@ -31,15 +29,6 @@ SUSPECT = 1.5  # standard deviations of the difference of the channels, below wh
 TWO = 1.0  # log-likelihood more that two numbers, a size and a time, have to gain
 SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # rows, and share of the log, between which so many correlation times are tried
 SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sigma
-
-
-class Jitter(NamedTuple):
-    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside white noise of
-    `level` per channel."""
-
-    std: float
-    time: float
-    level: float
 
 
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:

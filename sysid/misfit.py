@@ -248,7 +248,7 @@ class _Linear:
         self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
         self.covariance = state.covariance
         # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
-        firm = min((v.trial.noise.jitter[2] for v in views if v.trial.noise.jitter), default=1.0)
+        firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
         self.std = np.sqrt(firm * np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]

@@ -119,7 +119,7 @@ def _with_jitter(trial: Trial, model: np.ndarray, course: Course, round_: int) -
     told = trial.noise.jitter
     if round_ <= EARLY or round_ % SELDOM == 0:
         found = jitter.found(trial, model, course)
-        told = None if found is None else (*found[:2], jitter.efficiency(trial, model, course, found))
+        told = None if found is None else found._replace(left=jitter.efficiency(trial, model, course, found))
     return trial.knowing(jitter=told)
 
 

@@ -3,12 +3,23 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from sysid.log import Log
 from sysid.noise import Level
 from sysid.span import times
+
+
+class Jitter(NamedTuple):
+    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside white noise of
+    `level` per channel; and the share of a log's information that it leaves."""
+
+    std: float
+    time: float
+    level: float
+    left: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +38,12 @@ class Noise:
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
     kept: np.ndarray | None = field(default=None, repr=False)  # rows with a signal that are no outliers of coloured noise
     efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
-    jitter: tuple[float, float, float] | None = None  # of its phase: rad, correlation time, and the information that it leaves
+    jitter: Jitter | None = None  # of its phase
 
     @property
     def told(self) -> float:
         """`efficiency`, less what the noise of the phase takes."""
-        return self.efficiency * (self.jitter[2] if self.jitter else 1.0)
+        return self.efficiency * (self.jitter.left if self.jitter else 1.0)
 
     @property
     def coloured(self) -> bool:

@@ -179,7 +179,7 @@ def noise(trial: Trial) -> str:
         least = f" and {known.std * np.sqrt(1 - known.share):.2g} {unit}" if known.share < NEARLY_ALL else ""
         said = f"{said}, {largest}{least}"
     if known.jitter is not None:
-        said = f"{said}, of which the phase's is {known.jitter[0]:.2g} rad, correlated over {_time(trial, known.jitter[1])}"
+        said = f"{said}, of which the phase's is {known.jitter.std:.2g} rad, correlated over {_time(trial, known.jitter.time)}"
     if outliers := known.left_out - trial.lost:
         return f"{said}, {outliers} outliers left out"
     said = said if known.rounded is None else f"{said} but for its rounding"
@@ -193,11 +193,12 @@ def _time(trial: Trial, time: float) -> str:
 
 def turned(trial: Trial) -> str | None:
     """A sentence when the noise of a log's phase takes most of what it tells; else None."""
-    if trial.noise.jitter is None or trial.noise.jitter[2] > MOST_TAKEN:
+    jitter = trial.noise.jitter
+    if jitter is None or jitter.left > MOST_TAKEN:
         return None
-    std, time, left = trial.noise.jitter
+    over = _time(trial, jitter.time)
     return (
-        f"phase noise of {std:.2g} rad that is correlated over {_time(trial, time)} makes errors {left**-0.5:.2g} times as large;"
+        f"phase noise of {jitter.std:.2g} rad that is correlated over {over} makes errors {jitter.left**-0.5:.2g} times as large;"
         " lock drive and demodulator to one clock, or record the average of several logs"
     )
 
