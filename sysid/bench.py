@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.determined import NORMAL95
 from sysid.extra import UNITS
 from sysid.fitted import Fit
 from sysid.result import Parameter
@@ -20,7 +21,6 @@ from sysid.view import View
 from sysid.whitening import Noise
 
 TOLD = 0.5  # of its prior's standard deviation: above, the log says little of it
-NORMAL95 = 1.959964
 ANY_ANGLE = 180.0 / np.sqrt(3.0)  # deg, the standard deviation of an angle of which nothing is known
 
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.accuracy import Rung, above, up_to
+from sysid.determined import parameter, usable
 from sysid.diagnostics import ess, rhat
 from sysid.estimate import Estimate, moved
-from sysid.fitted import Fit, parameter, usable
+from sysid.fitted import Fit
 from sysid.precision import float64
 from sysid.result import Parameter, Result
 from sysid.target import Target

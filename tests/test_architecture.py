@@ -64,6 +64,7 @@ ORDER = [
     "ridge",
     "flank",
     "fitted",
+    "determined",
     "view",
     "coincidence",
     "term",
