@@ -10,7 +10,6 @@ from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import FINER, seconds
 from sysid.log import Log
 from sysid.span import times
-from sysid.thermometer import set_points
 from sysid.trial import LEAST_WARMING, Trial
 from sysid.whitening import Noise, joined, whitened
 
@@ -135,11 +134,11 @@ def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, er
 
 
 def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[str]:
-    """A sentence on temperatures that are taken for exact, where they would decide f0 if they had been read."""
-    temperatures = [log.temperature for log in unstated]
-    logs = [log for log, exact in zip(unstated, set_points(temperatures), strict=True) if exact]
-    digit = max((log.temperature_digit for log in logs), default=0.0)
-    if len({float(log.temperature[0]) for log in logs if log.temperature is not None}) < 2 or k_T * digit < error * np.sqrt(12):
+    """A sentence on temperatures that `sysid.thermometer` took for exact, where they would decide f0 if they had been read."""
+    exact = [(log.temperature, log.temperature_digit) for log in unstated if log.bench.get("temperature_std_degC") == 0]
+    kept = [(float(t[0]), digit) for t, digit in exact if t is not None and np.ptp(t) == 0]
+    digit = max((digit for _, digit in kept), default=0.0)
+    if len(dict(kept)) < 2 or k_T * digit < error * np.sqrt(12):
         return []
     return [
         f"whole degrees are taken for set points that were kept exactly; read to {digit:g} degC they leave f0 open by"
