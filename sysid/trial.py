@@ -5,13 +5,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc
 
 from sysid import rice, rounding
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
 from sysid.noise import Level
+from sysid.plant import smoothed
 from sysid.whitening import Noise, clock_of, joined, uneven, whitened
 
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
@@ -236,7 +236,7 @@ class Trial:
             if offset and not (self.from_rest and self.resonant):
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
-                shapes["feedthrough"] = self._smoothed(drive)
+                shapes["feedthrough"] = self._filtered()
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:
@@ -249,19 +249,15 @@ class Trial:
         columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
         return np.array(columns).reshape(len(columns), len(self.log))
 
-    def _smoothed(self, drive: np.ndarray) -> np.ndarray:
-        """What the lock-in's filter makes of the drive, (n,): of each of its steps the incomplete gamma function of its order."""
-        tau, order = self.smoothing
+    def _filtered(self) -> np.ndarray:
+        """What the lock-in's filter makes of the drive itself, (n,), at whose first level it had settled."""
+        (tau, order), drive = self.smoothing, self.inputs.drive
         if not order:
-            return drive
-        hold = self.inputs
-        begun = np.append(0.0, np.cumsum(hold.duration)[:-1])
-        now = begun[hold.interval] + hold.elapsed
-        found = np.full(len(drive), hold.drive[0], float)
-        for at, step in zip(begun[1:], np.diff(hold.drive), strict=True):
-            if step:
-                found += step * gammainc(order, np.maximum(now - at, 0.0) / tau)
-        return found
+            return drive[self.inputs.interval]
+        hold = self.inputs._replace(smoothing=tau, spread=np.zeros(len(self.log)))
+        step = (drive - drive[0]).astype(complex)
+        still = np.zeros_like(step)  # a plate that nothing pushes, whatever its pole
+        return drive[0] + smoothed(still - 1.0, still, step, hold, order, None, np).forced.real
 
     def _remembered(self) -> dict[str, np.ndarray]:
         """How the states of the lock-in's filter at the first row die away, (n,) each: e^-x x^k for each of its poles."""
