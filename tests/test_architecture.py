@@ -50,6 +50,7 @@ ORDER = [
     "projected",
     "jitter",
     "extra",
+    "residuals",
     "renew",
     "guess",
     "prior",
