@@ -73,7 +73,7 @@ def beside(state: State) -> tuple[FittedLog, ...]:
     """Each log beside its model."""
     fitted = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+        rows = np.flatnonzero(trial.there)
         log = taken(trial.log, rows) if trial.lost else trial.log
         model = (model.real if log.amplitude_only else model)[rows]
         left = log.response - model

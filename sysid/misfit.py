@@ -116,7 +116,7 @@ def _outlying(i: int, view: View) -> Found | None:
     the fit has made up for the rest."""
     trial, noise, rows = view.trial, view.trial.noise, at_changes(view.trial)
     weight = np.ones(len(trial.log)) if noise.tail is None else np.array(noise.tail)
-    weight[~noise.kept if noise.kept is not None else []] = 0.0
+    weight[~noise.kept] = 0.0
     if not rows or not trial.lateness or trial.lost:
         return None
     rank = -np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))  # by chance exponential

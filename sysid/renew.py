@@ -71,8 +71,7 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
     outliers = trial.noise.left_out - trial.lost
     if not outliers:
         return 0.0
-    there = True if trial.there is None else trial.there
-    left = np.abs((trial.log.response - model) * trial.noise.weight)[~trial.noise.kept & there]
+    left = np.abs((trial.log.response - model) * trial.noise.weight)[~trial.noise.kept & trial.there]
     channels = 1 if trial.log.amplitude_only else 2
     return 0.5 * outliers * channels * float(np.log(np.mean(left**2) / channels))
 

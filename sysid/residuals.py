@@ -68,7 +68,7 @@ def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
     least = rice.spread(model / np.sqrt(floor))
     if trial.steady:
         return least
-    there = slice(None) if trial.there is None else trial.there
+    there = trial.there
     left, own = (trial.residual(model) * np.sqrt(trial.noise.count))[there], least[there]
     gained = -0.5 * len(left) * np.log(np.mean((left / own) ** 2) / np.mean(left**2)) - np.sum(np.log(own))
     return least if gained > 0 else even
@@ -83,7 +83,7 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
         return 0.0
     if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
         return trial.noise.share
-    there = slice(None) if trial.there is None else trial.there
+    there = trial.there
     left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]
     if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):
         return 0.0  # at rest there is less of rounding than of noise
@@ -125,11 +125,12 @@ class _Residual(NamedTuple):
         even = _scaled(self.left, ratio)[self.used]
         return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
 
-    def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray | None]:
+    def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray]:
         """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
         even = _scaled(self.left, ratio)
         weight, told = tails(independent(even, self.clock, time))
-        return weight, told, spikes(even, self.clock) if told < 1 else None
+        regular = spikes(even, self.clock) if told < 1 else None
+        return weight, told, np.ones(len(even), bool) if regular is None else regular
 
     def apart(self, weight: np.ndarray, time: float) -> float:
         """Noise of q over that of d."""
@@ -163,12 +164,12 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     held = known.time if round_ > SETTLED else None
     ratio = known.levels[1].std / known.levels[0].std if known.levels else 1.0
     std, time = found.level(ratio, held)
-    weight, told, regular = np.ones(len(found.left)), 1.0, None if known.kept is None else known.kept[found.rows]
+    weight, told, regular = np.ones(len(found.left)), 1.0, known.kept[found.rows]
     if chosen:
         weight, told, regular = found.outliers(ratio, time)
     elif known.tail is not None:
         weight, told = known.tail[found.rows], known.efficiency
-    if regular is not None and not np.all(regular):
+    if not np.all(regular):
         found = found.without(regular)
         std, time = found.level(ratio, held)
     if time > 0 or found.trial.noise.left_out > found.trial.lost:

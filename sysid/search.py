@@ -135,7 +135,7 @@ def _along(unit: np.ndarray, v: np.ndarray) -> np.ndarray:
 def _thin(trial: Trial) -> np.ndarray:
     """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
     rows = _evenly(trial)
-    return rows if trial.there is None else rows[trial.there[rows]]
+    return rows[trial.there[rows]]
 
 
 def _evenly(trial: Trial) -> np.ndarray:

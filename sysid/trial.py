@@ -40,6 +40,7 @@ class Trial:
     kind: str  # "transient" | "steady"
     inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
     noise: Noise
+    there: np.ndarray = field(repr=False)  # rows that hold a signal
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
@@ -56,7 +57,6 @@ class Trial:
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
     steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
-    there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
@@ -67,14 +67,14 @@ class Trial:
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
         share = DECIBEL[kind] if log.relative_noise else 0.0
-        response, kept = read.log.response, read.there
-        level = UNKNOWN * _scale(response)
-        noise = Noise(clock_of(read.log), read.count, level, share=share, spread=uneven(share, response), kept=kept)
+        level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
+        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread)
         return cls(
             read.log,
             kind,
             read.inputs,
             noise,
+            read.there,
             nuisances,
             spacing,
             gap=read.gap,
@@ -82,7 +82,6 @@ class Trial:
             spoilt=read.spoilt,
             most=read.most,
             rectified=rectified,
-            there=read.there,
             whole=log if len(read.log) < len(log) else None,
             steps=() if log.relative_noise else rounding.steps(log.response),
         )
@@ -205,12 +204,12 @@ class Trial:
     @property
     def lost(self) -> int:
         """How many of them hold no signal, or were spoilt; the others are outliers."""
-        return 0 if self.there is None else int(np.sum(~self.there))
+        return int(np.sum(~self.there))
 
     def residual(self, model: np.ndarray) -> np.ndarray:
         """(n,) recorded - modelled; zero where there is no signal."""
         left = self.log.response - (model.real if self.log.amplitude_only else model)
-        return left if self.there is None else np.where(self.there, left, 0.0)
+        return np.where(self.there, left, 0.0)
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:

@@ -28,6 +28,7 @@ class Noise:
 
     clock: np.ndarray = field(repr=False)  # what orders it, as `clock_of` has it
     count: np.ndarray = field(repr=False)  # rows of the file that each row is the mean of
+    kept: np.ndarray = field(repr=False)  # rows with a signal that are no outliers of coloured noise
     std: float  # per channel
     time: float = 0.0  # correlation time in the unit of `clock`; 0: white
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `std` is then its root mean square
@@ -36,7 +37,6 @@ class Noise:
     rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
     own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
-    kept: np.ndarray | None = field(default=None, repr=False)  # rows with a signal that are no outliers of coloured noise
     efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
     jitter: Jitter | None = None  # of its phase
 
@@ -60,19 +60,19 @@ class Noise:
         return tuple(replace(p, rounded=r, own=own) for p, (r, own) in zip(parts, pairs, strict=True))
 
     @property
-    def used(self) -> slice | np.ndarray:
+    def used(self) -> np.ndarray:
         """The rows that are not left out."""
-        return slice(None) if self.kept is None else np.flatnonzero(self.kept)
+        return np.flatnonzero(self.kept)
 
     @property
     def order(self) -> np.ndarray:
         """The rows as an experiment has them, those that are left out last."""
-        return np.arange(len(self.clock)) if self.kept is None else np.argsort(~self.kept, kind="stable")
+        return np.argsort(~self.kept, kind="stable")
 
     @property
     def left_out(self) -> int:
         """How many rows are."""
-        return 0 if self.kept is None else int(np.sum(~self.kept))
+        return int(np.sum(~self.kept))
 
     @cached_property
     def weight(self) -> np.ndarray:
@@ -113,12 +113,12 @@ class Noise:
         apart = np.iscomplexobj(self.rounded)  # which rows share their rounding is of d and of q
         return replace(new, rounded=None, own=None) if apart and not levels else new
 
-    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray | None, scale: float) -> "Noise":
+    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float) -> "Noise":
         """The same process over other rows of the log, with nothing known of single ones. `scale`: of the clock."""
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
         spread, told = uneven(self.share, log.response), self.efficiency if self.tail is None else 1.0
-        alike = (self.std, scale * self.time, levels, self.share, spread)
-        return Noise(clock_of(log), count, *alike, kept=kept, efficiency=told, jitter=self.jitter)
+        process = (self.std, scale * self.time, levels, self.share)
+        return Noise(clock_of(log), count, kept, *process, spread, efficiency=told, jitter=self.jitter)
 
 
 def clock_of(log: Log) -> np.ndarray:

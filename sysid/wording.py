@@ -84,8 +84,7 @@ def stamps_shared(trial: Trial) -> int:
     time = trial.log.time if trial.whole is None else trial.whole.time
     if time is None:
         return 0
-    there = slice(None) if trial.there is None or trial.whole is not None else trial.there
-    time = time[there]
+    time = time[trial.there] if trial.whole is None else time
     return int(np.count_nonzero(time[1:] == time[:-1]))
 
 
@@ -215,7 +214,7 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
     is noise that could hide as much."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
-    rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+    rows = np.flatnonzero(trial.there)
     if trial.noise.rounded is not None:  # what rows share of it is known
         residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
     order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
