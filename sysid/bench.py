@@ -98,6 +98,5 @@ def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter
 
 def _relative_error(noise: Noise, dof: float) -> float:
     """Of a noise level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
-    memory = noise.memory()
-    square = np.mean(memory[1:] ** 2) if len(memory) > 1 else 0.0
+    square = np.mean(noise.memory()[1:] ** 2) if len(noise.used) > 1 else 0.0
     return float(np.sqrt((1 + square) / (1 - square) / (2 * dof)))

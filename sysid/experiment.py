@@ -76,13 +76,12 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
-    layout = Layout(*flags, rows, intervals)
     now, before = noise.whitening()
     y = trial.log.response[noise.used] if amplitude else np.asarray(trial.log.response[noise.used], complex)
     y = _pad(whitened(y, now, before), rows)
     bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
-    return layout, Experiment(
+    return Layout(*flags, rows, intervals), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),

@@ -103,8 +103,7 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
     spread = uneven(trial.noise.share, log.response)
     plain = trial.knowing(spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
-    narrow = {"feedthrough": THROUGH * trial.scale}
-    inputs = read_at(trial.inputs, log.time, delay)
+    inputs, narrow = read_at(trial.inputs, log.time, delay), {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
     return with_noise(new, trial.noise.std, 0.0, levels)

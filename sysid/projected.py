@@ -33,8 +33,7 @@ def efficiency(trial: Trial, course: Course) -> float:
     seen = unweighted * np.exp(-1j * np.angle(plate)) * (noise.std / noise.weight[used])
     inverse = np.linalg.pinv(white @ white.T, hermitian=True)
     steps = -np.diff(noise.clock[used], prepend=noise.clock[used][0]) / noise.time
-    along = np.array([shared(steps, v) for v in seen])
-    spread = inverse @ (seen.conj() @ along.T).real @ inverse
+    spread = inverse @ (seen.conj() @ np.array([shared(steps, v) for v in seen]).T).real @ inverse
     return float(min(1.0, np.min(np.diag(inverse) / np.diag(spread))))
 
 

@@ -42,7 +42,7 @@ class View:
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
-        self.columns = self._nuisances()
+        self.columns = self._in_dq() if trial.signed else self._in_amplitude()
         self.priors = len(self.columns)
 
     @cached_property
@@ -79,11 +79,8 @@ class View:
         """Rows of the derivatives, less what the nuisances can make of them."""
         return self.off(self.derivatives.T).T
 
-    def _nuisances(self) -> list[Column]:
-        """What the bench may add, linear about the fit."""
-        return self._in_dq() if self.trial.signed else self._in_amplitude()
-
     def _in_amplitude(self) -> list[Column]:
+        """What the bench may add, linear about the fit."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         late = -trial.late * (trial.lateness > 0)
@@ -101,6 +98,7 @@ class View:
         return columns if trial.steady else [*columns, floor]
 
     def _in_dq(self) -> list[Column]:
+        """The same."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         forced = self.turn * self.own * c.forced
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
