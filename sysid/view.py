@@ -80,7 +80,7 @@ class View:
         return self.off(self.derivatives.T).T
 
     def _in_amplitude(self) -> list[Column]:
-        """What the bench may add, linear about the fit."""
+        """What the bench may add to amplitudes, linear about the fit."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         late = -trial.late * (trial.lateness > 0)
@@ -98,7 +98,7 @@ class View:
         return columns if trial.steady else [*columns, floor]
 
     def _in_dq(self) -> list[Column]:
-        """The same."""
+        """What it may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         forced = self.turn * self.own * c.forced
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
