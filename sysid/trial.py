@@ -1,4 +1,4 @@
-"""One log, how it is read, and the present knowledge of its noise and of what the bench added to it."""
+"""One log, how it is read, and the present knowledge of its noise (`sysid.whitening`) and of what the bench added to it."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -39,8 +39,8 @@ class Trial:
     log: Log  # condensed where it is long
     kind: str  # "transient" | "steady"
     inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
-    noise: Noise
     there: np.ndarray = field(repr=False)  # rows that hold a signal
+    noise: Noise  # as it is known at present
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
@@ -48,6 +48,9 @@ class Trial:
     spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
     most: int = 0  # rows, if condensed no more than a filter asks for
     rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
+    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
+    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
+    # What the bench added, as it is known at present.
     start: complex = 0.0  # in the plate's frame
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
@@ -56,8 +59,6 @@ class Trial:
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
-    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
-    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -73,8 +74,8 @@ class Trial:
             read.log,
             kind,
             read.inputs,
-            noise,
             read.there,
+            noise,
             nuisances,
             spacing,
             gap=read.gap,
