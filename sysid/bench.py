@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.determined import NORMAL95
 from sysid.extra import UNITS
 from sysid.fitted import Fit
-from sysid.result import Parameter
+from sysid.result import NORMAL95, Parameter
 from sysid.trial import Trial, freedom
 from sysid.view import View
 from sysid.whitening import Noise

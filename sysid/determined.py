@@ -8,10 +8,8 @@ from sysid import identify
 from sysid.fitted import Fit
 from sysid.minimise import shares
 from sysid.prior import NAMES, POSITIVE
-from sysid.result import Parameter
+from sysid.result import NORMAL95, Parameter
 from sysid.trial import Trial
-
-NORMAL95 = 1.959964  # standard deviations
 
 
 def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
