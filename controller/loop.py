@@ -239,6 +239,7 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
 
     def body(carry, now):
+        """One piece, of all runs side by side."""
         return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference)
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
@@ -253,6 +254,7 @@ def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[A
     states = tuple(e.init(engine._key(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
 
     def made(value: float) -> Any:
+        """(samples,) readings of a response that stays at `value`."""
         return engine.noisy(drawn, jnp.full(samples, value, complex), states, key, 0, sample_time)[0]
 
     offset = made(0.0)

@@ -74,6 +74,7 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
         pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT, model=None)
 
         def step(state: tuple, W: Any) -> tuple[tuple, Any]:
+            """One step of the PI, whose state is its integral."""
             after, voltage, _ = pi.step(PIState(state[0], 0.0), 1.0, W, np)
             return (after.integral,), voltage
 

@@ -1,6 +1,7 @@
 """The operations of a step in fixed point, each in C and in Python: words in, one word or condition out.
 
-In C, `dq_word` is a word and `dq_wide` twice as wide. An argument is the name of a value, or a number.
+Each is `c()` as an expression of C, where `dq_word` is a word and `dq_wide` twice as wide; and in Python what `run` gives, of the
+words made before it (`values`) and those of the `state`, all within +-`top`. An argument is the name of a value, or a number.
 """
 
 from collections.abc import Mapping

@@ -14,12 +14,12 @@ import numpy as np
 
 from sysid.extra import UNITS
 from sysid.fitted import Fit
-from sysid.result import Parameter
+from sysid.result import NORMAL95, Parameter
 from sysid.trial import Trial, freedom
 from sysid.view import View
+from sysid.whitening import Noise
 
 TOLD = 0.5  # of its prior's standard deviation: above, the log says little of it
-NORMAL95 = 1.959964
 ANY_ANGLE = 180.0 / np.sqrt(3.0)  # deg, the standard deviation of an angle of which nothing is known
 
 
@@ -55,13 +55,13 @@ def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
 
 def _noises(trial: Trial) -> dict[str, Parameter]:
     """The level of the noise and, where d and q have their own, of each; the former is then their root mean square."""
-    unit, parts = trial.log.response_unit, trial.parts
-    stds = np.array([p.noise_std for p in parts])
+    unit, noise, parts = trial.log.response_unit, trial.noise, trial.noise.parts
+    stds = np.array([p.std for p in parts])
     errors = stds * [_relative_error(p, freedom(trial) / len(parts)) for p in parts]
     both = float(np.linalg.norm(stds * errors) / np.linalg.norm(stds) / np.sqrt(len(parts)))
-    found = {"noise": _parameter(trial.noise_std, both, unit, np.inf)}
+    found = {"noise": _parameter(noise.std, both, unit, np.inf)}
     for name, std, error in zip(("noise_d", "noise_q"), stds, errors, strict=False):
-        found |= {name: _parameter(float(std), float(error), unit, np.inf)} if trial.levels else {}
+        found |= {name: _parameter(float(std), float(error), unit, np.inf)} if noise.levels else {}
     return found
 
 
@@ -95,8 +95,7 @@ def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter
     return Parameter(value, error, interval, unit, True)
 
 
-def _relative_error(trial: Trial, dof: float) -> float:
+def _relative_error(noise: Noise, dof: float) -> float:
     """Of a noise level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
-    memory = trial.memory()
-    square = np.mean(memory[1:] ** 2) if len(memory) > 1 else 0.0
+    square = np.mean(noise.memory()[1:] ** 2) if len(noise.used) > 1 else 0.0
     return float(np.sqrt((1 + square) / (1 - square) / (2 * dof)))

@@ -31,12 +31,12 @@ from scipy.special import stdtrit
 
 from sysid.minimise import State
 from sysid.prior import NAMES
+from sysid.result import NORMAL95
 from sysid.trial import Trial
 from sysid.view import View
 
 SEEN = 2.0  # errors of a feedthrough, from which it may be there
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
-NORMAL = 1.959964  # standard deviations within which 95 % of normal numbers lie
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
 
@@ -168,7 +168,7 @@ def _common(both: Sequence[_Both], units: Sequence[float]) -> list[float]:
     squares = np.array([abs(b.left / u) ** 2 / b.channels for b, u in zip(both, units, strict=True)])
     square = float(weight @ squares / np.sum(weight))
     seen = float(np.sum(weight) ** 2 / np.sum(weight**2))
-    factors = [1.0 if b.channels > 1 else 0.5 * (stdtrit(seen, 0.975) / NORMAL) ** 2 for b in both]
+    factors = [1.0 if b.channels > 1 else 0.5 * (stdtrit(seen, 0.975) / NORMAL95) ** 2 for b in both]
     return [float(np.sqrt(f * seen * square * u**2 + b.error**2)) for f, b, u in zip(factors, both, units, strict=True)]
 
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid import flank, identify, wording
-from sysid.fitted import Fit, alone, beside, parameter, usable
+from sysid import identify, wording
+from sysid.determined import alone, informed, parameter, usable
+from sysid.fitted import Fit, beside
 from sysid.late import timed
 from sysid.log import Log
 from sysid.minimise import Minimiser, State
@@ -48,8 +49,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
         result = Result.undetermined
     if wrong and (result is not Result.undetermined or any(parameters[n].determined for n in PLANT)):
         result = Result.misfit  # a value from logs that the model does not describe is none
-    f0, beside = parameters["f0"], flank.doubt(best, question.minimiser.reference)
-    aside = [beside] if beside and (f0.determined or f0.why == flank.why(best, question.minimiser.reference)) else []
+    aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
     warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *turned, *believed)
     return replace(fit, parameters=parameters, result=result, warnings=warnings)
 

@@ -28,7 +28,7 @@ class Rows:
     log: Log
     inputs: Hold
     count: np.ndarray  # (n,) rows of the file that each row is the mean of, less those without a signal
-    there: np.ndarray | None  # (n,) rows that have any; None: all
+    there: np.ndarray  # (n,) rows that have any
     dark: int  # rows of the file without a signal
     spoilt: tuple[int, ...]  # and those that a recorder spoilt
     gap: float  # s, the longest without a row in which an input changed, who knows when
@@ -43,11 +43,10 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
     log = levelled(undelayed(filled(log, gone)) if steady else filled(log, gone))
     unseen = np.zeros(len(log)) if steady else gaps(log)
     hold, n = _inputs(log, kind, unseen), len(log)
-    there = ~gone if np.any(gone) else None
     blocks = None if steady else _alike(log, hold)
     most = n if blocks is None else len(blocks)
     gap, odd = float(np.max(unseen, initial=0.0)), tuple(np.flatnonzero(spoilt).tolist())
-    rows = Rows(log, hold, np.ones(n), there, int(np.sum(dark)), odd, gap, most)
+    rows = Rows(log, hold, np.ones(n), ~gone, int(np.sum(dark)), odd, gap, most)
     if (n <= longest and most == n) or log.kind is None:  # its kind may still change
         return rows
     if steady:
@@ -72,12 +71,12 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
     return replace(rows, log=_means(log, edges, weight), inputs=hold, count=count, there=there)
 
 
-def _weights(gone: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
+def _weights(gone: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, np.ndarray]:
     """Weight of each row in the mean of its block (None: all one); of each block, how many rows with a signal it has, at least 1;
-    and which have any (None: all)."""
+    and which have any."""
     length = np.diff(np.append(edges, len(gone)))
     if not np.any(gone):
-        return None, length.astype(float), None
+        return None, length.astype(float), np.ones(len(length), bool)
     count = np.add.reduceat((~gone).astype(float), edges)
     return np.where(np.repeat(count == 0, length), 1.0, ~gone), np.maximum(count, 1.0), count > 0
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from sysid.hold import Hold
 from sysid.likelihood import OWN, Experiment, Groups, Layout
-from sysid.trial import Trial, freedom, joined, whitened
+from sysid.trial import Trial, freedom
+from sysid.whitening import joined, whitened
 
 
 def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False) -> tuple[Groups, list[list[int]]]:
@@ -64,31 +65,30 @@ FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
 def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool) -> tuple[Layout, Experiment]:
-    (rows, intervals), keep = size, trial.order
+    (rows, intervals), noise, keep = size, trial.noise, trial.noise.order
     amplitude = not trial.signed
     own_gain = trial.steady and trial.log.drive is None
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
     late = not (trial.steady or carrier)
     both, order = moving and low_q and not carrier, trial.smoothing[1]
-    apart, toward = bool(trial.levels), trial.turn / (abs(trial.turn) or 1.0)
+    apart, toward = bool(noise.levels), trial.turn / (abs(trial.turn) or 1.0)
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
-    layout = Layout(*flags, rows, intervals)
-    now, before = trial.whitening()
-    y = trial.log.response[trial.used] if amplitude else np.asarray(trial.log.response[trial.used], complex)
+    now, before = noise.whitening()
+    y = trial.log.response[noise.used] if amplitude else np.asarray(trial.log.response[noise.used], complex)
     y = _pad(whitened(y, now, before), rows)
     bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
-    return layout, Experiment(
+    return Layout(*flags, rows, intervals), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
         before=_pad(before, rows),
         basis=joined(bases),
         tightness=np.asarray(1 / trial.looseness),
-        freedom=np.asarray(trial.told * freedom(trial) if trial.rounded is None else KNOWN),
+        freedom=np.asarray(noise.told * freedom(trial) if noise.rounded is None else KNOWN),
         rounding=np.asarray(trial.rounding),
         rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
         lateness=np.asarray(trial.lateness / trial.looseness),

@@ -1,19 +1,19 @@
-"""A fit: the plant that explains the logs, each log beside its model, and what is known of each parameter."""
+"""A fit: the plant that explains the logs, and each log beside its model."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from sysid import flank, identify, wording
+from sysid import wording
 from sysid.condense import taken
+from sysid.flank import Flank, seen
 from sysid.log import Log
-from sysid.minimise import State, shares
+from sysid.minimise import State
 from sysid.noise import Level
 from sysid.plant import Plant
-from sysid.prior import NAMES, POSITIVE
+from sysid.prior import NAMES
 from sysid.result import Parameter, Result
-from sysid.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -58,94 +58,22 @@ class Fit:
         value = getattr(self.plant, name, self.modes[0].theta[NAMES.index(name)])
         return float(value), float(np.sqrt(self.covariance[k, k]))
 
+    @cached_property
+    def flank(self) -> Flank | None:
+        """What the logs show of the resonance, where its peak lies outside of all that was driven."""
+        return seen(self.modes[0], self.reference)
+
     @property
     def cost(self) -> float:
         """Negative log-likelihood, noise levels and nuisances eliminated, up to a constant of the logs."""
         return self.modes[0].cost
 
 
-def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
-    """Whether tau is determined, and G where a drive was recorded."""
-    return parameters["tau"].determined and (parameters["G"].determined or all(t.log.drive is None for t in trials))
-
-
-def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
-    """The estimate of one parameter, or why there is none."""
-    state = fit.modes[0]
-    G, tau = np.exp(state.theta[:2])
-    if not state.converged:
-        said = identify.why(name, state.trials, tau, fit.names, 1)
-        return Parameter(None, None, None, fit.units[name], False, f"{said} (the fit did not converge)")
-    vague = float(np.sqrt(state.covariance[1, 1]))
-    longest = tau * np.exp(min(2 * vague, 10.0)) if vague > identify.RELATIVE else tau  # and the half bandwidth as much narrower
-    modes, limit = _modes(fit, name), identify.limits(G, longest if name in ("f0", "k_T") else tau)[name]
-    told = name in fit.names and (not fit.priors or alone(fit, name)[1] <= limit) and _shown(fit, name)
-    if told and np.isfinite(value) and not modes and std <= limit:
-        if tail := flank.why(state, fit.reference):
-            return Parameter(None, None, None, fit.units[name], False, tail)
-        ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
-        return Parameter(value, std, ci95, fit.units[name], True)
-    said = identify.why(name, state.trials, tau, fit.names, len(modes))
-    if name in fit.priors and not told:
-        said = f"{said} (what is stated of it beforehand is not what the logs tell)"
-    return Parameter(None, None, None, fit.units[name], False, said, modes)
-
-
-def _shown(fit: Fit, name: str) -> bool:
-    """Whether the logs show more than what chance makes of a few readings, or of noise with a tau that is anything."""
-    state = fit.modes[0]
-    if not fit.priors and identify.hopeless(state.trials, fit.names):
-        return False
-    if identify.ambiguous(name, state.trials, fit.names) or (name == "k_T" and identify.within_errors(state.trials)):
-        return False
-    known = name not in ("f0", "k_T") or np.sqrt(state.covariance[1, 1]) <= identify.RELATIVE
-    return known or not identify.buried(state.trials)
-
-
-def alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
-    """What the logs alone make of a parameter, to first order, and its standard deviation; f0 at `at` (degC), else where it is
-    reported."""
-    state, row, k = fit.modes[0], np.zeros(len(NAMES)), NAMES.index(name)
-    row[k] = 1.0
-    if name == "f0":
-        at = fit.reference_temperature if at is None else at
-        row[NAMES.index("k_T")] = 0.0 if at is None else at - fit.reference[1]
-    value = float(row @ (state.theta + state.alone @ state.prior.slope(state.theta)))
-    std = float(np.sqrt(row @ state.alone @ row))
-    if name in POSITIVE:
-        return float(np.exp(value)), float(np.exp(state.theta[k])) * std
-    return value + (fit.reference[0] if name == "f0" else 0.0), std
-
-
-def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
-    found = []
-    for state in fit.modes:
-        k, value = NAMES.index(name), float(state.theta[NAMES.index(name)])
-        std = float(np.sqrt(state.covariance[k, k]))
-        if k < 2:
-            value, std = np.exp(value), np.exp(value) * std
-        elif name == "f0":
-            value += fit.reference[0]
-        found.append((float(value), float(std)))
-    return found
-
-
-def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
-    """The values of separate minima and their weights; none where this parameter is the same in all of them."""
-    if name not in fit.names or len(fit.modes) == 1:
-        return ()
-    found = _mode_values(fit, name)
-    if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
-        return ()
-    weights = shares(fit.modes)
-    return tuple({"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weights, strict=True))
-
-
 def beside(state: State) -> tuple[FittedLog, ...]:
     """Each log beside its model."""
     fitted = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
+        rows = np.flatnonzero(trial.there)
         log = taken(trial.log, rows) if trial.lost else trial.log
         model = (model.real if log.amplitude_only else model)[rows]
         left = log.response - model
@@ -157,11 +85,11 @@ def beside(state: State) -> tuple[FittedLog, ...]:
                 response=model,
                 residual=left,
                 nrmse_percent=_percent(left, log.response - np.mean(log.response)),
-                noise_std=trial.noise_std,
-                noise_time=trial.noise_time,
+                noise_std=trial.noise.std,
+                noise_time=trial.noise.time,
                 description=wording.describe(trial),
                 noise=wording.noise(trial),
-                levels=trial.levels,
+                levels=trial.noise.levels,
             )
         )
     return tuple(fitted)

@@ -5,7 +5,7 @@ turn. Of the flank beyond that a background, a second resonance or another physi
 another matter: its beat is the difference of drive and resonance, however far they lie apart.
 """
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,46 +18,46 @@ BESIDE = 1.0  # half bandwidths, from which it is said: the points show less tha
 TAIL = 3.0  # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
 
 
-def doubt(state: State, reference: tuple[float, float]) -> str | None:
-    """A sentence when f0 lies more than BESIDE half bandwidths outside of all driven frequencies, and no beat tells it."""
-    return _said(state, reference) if abs(_outside(state, reference)) > BESIDE else None
+class Flank(NamedTuple):
+    """By how much a resonance lies above (below: negative) all frequencies that were driven, in Hz and in half bandwidths; the
+    lowest and the highest of these; whether the logs hold settled points `alone`."""
+
+    beyond: float
+    halves: float
+    lowest: float
+    highest: float
+    alone: bool
+
+    @property
+    def undetermined(self) -> bool:
+        """No more than the tail of the resonance was seen."""
+        return self.alone and abs(self.halves) > TAIL
+
+    def said(self) -> str:
+        """In words."""
+        side, edge = ("above", self.highest) if self.beyond > 0 else ("below", self.lowest)
+        return (
+            f"the best resonance lies {abs(self.beyond):.3g} Hz, {abs(self.halves):.2g} half bandwidths, {side} all frequencies"
+            f" that were driven ({self.lowest:.7g} to {self.highest:.7g} Hz): they show its flank, and not its peak; sweep on"
+            f" from {edge:.7g} Hz, through it"
+        )
 
 
-def why(state: State, reference: tuple[float, float]) -> str | None:
-    """Why nothing is determined when no more than the tail of a resonance was seen, by settled points alone; else None."""
-    tau = float(np.exp(state.theta[1]))
-    if abs(_outside(state, reference)) <= TAIL or not all(_settled(t, tau) for t in state.trials):
-        return None
-    return f"cannot tell, because {_said(state, reference)}"
-
-
-def _said(state: State, reference: tuple[float, float]) -> str:
-    x, tau = _outside(state, reference), float(np.exp(state.theta[1]))
-    driven = np.concatenate([t.log.frequency for t in state.trials if t.resonant])
-    side, edge = ("above", driven.max()) if x > 0 else ("below", driven.min())
-    return (
-        f"the best resonance lies {abs(x) / (2 * np.pi * tau):.3g} Hz, {abs(x):.2g} half bandwidths, {side} all frequencies that"
-        f" were driven ({driven.min():.7g} to {driven.max():.7g} Hz): they show its flank, and not its peak; sweep on from"
-        f" {edge:.7g} Hz, through it"
-    )
-
-
-def _outside(state: State, reference: tuple[float, float]) -> float:
-    """Half bandwidths by which the resonance lies above (below: negative) all frequencies that were driven, each at its own
-    temperature; 0 where it lies among them, or a transient has a frequency."""
-    tau, k_T = float(np.exp(state.theta[1])), state.theta[NAMES.index("k_T")]
+def seen(state: State, reference: tuple[float, float]) -> Flank | None:
+    """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at its own temperature;
+    None where it does not, or where a transient has a frequency: its beat tells f0."""
+    theta, tau = dict(zip(NAMES, state.theta, strict=True)), float(np.exp(state.theta[1]))
     resonant = [t for t in state.trials if t.resonant]
     if not resonant or not all(_settled(t, tau) for t in resonant):
-        return 0.0
-    above = _above(resonant, reference, state.theta[NAMES.index("f0")], k_T)
-    nearest = above[np.argmin(np.abs(above))]
-    return float(2 * np.pi * tau * nearest) if np.all(np.sign(above) == np.sign(nearest)) else 0.0
-
-
-def _above(trials: Sequence[Trial], reference: tuple[float, float], f0: float, k_T: float) -> np.ndarray:
-    """By how much (Hz) the resonance lies above the drive of each row."""
-    warm = [0.0 if t.log.temperature is None else t.log.temperature - reference[1] for t in trials]
-    return np.concatenate([reference[0] + f0 + k_T * w - t.log.frequency for t, w in zip(trials, warm, strict=True)])
+        return None
+    driven = np.concatenate([t.log.frequency for t in resonant])
+    warm = [(0.0 if t.log.temperature is None else t.log.temperature - reference[1]) + np.zeros(len(t.log)) for t in resonant]
+    above = reference[0] + theta["f0"] + theta["k_T"] * np.concatenate(warm) - driven
+    nearest = float(above[np.argmin(np.abs(above))])
+    halves = 2 * np.pi * tau * nearest
+    if abs(halves) <= BESIDE or np.any(np.sign(above) != np.sign(nearest)):
+        return None
+    return Flank(nearest, halves, driven.min(), driven.max(), all(_settled(t, tau) for t in state.trials))
 
 
 def _settled(trial: Trial, tau: float) -> bool:

@@ -16,7 +16,7 @@ from sysid.fitted import Fit
 from sysid.identify import limits, seconds
 from sysid.mixture import Mixture
 from sysid.prior import NAMES
-from sysid.result import Parameter
+from sysid.result import NORMAL95, Parameter
 
 EVEN = 512  # draws, of which a design takes 400
 MOVED = 1.01  # by which a promise must change: the worst of so few plants is not known much better
@@ -70,7 +70,7 @@ def _known(values: np.ndarray, most: float, unit: str) -> Parameter:
     mean, std = float(np.mean(values)), float(np.std(values))
     if std > most:
         return Parameter(None, None, None, unit, False, "cannot be told yet")
-    return Parameter(mean, std, (mean - 1.959964 * std, mean + 1.959964 * std), unit, True)
+    return Parameter(mean, std, (mean - NORMAL95 * std, mean + NORMAL95 * std), unit, True)
 
 
 def promised(fit: Fit, covariance: np.ndarray, design: Design, quantity: Quantity) -> float:

@@ -47,7 +47,7 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
         )
     said = _cause(name, trials, tau, free)
     hidden = "noise" in said or "half a bandwidth" in said  # by which the steps of a recorder are as well
-    return f"{said}; {FINER}" if hidden and any(t.rounded is not None for t in trials) else said
+    return f"{said}; {FINER}" if hidden and any(t.noise.rounded is not None for t in trials) else said
 
 
 def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
@@ -122,7 +122,7 @@ def _settles_between(trial: Trial) -> bool:
         return False
     left = [np.abs(y[a + 1] - np.mean(y[(a + b) // 2 : b + 1])) for a, b in stretches]
     moved = [np.abs(y[a] - np.mean(y[(a + b) // 2 : b + 1])) for a, b in stretches]
-    return bool(np.max(moved) > 5 * trial.noise_std and np.max(left) < 0.3 * np.max(moved))
+    return bool(np.max(moved) > 5 * trial.noise.std and np.max(left) < 0.3 * np.max(moved))
 
 
 def _drifts_along(trial: Trial) -> bool:
@@ -196,7 +196,7 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             )
     if swept and not moving:
         span = max(np.ptp(t.log.frequency) for t in swept)
-        if all(_buried(t) or (t.noise_time > 0 and span > 3 / (np.pi * tau)) for t in swept):
+        if all(_buried(t) or (t.noise.time > 0 and span > 3 / (np.pi * tau)) for t in swept):
             return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several sweeps"
         return (
             f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep over at least"

@@ -13,15 +13,14 @@ The fit keeps the weights W of that. Its estimates have then no bias, and the co
     S = sigma^2 + std^2 |W| |W'| exp(-|t - t'|/time)        across the response, sigma^2 along it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from sysid.noise import ROUNDING, WORTH
 from sysid.perturbed import Course
 from sysid.projected import shared
 from sysid.span import orthonormal, times
-from sysid.trial import Trial, whitened
+from sysid.trial import Trial
+from sysid.whitening import Jitter, whitened
 
 ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
@@ -32,23 +31,20 @@ SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # rows, and share of the log, between w
 SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sigma
 
 
-class Jitter(NamedTuple):
-    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside white noise of
-    `level` per channel."""
-
-    std: float
-    time: float
-    level: float
-
-
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
     """What a log of d and q holds of it, of rows (n,) that the fit models; None where that is not worth two numbers."""
-    used = trial.used
+    seen = _likeliest(trial, model, course)
+    return seen and seen._replace(left=_efficiency(trial, model, course, seen))
+
+
+def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
+    """Its size and its time, of the information that it leaves nothing yet."""
+    used = trial.noise.used
     size = np.abs(model[used])
     left = (trial.log.response - model)[used]
     if trial.channels == 1 or len(left) < LEAST or not np.any(left) or not np.any(size):
         return None
-    weight, clock = trial.weight[used], trial.clock[used]
+    weight, clock = trial.noise.weight[used], trial.noise.clock[used]
     towards = np.exp(-1j * np.angle(model[used])) * weight
     across = left * towards
     if not _suspect(across, size * weight):
@@ -77,23 +73,23 @@ def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
     return Jitter(float(ratio) * level / float(np.max(size * weight)), float(time) * typical, level)
 
 
-def efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
+def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
     """Information about G, tau and f0 that a log holds over what is stated of it: the least of them, at most 1."""
-    used = trial.used
+    used = trial.noise.used
     made = (course.design() * trial.turn)[used].T
     made = np.concatenate([made, 1j * made])
     plant = [0, 1, len(made) // 2 + 1]  # by log G, the decay's rate and what turns with the resonance; not the rotation
     norm = np.linalg.norm(made, axis=1, keepdims=True)
     made = made / np.where(norm > 0, norm, 1.0)
-    now, before = trial.whitening()
+    now, before = trial.noise.whitening()
     white = whitened(made, now, before)
     seen = times(now, white)
     seen[:, :-1] -= times(before, white)[:, 1:]  # W J
     inverse = np.linalg.pinv((white @ white.conj().T).real, rcond=APART, hermitian=True)
     across = (seen * np.exp(-1j * np.angle(model[used]))).imag * np.abs(model[used])
-    steps = -np.diff(trial.clock[used], prepend=trial.clock[used][0]) / jitter.time
+    steps = -np.diff(trial.noise.clock[used], prepend=trial.noise.clock[used][0]) / jitter.time
     turned = jitter.std**2 * across @ np.array([shared(steps, v) for v in across]).real.T
-    own = seen * (jitter.level / trial.weight[used])
+    own = seen * (jitter.level / trial.noise.weight[used])
     spread = inverse @ ((own @ own.conj().T).real + turned) @ inverse
     return float(min(1.0, np.min((np.diag(inverse) / np.diag(spread))[plant])))
 
@@ -109,7 +105,7 @@ def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
 
 def _plain(trial: Trial, rows: np.ndarray) -> float:
     """`_restricted`, with its determinant, of rows (C, n) in additive noise of the colour and the channels that the fit has."""
-    now, before = trial.whitening()
+    now, before = trial.noise.whitening()
     white = whitened(rows, now, before)
     both = now if np.iscomplexobj(now) else now * (1 + 1j)
     volume = float(np.sum(np.log(both.real)) + np.sum(np.log(both.imag)))

@@ -16,6 +16,7 @@ from sysid.minimise import Minimiser, State
 from sysid.misfit import Found
 from sysid.moments import EARLY, FILTERED, LATE
 from sysid.trial import Trial, with_noise
+from sysid.whitening import uneven
 
 THROUGH = 0.03  # of the response
 BEFORE, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
@@ -100,10 +101,9 @@ class _Costs:
 def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
-    spread = trial.uneven(trial.share, log.response) if trial.share else None
-    plain = replace(trial, spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
-    plain = replace(plain, extra={}, resonance=None, late=0.0)
-    narrow = {"feedthrough": THROUGH * trial.scale}
-    new = replace(plain, log=log, inputs=read_at(trial.inputs, log.time, delay), narrow=narrow)
-    levels = () if trial.rounded is None else tuple(x._replace(time=0.0) for x in trial.levels)
-    return with_noise(new, trial.noise_std, 0.0, levels)
+    spread = uneven(trial.noise.share, log.response)
+    plain = trial.knowing(spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
+    inputs, narrow = read_at(trial.inputs, log.time, delay), {"feedthrough": THROUGH * trial.scale}
+    new = replace(plain, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
+    levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
+    return with_noise(new, trial.noise.std, 0.0, levels)

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from sysid import jitter
 from sysid.experiment import group, split
 from sysid.images import images
 from sysid.likelihood import Groups, Residual, linearised
@@ -17,7 +18,7 @@ from sysid.perturbed import Course
 from sysid.plant import LOW_Q, Plant
 from sysid.precision import seldom
 from sysid.prior import FINGER, FLAT, NAMES, Prior
-from sysid.renew import update, with_jitter
+from sysid.renew import update
 from sysid.search import Search
 from sysid.start import joint, local
 from sysid.trial import Trial, with_noise
@@ -274,8 +275,9 @@ class Minimiser:
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         if known:
-            trials = tuple(with_jitter(*each) for each in zip(trials, models, courses, strict=True))
-        efficient = [trials[i].told for logs in members for i in logs]  # padding stands behind each group's logs
+            of_logs = zip(trials, models, courses, strict=True)
+            trials = tuple(t.knowing(jitter=jitter.found(t, *seen)) for t, *seen in of_logs)
+        efficient = [trials[i].noise.told for logs in members for i in logs]  # padding stands behind each group's logs
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
         count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
         shares = (count, np.array(efficient)[:, None, None] * held)

@@ -114,9 +114,9 @@ def _outlying(i: int, view: View) -> Found | None:
     """The worst outliers of a log beside a change of its inputs, if they are what the response shows when it is elsewhere in time
     by more than it may be: of the row at the change what comes later, of several rows after it what points along the response, as
     the fit has made up for the rest."""
-    trial, rows = view.trial, at_changes(view.trial)
-    weight = np.ones(len(trial.log)) if trial.tail is None else np.array(trial.tail)
-    weight[~trial.kept if trial.kept is not None else []] = 0.0
+    trial, noise, rows = view.trial, view.trial.noise, at_changes(view.trial)
+    weight = np.ones(len(trial.log)) if noise.tail is None else np.array(noise.tail)
+    weight[~noise.kept] = 0.0
     if not rows or not trial.lateness or trial.lost:
         return None
     rank = -np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))  # by chance exponential
@@ -128,7 +128,7 @@ def _outlying(i: int, view: View) -> Found | None:
         left = view.residual[run := runs[int(np.argmin(chances))]]
         if np.max(np.abs(left)) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
             continue
-        if elsewhere(view, run) <= max(SURELY * trial.noise_std, ROUGHLY * float(np.linalg.norm(left))):
+        if elsewhere(view, run) <= max(SURELY * noise.std, ROUGHLY * float(np.linalg.norm(left))):
             said = ASTRAY.format(trial.log.name, trial.log.time[run[0]]) if name == "astray" else LATE.format(trial.log.name, "")
             return Found(said, worth, {"G": np.inf}, name, i, 2)
     return None
@@ -167,7 +167,7 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     trial, stated = seen.trial, seen.trial.log.bench.get("delay_s")
     if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or stated == 0:
         return None
-    view = View(trial, seen.model, state, reference, coloured=True) if any(p.noise_time for p in trial.parts) else seen
+    view = View(trial, seen.model, state, reference, coloured=True) if trial.noise.coloured else seen
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
     share = complex(form @ np.array([c.value for c in view.columns]))
     covariance = view.covariance(state.covariance)
@@ -248,7 +248,7 @@ class _Linear:
         self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
         self.covariance = state.covariance
         # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
-        firm = min((v.trial.jitter[2] for v in views if v.trial.jitter), default=1.0)
+        firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
         self.std = np.sqrt(firm * np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]

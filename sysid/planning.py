@@ -211,7 +211,7 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
     found = state.prior.precision.copy()
     for trial, model in zip(trials, state.models, strict=True):
         jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
-        found += trial.told * jacobian.T @ jacobian
+        found += trial.noise.told * jacobian.T @ jacobian
     return found
 
 
@@ -275,10 +275,10 @@ class _Bench:
     def _noise(self, steady: bool) -> tuple[float, float, tuple[Level, ...]]:
         """Standard deviation per channel and correlation time (s) to be expected; and of d and q, where they differ."""
         alike = [t for t in self.trials if t.steady == steady] or self.trials
-        std, time = _usual([Level(t.noise_std, 0.0 if t.steady else t.noise_time) for t in alike], steady)
-        if not any(t.levels for t in alike):
+        std, time = _usual([Level(t.noise.std, 0.0 if t.steady else t.noise.time) for t in alike], steady)
+        if not any(t.noise.levels for t in alike):
             return std, time, ()
-        each = [[Level(p.noise_std, 0.0 if t.steady else p.noise_time) for p in (2 * t.parts)[:2]] for t in alike]
+        each = [[Level(p.std, 0.0 if t.steady else p.time) for p in (2 * t.noise.parts)[:2]] for t in alike]
         return std, time, tuple(_usual(channel, steady) for channel in zip(*each, strict=True))
 
     def experiments(self, drive: float | None, temperatures: Sequence[float] | None) -> Iterator[Experiment]:

@@ -108,7 +108,7 @@ def respond(
     kick = -xp.diff(ripple, axis=0, prepend=ripple[:1]).conj() * hold.turn if carrier else None
     settled = _settled(s.slow, push, hold, xp) if begun else None
     if order:
-        found = _smoothed(s.slow, push, ripple, hold, order, settled, xp)
+        found = smoothed(s.slow, push, ripple, hold, order, settled, xp)
     else:
         found = _propagate(s.slow, push, hold, settled if begun else kick, xp)
         fast = _settled(s.fast, -push, hold, xp) if begun and both_modes else None
@@ -239,7 +239,7 @@ def _of_rows(parts: list[Leaf], hold: Hold, xp: Any) -> list[Leaf]:
     return [at[..., i] for i in range(len(parts))]
 
 
-def _smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any) -> Response:
+def smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any) -> Response:
     """As `_propagate`, behind a cascade of one-pole filters.
 
     Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled `ripple`. With

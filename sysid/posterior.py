@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.accuracy import Rung, above, up_to
+from sysid.determined import parameter, usable
 from sysid.diagnostics import ess, rhat
 from sysid.estimate import Estimate, moved
-from sysid.fitted import Fit, parameter, usable
+from sysid.fitted import Fit
 from sysid.precision import float64
 from sysid.result import Parameter, Result
 from sysid.target import Target
@@ -65,11 +66,8 @@ class Posterior:
     def summary(self) -> dict[str, Parameter]:
         """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: draws
         about its minima do not settle what the fit leaves open."""
-        found = dict(self.fit.parameters)
-        for name, e in self.estimates.items():
-            if found[name].determined:
-                found[name] = parameter(self.fit, name, e.value, e.std, (e.low, e.high))
-        return found
+        told = {n: e for n, e in self.estimates.items() if self.fit.parameters[n].determined}
+        return self.fit.parameters | {n: parameter(self.fit, n, e.value, e.std, (e.low, e.high)) for n, e in told.items()}
 
     @property
     def error(self) -> float:

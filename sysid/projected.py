@@ -15,25 +15,25 @@ import numpy as np
 
 from sysid.perturbed import Course
 from sysid.plant import accumulated
-from sysid.trial import Trial, whitened
+from sysid.trial import Trial
+from sysid.whitening import whitened
 
 
 def efficiency(trial: Trial, course: Course) -> float:
     """Information about the plant that a log of amplitudes holds over what is stated of it: the least of its parameters, at most
     1."""
-    used = trial.used
-    now, before = trial.whitening()
+    noise, used = trial.noise, trial.noise.used
+    now, before = noise.whitening()
     made = course.design()[used].T
     made = made[np.any(made != 0, axis=1)]
     white = whitened(made / np.linalg.norm(made, axis=1, keepdims=True), now, before)
     unweighted = now * white
     unweighted[:, :-1] -= (before * white)[:, 1:]  # W J
     plate = (course.forced + trial.start * course.free)[used]
-    seen = unweighted * np.exp(-1j * np.angle(plate)) * (trial.noise_std / trial.weight[used])
+    seen = unweighted * np.exp(-1j * np.angle(plate)) * (noise.std / noise.weight[used])
     inverse = np.linalg.pinv(white @ white.T, hermitian=True)
-    steps = -np.diff(trial.clock[used], prepend=trial.clock[used][0]) / trial.noise_time
-    along = np.array([shared(steps, v) for v in seen])
-    spread = inverse @ (seen.conj() @ along.T).real @ inverse
+    steps = -np.diff(noise.clock[used], prepend=noise.clock[used][0]) / noise.time
+    spread = inverse @ (seen.conj() @ np.array([shared(steps, v) for v in seen]).T).real @ inverse
     return float(min(1.0, np.min(np.diag(inverse) / np.diag(spread))))
 
 

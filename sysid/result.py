@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+NORMAL95 = 1.959964  # standard deviations within which 95 % of normal numbers lie
+
 
 class Result(Enum):
     """How it ended; the value is the message."""

@@ -11,7 +11,6 @@ about what is known of them.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -68,13 +67,13 @@ class Thinned:
     def __init__(self, trial: Trial, reference: tuple[float, float]):
         rows = _thin(trial)
         kept = np.isin(np.arange(len(trial.log)), rows)
-        self.trial = trial = replace(trial, noise_time=0.0, levels=(), rounded=None, own=None, kept=kept)
+        self.trial = trial = trial.knowing(time=0.0, levels=(), rounded=None, own=None, kept=kept)
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
         hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))
         self.hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
         self.together = max(TOGETHER // max(len(rows), len(hold.drive)), 1)
-        self.weight = trial.whitening()[0][:, None]
+        self.weight = trial.noise.whitening()[0][:, None]
         ((basis, _),) = trial.spans
         self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
         self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
@@ -144,7 +143,7 @@ def _along(unit: np.ndarray, v: np.ndarray) -> np.ndarray:
 def _thin(trial: Trial) -> np.ndarray:
     """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
     rows = _evenly(trial)
-    return rows if trial.there is None else rows[trial.there[rows]]
+    return rows[trial.there[rows]]
 
 
 def _evenly(trial: Trial) -> np.ndarray:

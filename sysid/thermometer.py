@@ -44,7 +44,7 @@ def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None 
     were recorded at one. `digits` (degC): one of the last digit that each was written with; 0 where that is not known."""
     digits = [0.0] * len(logs) if digits is None else digits
     step = step_of(logs, digits)
-    steps = [step if digit and not exact else 0.0 for digit, exact in zip(digits, set_points(logs), strict=True)]
+    steps = [step if digit and not exact else 0.0 for digit, exact in zip(digits, _set_points(logs), strict=True)]
     found = [None if y is None else _steady(y, q) for y, q in zip(logs, steps, strict=True)]
     read = [x for x in found if x is not None]
     if any(x.error for x in read):
@@ -69,7 +69,7 @@ def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float
     return digit if many % 10 == 0 else many * digit
 
 
-def set_points(logs: Sequence[np.ndarray | None]) -> list[bool]:
+def _set_points(logs: Sequence[np.ndarray | None]) -> list[bool]:
     """Which logs have one temperature that was set rather than read: where those of all such logs are whole degrees."""
     alone = [y is not None and np.ptp(y) == 0 for y in logs]
     whole = all(y[0] == np.rint(y[0]) for y, one in zip(logs, alone, strict=True) if one and y is not None)

@@ -1,24 +1,24 @@
-"""One log, how it is read, and the present knowledge of its noise and of what the bench added to it."""
+"""One log, how it is read, and the present knowledge of its noise (`sysid.whitening`) and of what the bench added to it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc
 
 from sysid import rice, rounding
 from sysid.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.hold import Hold
 from sysid.log import Log
 from sysid.noise import Level
-from sysid.span import times
+from sysid.plant import smoothed
+from sysid.whitening import Noise, clock_of, joined, uneven, whitened
 
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
+UNKNOWN = 0.05  # of the largest response: a noise level of which nothing is known yet
 FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
 SLOPED = 8  # points of a sweep, of which plant, rotation, feedthrough and slope take half
 DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
@@ -39,7 +39,8 @@ class Trial:
     log: Log  # condensed where it is long
     kind: str  # "transient" | "steady"
     inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
-    count: np.ndarray = field(repr=False)  # (n,) rows of the file that each row is the mean of
+    there: np.ndarray = field(repr=False)  # rows that hold a signal
+    noise: Noise  # as it is known at present
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
@@ -47,9 +48,9 @@ class Trial:
     spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
     most: int = 0  # rows, if condensed no more than a filter asks for
     rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
-    noise_std: float = 0.0  # per channel; 0: not yet known
-    noise_time: float = 0.0  # correlation time in the unit of `clock`; 0: white
-    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
+    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
+    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
+    # What the bench added, as it is known at present.
     start: complex = 0.0  # in the plate's frame
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
@@ -58,17 +59,6 @@ class Trial:
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
-    share: float = 0.0  # of the noise's variance at the largest response, which is proportional to the response
-    spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
-    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
-    rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
-    own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
-    tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
-    there: np.ndarray | None = field(default=None, repr=False)  # rows that hold a signal, where it was lost in some
-    kept: np.ndarray | None = field(default=None, repr=False)  # of these, the rows that are no outliers of coloured noise
-    efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
-    jitter: tuple[float, float, float] | None = None  # of its phase: rad, correlation time, and the information that it leaves
-    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -77,11 +67,15 @@ class Trial:
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
-        trial = cls(
+        share = DECIBEL[kind] if log.relative_noise else 0.0
+        level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
+        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread)
+        return cls(
             read.log,
             kind,
             read.inputs,
-            read.count,
+            read.there,
+            noise,
             nuisances,
             spacing,
             gap=read.gap,
@@ -89,41 +83,29 @@ class Trial:
             spoilt=read.spoilt,
             most=read.most,
             rectified=rectified,
-            there=read.there,
-            kept=read.there,
             whole=log if len(read.log) < len(log) else None,
             steps=() if log.relative_noise else rounding.steps(log.response),
         )
-        share = DECIBEL[kind] if log.relative_noise else 0.0
-        return replace(trial, share=share, spread=trial.uneven(share, read.log.response)) if share else trial
 
     def uncondensed(self) -> "Trial":
-        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows."""
+        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows. Each row
+        shares its rounding error as the means about it do."""
         if self.whole is None:
             return self
         read = prepare(self.whole, self.kind, len(self.whole))
-        log, there = read.log, read.there
-        rows = 1.0 if log.time is not None else len(log) / len(self.log)  # times are in rows where no time is recorded
-        levels = tuple(x._replace(time=rows * x.time) for x in self.levels)
-        told = self.efficiency if self.tail is None else 1.0
-        plain = replace(self, log=log, inputs=read.inputs, count=read.count, whole=None)
-        plain = replace(plain, noise_time=rows * self.noise_time, levels=levels)
-        spread = plain.uneven(self.share, log.response) if self.share else None
-        plain = replace(plain, spread=spread, rounded=None, own=None, tail=None, there=there, kept=there)
-        return self._sharing_in(replace(plain, efficiency=told, extra={}))
-
-    def _sharing_in(self, whole: "Trial") -> "Trial":
-        """The whole log, each row of which shares its rounding error as the means about it do."""
-        if self.rounded is None:
-            return whole
-        at, now = (t.log.frequency if t.steady and t.resonant else t.clock for t in (whole, self))
+        rows = 1.0 if read.log.time is not None else len(read.log) / len(self.log)  # times are in rows where none is recorded
+        noise = self.noise.of_rows(read.log, read.count, read.there, rows)
+        swept = self.steady and self.resonant
+        now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
         order = np.argsort(now, kind="stable")
-        spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.parts if p.rounded is not None]
-        return replace(whole, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
+        spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
+        if spreads:
+            noise = replace(noise, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
+        return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, whole=None)
 
-    def uneven(self, share: float, response: np.ndarray) -> np.ndarray:
-        """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response."""
-        return np.sqrt(1 - share + share * np.minimum(np.abs(response) / self.scale, 1.0) ** 2)
+    def knowing(self, **noise: Any) -> "Trial":
+        """The trial with this known of its noise."""
+        return replace(self, noise=replace(self.noise, **noise))
 
     @property
     def steady(self) -> bool:
@@ -132,7 +114,7 @@ class Trial:
     @cached_property
     def scale(self) -> float:
         """Largest magnitude of the response."""
-        return float(np.max(np.abs(self.log.response))) or 1.0
+        return _scale(self.log.response)
 
     @property
     def lift(self) -> float:
@@ -144,9 +126,7 @@ class Trial:
     @property
     def rounding(self) -> float:
         """Square of the noise that float64 makes over the log's; 1 where rounding makes it, and its level is known."""
-        if self.rounded is not None:
-            return 1.0
-        return (FLOOR * self.scale / (self.noise_std or self.scale)) ** 2
+        return 1.0 if self.noise.rounded is not None else (FLOOR * self.scale / self.noise.std) ** 2
 
     @cached_property
     def silent(self) -> bool:
@@ -172,11 +152,6 @@ class Trial:
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
-
-    @property
-    def told(self) -> float:
-        """`efficiency`, less what the noise of the phase takes."""
-        return self.efficiency * (self.jitter[2] if self.jitter else 1.0)
 
     @property
     def channels(self) -> int:
@@ -227,85 +202,15 @@ class Trial:
             return False
         return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
 
-    @cached_property
-    def clock(self) -> np.ndarray:
-        """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
-        if self.log.time is None:
-            return np.arange(len(self.log), dtype=float)
-        if np.all(np.diff(self.log.time) > 0):
-            return np.asarray(self.log.time)
-        stamps, first, count = np.unique(self.log.time, return_index=True, return_counts=True)
-        if len(stamps) == 1:
-            return np.arange(len(self.log), dtype=float)
-        end = np.append(stamps[1:], 2 * stamps[-1] - stamps[-2])
-        within = np.arange(len(self.log)) - np.repeat(first, count)
-        return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
-
-    @cached_property
-    def weight(self) -> np.ndarray:
-        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise goes with it."""
-        weight = np.sqrt(self.count)
-        if self.noise_time > 0 and np.any(self.count > 1):
-            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
-            x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.noise_time, 1e-4)
-            weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
-        weight = weight if self.spread is None else weight / self.spread
-        if self.rounded is not None and not np.iscomplexobj(self.rounded):  # of d and q it is that of `parts`
-            weight = weight / self.rounded
-        return weight if self.tail is None else weight * np.sqrt(self.tail)
-
-    @property
-    def parts(self) -> tuple["Trial", ...]:
-        """The trial as each channel has it, d and q, where their noise differs; else itself."""
-        parts = tuple(replace(self, noise_std=x.std, noise_time=x.time, levels=()) for x in self.levels) or (self,)
-        if self.rounded is None or self.own is None or not self.levels:
-            return parts
-        pairs = ((self.rounded.real, self.own.real), (self.rounded.imag, self.own.imag))
-        return tuple(replace(p, rounded=r, own=own) for p, (r, own) in zip(parts, pairs, strict=True))
-
-    @property
-    def used(self) -> slice | np.ndarray:
-        """The rows that are not left out."""
-        return slice(None) if self.kept is None else np.flatnonzero(self.kept)
-
-    @property
-    def order(self) -> np.ndarray:
-        """The rows as an experiment has them, those that are left out last."""
-        return np.arange(len(self.log)) if self.kept is None else np.argsort(~self.kept, kind="stable")
-
-    @property
-    def left_out(self) -> int:
-        """How many rows are."""
-        return 0 if self.kept is None else int(np.sum(~self.kept))
-
     @property
     def lost(self) -> int:
         """How many of them hold no signal, or were spoilt; the others are outliers."""
-        return 0 if self.there is None else int(np.sum(~self.there))
+        return int(np.sum(~self.there))
 
     def residual(self, model: np.ndarray) -> np.ndarray:
         """(n,) recorded - modelled; zero where there is no signal."""
         left = self.log.response - (model.real if self.log.amplitude_only else model)
-        return left if self.there is None else np.where(self.there, left, 0.0)
-
-    def memory(self) -> np.ndarray:
-        """Correlation of the noise of each used row with the one before."""
-        clock = self.clock[self.used]
-        if self.noise_time <= 0:
-            return np.zeros(len(clock))
-        rho = np.exp(-np.diff(clock) / self.noise_time)
-        return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
-
-    def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """(a, b) of `whitened`, of the used rows, in units of the noise (OU, any time grid): complex where d and q have their
-        own. `coloured`: False to leave what neighbours share."""
-        if self.levels:
-            now, before = zip(*(p.whitening(coloured) for p in self.parts), strict=True)
-            return joined(now), joined(before)
-        weight = self.weight[self.used] / (self.noise_std or 0.05 * self.scale)
-        memory = self.memory() if coloured else np.zeros(len(weight))
-        left = np.sqrt(1 - memory**2)
-        return weight / left, memory * np.roll(weight, 1) / left
+        return np.where(self.there, left, 0.0)
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
@@ -331,7 +236,7 @@ class Trial:
             if offset and not (self.from_rest and self.resonant):
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
-                shapes["feedthrough"] = self._smoothed(drive)
+                shapes["feedthrough"] = self._filtered()
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:
@@ -344,19 +249,15 @@ class Trial:
         columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
         return np.array(columns).reshape(len(columns), len(self.log))
 
-    def _smoothed(self, drive: np.ndarray) -> np.ndarray:
-        """What the lock-in's filter makes of the drive, (n,): of each of its steps the incomplete gamma function of its order."""
-        tau, order = self.smoothing
+    def _filtered(self) -> np.ndarray:
+        """What the lock-in's filter makes of the drive itself, (n,), at whose first level it had settled."""
+        (tau, order), drive = self.smoothing, self.inputs.drive
         if not order:
-            return drive
-        hold = self.inputs
-        begun = np.append(0.0, np.cumsum(hold.duration)[:-1])
-        now = begun[hold.interval] + hold.elapsed
-        found = np.full(len(drive), hold.drive[0], float)
-        for at, step in zip(begun[1:], np.diff(hold.drive), strict=True):
-            if step:
-                found += step * gammainc(order, np.maximum(now - at, 0.0) / tau)
-        return found
+            return drive[self.inputs.interval]
+        hold = self.inputs._replace(smoothing=tau, spread=np.zeros(len(self.log)))
+        step = (drive - drive[0]).astype(complex)
+        still = np.zeros_like(step)  # a plate that nothing pushes, whatever its pole
+        return drive[0] + smoothed(still - 1.0, still, step, hold, order, None, np).forced.real
 
     def _remembered(self) -> dict[str, np.ndarray]:
         """How the states of the lock-in's filter at the first row die away, (n,) each: e^-x x^k for each of its poles."""
@@ -421,16 +322,16 @@ class Trial:
     def spans(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each part: orthonormal basis (n + K, K) of the whitened columns of the used rows, with each one's prior, and the
         triangle R of it."""
-        columns = self.columns[:, self.used]
+        columns = self.columns[:, self.noise.used]
         prior = np.diag([1 / self.prior(name) for name in self.shapes])
-        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.parts]
+        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.noise.parts]
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
         """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
         if not len(self.columns):
             return driven
-        white = whitened((self.log.response - driven)[self.used], *self.whitening())
-        channels = (white.real, white.imag) if self.levels else (white,)
+        white = whitened((self.log.response - driven)[self.noise.used], *self.noise.whitening())
+        channels = (white.real, white.imag) if self.noise.levels else (white,)
         found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
         return driven + joined(found) @ self.columns
 
@@ -442,26 +343,14 @@ class Trial:
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
 
 
-def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """One array of those of each part: that of q is its imaginary part."""
-    return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
-
-
-def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """now_k v_k - before_k v_(k-1) of rows (..., n); the first has none before it."""
-    found = times(now, v)
-    found[..., 1:] -= times(before[1:], v[..., :-1])
-    return found
-
-
 def freedom(trial: Trial) -> float:
     """Degrees of freedom of a log's residual, at least 1."""
-    return sum(freedoms(trial)) if trial.rounded is not None else float(max(numbers_left(trial), 1))
+    return sum(freedoms(trial)) if trial.noise.rounded is not None else float(max(numbers_left(trial), 1))
 
 
 def freedoms(trial: Trial) -> tuple[float, ...]:
     """Of each part, at least 1: rows that share a rounding error count as one."""
-    parts = trial.parts
+    parts = trial.noise.parts
     alike = [0.0 if p.own is None else float(np.sum(1 - p.own[p.used])) for p in parts]
     return tuple(max(numbers_left(trial) / len(parts) - shared, 1.0) for shared in alike)
 
@@ -470,15 +359,16 @@ def numbers_left(trial: Trial) -> int:
     """Real numbers in a log less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        return len(trial.log) - trial.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
+        return len(trial.log) - trial.noise.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
     columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
-    return 2 * (len(trial.log) - trial.left_out) - taken
+    return 2 * (len(trial.log) - trial.noise.left_out) - taken
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
     """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
-    least = FLOOR * trial.scale
-    levels = levels if all(x.std > least for x in levels) else ()
-    new = replace(trial, noise_std=max(std, least), noise_time=time if std > least else 0.0, levels=levels)
-    return new if levels or trial.log.amplitude_only else replace(new, rounded=None, own=None)  # which are of d and of q
+    return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
+
+
+def _scale(response: np.ndarray) -> float:
+    return float(np.max(np.abs(response))) or 1.0

@@ -10,7 +10,8 @@ from sysid.minimise import State
 from sysid.noise import log_likelihood
 from sysid.perturbed import Course
 from sysid.span import REAL, orthonormal
-from sysid.trial import Trial, freedom, whitened
+from sysid.trial import Trial, freedom
+from sysid.whitening import whitened
 
 ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
 
@@ -37,11 +38,11 @@ class View:
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
-        self._whitening = trial.whitening(coloured=coloured)
+        self._whitening = trial.noise.whitening(coloured=coloured)
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
-        self.columns = self._nuisances()
+        self.columns = self._in_dq() if trial.signed else self._in_amplitude()
         self.priors = len(self.columns)
 
     @cached_property
@@ -78,11 +79,8 @@ class View:
         """Rows of the derivatives, less what the nuisances can make of them."""
         return self.off(self.derivatives.T).T
 
-    def _nuisances(self) -> list[Column]:
-        """What the bench may add, linear about the fit."""
-        return self._in_dq() if self.trial.signed else self._in_amplitude()
-
     def _in_amplitude(self) -> list[Column]:
+        """What the bench may add to amplitudes, linear about the fit."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         late = -trial.late * (trial.lateness > 0)
@@ -100,6 +98,7 @@ class View:
         return columns if trial.steady else [*columns, floor]
 
     def _in_dq(self) -> list[Column]:
+        """What it may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         forced = self.turn * self.own * c.forced
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
@@ -165,7 +164,7 @@ class View:
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
-        v = whitened(shape[..., self.trial.used], *self._whitening)
+        v = whitened(shape[..., self.trial.noise.used], *self._whitening)
         channels = [v.real, v.imag] if np.iscomplexobj(self.residual) else [v.real]
         return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
 
@@ -179,10 +178,11 @@ class View:
         return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
 
     def _noisy(self, rows: np.ndarray) -> float:
-        if self.trial.rounded is not None and not any(p.noise_time for p in self.trial.parts):  # whose level is known
+        noise = self.trial.noise
+        if noise.rounded is not None and not noise.coloured:  # whose level is known
             return -0.5 * float(rows @ rows)
-        n, clock, dof = len(self._whitening[0]), self.trial.clock[self.trial.used], freedom(self.trial)
-        if self.trial.levels:
+        n, clock, dof = len(self._whitening[0]), noise.clock[noise.used], freedom(self.trial)
+        if noise.levels:
             return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
         left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
         return log_likelihood(left, clock, dof)

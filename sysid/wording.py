@@ -10,8 +10,8 @@ from sysid.hold import FULL_TOUCH, force_of
 from sysid.identify import FINER, seconds
 from sysid.log import Log
 from sysid.span import times
-from sysid.thermometer import set_points
-from sysid.trial import LEAST_WARMING, Trial, joined, whitened
+from sysid.trial import LEAST_WARMING, Trial
+from sysid.whitening import Noise, joined, whitened
 
 NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
@@ -84,8 +84,7 @@ def stamps_shared(trial: Trial) -> int:
     time = trial.log.time if trial.whole is None else trial.whole.time
     if time is None:
         return 0
-    there = slice(None) if trial.there is None or trial.whole is not None else trial.there
-    time = time[there]
+    time = time[trial.there] if trial.whole is None else time
     return int(np.count_nonzero(time[1:] == time[:-1]))
 
 
@@ -134,11 +133,11 @@ def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, er
 
 
 def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[str]:
-    """A sentence on temperatures that are taken for exact, where they would decide f0 if they had been read."""
-    temperatures = [log.temperature for log in unstated]
-    logs = [log for log, exact in zip(unstated, set_points(temperatures), strict=True) if exact]
-    digit = max((log.temperature_digit for log in logs), default=0.0)
-    if len({float(log.temperature[0]) for log in logs if log.temperature is not None}) < 2 or k_T * digit < error * np.sqrt(12):
+    """A sentence on temperatures that `sysid.thermometer` took for exact, where they would decide f0 if they had been read."""
+    exact = [(log.temperature, log.temperature_digit) for log in unstated if log.bench.get("temperature_std_degC") == 0]
+    kept = [(float(t[0]), digit) for t, digit in exact if t is not None and np.ptp(t) == 0]
+    digit = max((digit for _, digit in kept), default=0.0)
+    if len(dict(kept)) < 2 or k_T * digit < error * np.sqrt(12):
         return []
     return [
         f"whole degrees are taken for set points that were kept exactly; read to {digit:g} degC they leave f0 open by"
@@ -164,25 +163,25 @@ def describe(trial: Trial) -> str:
 
 def noise(trial: Trial) -> str:
     """What the noise of a log was taken for, in a few words."""
-    unit, parts = trial.log.response_unit, trial.parts
-    colours = [_colour(p) for p in parts]
+    unit, known = trial.log.response_unit, trial.noise
+    colours = [_colour(trial, p) for p in known.parts]
     said = colours[0]
-    if len(parts) == 2:
-        apart = [f"{p.noise_std:.3g} {unit} in {channel}" for p, channel in zip(parts, "dq", strict=True)]
+    if len(colours) == 2:
+        apart = [f"{p.std:.3g} {unit} in {channel}" for p, channel in zip(known.parts, "dq", strict=True)]
         if colours[0] == colours[1]:
             said = f"{', '.join(apart)}, {colours[0]}"
         else:
             said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
-    if trial.share:
-        largest = f"{100 * trial.noise_std * np.sqrt(trial.share) / trial.scale:.2g} % of the response"
-        least = f" and {trial.noise_std * np.sqrt(1 - trial.share):.2g} {unit}" if trial.share < NEARLY_ALL else ""
+    if known.share:
+        largest = f"{100 * known.std * np.sqrt(known.share) / trial.scale:.2g} % of the response"
+        least = f" and {known.std * np.sqrt(1 - known.share):.2g} {unit}" if known.share < NEARLY_ALL else ""
         said = f"{said}, {largest}{least}"
-    if trial.jitter is not None:
-        said = f"{said}, of which the phase's is {trial.jitter[0]:.2g} rad, correlated over {_time(trial, trial.jitter[1])}"
-    if outliers := trial.left_out - trial.lost:
+    if known.jitter is not None:
+        said = f"{said}, of which the phase's is {known.jitter.std:.2g} rad, correlated over {_time(trial, known.jitter.time)}"
+    if outliers := known.left_out - trial.lost:
         return f"{said}, {outliers} outliers left out"
-    said = said if trial.rounded is None else f"{said} but for its rounding"
-    return said if trial.tail is None else f"{said}, with outliers"
+    said = said if known.rounded is None else f"{said} but for its rounding"
+    return said if known.tail is None else f"{said}, with outliers"
 
 
 def _time(trial: Trial, time: float) -> str:
@@ -192,21 +191,22 @@ def _time(trial: Trial, time: float) -> str:
 
 def turned(trial: Trial) -> str | None:
     """A sentence when the noise of a log's phase takes most of what it tells; else None."""
-    if trial.jitter is None or trial.jitter[2] > MOST_TAKEN:
+    jitter = trial.noise.jitter
+    if jitter is None or jitter.left > MOST_TAKEN:
         return None
-    std, time, left = trial.jitter
+    over = _time(trial, jitter.time)
     return (
-        f"phase noise of {std:.2g} rad that is correlated over {_time(trial, time)} makes errors {left**-0.5:.2g} times as large;"
+        f"phase noise of {jitter.std:.2g} rad that is correlated over {over} makes errors {jitter.left**-0.5:.2g} times as large;"
         " lock drive and demodulator to one clock, or record the average of several logs"
     )
 
 
-def _colour(trial: Trial) -> str:
-    if trial.noise_time == 0:
+def _colour(trial: Trial, part: Noise) -> str:
+    if part.time == 0:
         return "white"
-    if np.median(trial.memory()[1:]) < FAINT:
+    if np.median(part.memory()[1:]) < FAINT:
         return "white, as far as so few rows tell"
-    over = _time(trial, trial.noise_time)
+    over = _time(trial, part.time)
     return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 
 
@@ -214,9 +214,9 @@ def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) ->
     """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
     is noise that could hide as much."""
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
-    rows = np.flatnonzero(np.ones(len(model), bool) if trial.there is None else trial.there)
-    if trial.rounded is not None:  # what rows share of it is known
-        residual = times(joined([1 / p.rounded for p in trial.parts]), residual)
+    rows = np.flatnonzero(trial.there)
+    if trial.noise.rounded is not None:  # what rows share of it is known
+        residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
     order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
     part, chance = _structure(residual[rows[order]])
     much = f"{100 * part / (size or 1.0):.1f} %"
@@ -243,7 +243,7 @@ def clipped(trial: Trial) -> str | None:
     """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
     y = trial.log.response
     channels = _channels(trial)
-    if np.all(trial.count > 1) or any(p.noise_std < LEVELLED * s for p, s in zip(trial.parts, trial.steps, strict=False)):
+    if np.all(trial.noise.count > 1) or any(p.std < LEVELLED * s for p, s in zip(trial.noise.parts, trial.steps, strict=False)):
         return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
     for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
         values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
@@ -260,9 +260,9 @@ def _channels(trial: Trial) -> list[np.ndarray]:
 
 def coarse(trial: Trial) -> str | None:
     """A sentence when a channel is recorded in steps so large beside its noise that rows share their rounding; else None."""
-    if trial.rounded is None:
+    if trial.noise.rounded is None:
         return None
-    unit, parts = trial.log.response_unit, trial.parts
+    unit, parts = trial.log.response_unit, trial.noise.parts
     each = [f"{step:.2g} {unit}" for step in trial.steps]
     steps = each[0] if len(set(each)) == 1 else " and ".join(f"{x} in {c}" for x, c in zip(each, "dq", strict=True))
     own = [p.own[p.used] for p in parts if p.own is not None]
@@ -308,12 +308,12 @@ def _structure(residual: np.ndarray) -> tuple[float, float]:
 def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
     """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
     taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
-    if not any(p.noise_time for p in trial.parts) or len(residual) < LEAST_ROWS:
+    if not trial.noise.coloured or len(residual) < LEAST_ROWS:
         return False
-    own = whitened(residual[trial.used], *trial.whitening())
+    own = whitened(residual[trial.noise.used], *trial.noise.whitening())
     channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
     shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
-    strong = np.abs(model[trial.used]) ** 2
+    strong = np.abs(model[trial.noise.used]) ** 2
     strong = (strong - np.mean(strong)) / (np.std(strong) or 1.0)
     uneven = np.sum(strong * np.abs(own) ** 2) / power * np.sqrt(0.5 * channels * len(own))
     return bool(np.max(np.abs([*shared, uneven])) < CHANCE)

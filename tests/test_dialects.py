@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from refusal import refused
 
 from sysid import csvbody
 from sysid.cells import to_number
 from sysid.fitting import fit
-from sysid.log import LogError, read_logs
+from sysid.log import read_logs
 from sysid.result import Result
 from sysid.stamps import seconds_since
 
@@ -22,13 +23,6 @@ STEPS = [",".join(map(repr, row)) for row in STEP.T.tolist()]
 ROWS = "".join(f"{row}\n" for row in STEPS)
 FREQUENCY = np.linspace(31900, 32700, 9)
 SIGNAL = -0.01j / (1 + 2j * math.pi * (FREQUENCY - 32300) * 1.67e-3)  # of a displacement: Wd + jWq = j s
-
-
-def refused(path, *words, **options):
-    with pytest.raises(LogError) as error:
-        read_logs([path], **options)
-    assert all(word in str(error.value) for word in words), str(error.value)
-    return error.value
 
 
 def check_step(log, start=0.0):

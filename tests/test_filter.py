@@ -151,7 +151,7 @@ def test_a_block_of_rows_shows_their_mean(order):
     fine = hold_inputs(trial.whole.time, trial.whole.drive, trial.whole.frequency, reference=(1500.0, 0.0))
     with jax.enable_x64(True):
         every = np.asarray(respond(found.tau, 2 * np.pi * fine.offset, fine._replace(smoothing=1e-3), order=order).forced)
-    ends = np.append(0, np.cumsum(trial.count).astype(int))
+    ends = np.append(0, np.cumsum(trial.noise.count).astype(int))
     mean = [np.mean(every[a:b]) for a, b in pairwise(ends)]
     np.testing.assert_allclose(model, mean, rtol=0, atol=2e-5)
 

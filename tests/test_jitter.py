@@ -57,10 +57,10 @@ def test_phase_noise_that_rows_share_is_in_the_intervals(phase):
 
 def test_phase_noise_is_said_with_its_size_and_its_time():
     fits = [sysid.fit([sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001)]) for seed in range(20)]
-    jitter = np.array([t.jitter for f in fits for t in f.modes[0].trials if t.jitter])
+    jitter = [t.noise.jitter for f in fits for t in f.modes[0].trials if t.noise.jitter]
     assert len(jitter) > 15
-    assert np.median(jitter[:, 0]) == pytest.approx(0.02, rel=0.3)
-    assert 4.0 < np.median(jitter[:, 1]) < 25.0  # rows; of one log the time is told to a factor of two
+    assert np.median([j.std for j in jitter]) == pytest.approx(0.02, rel=0.3)
+    assert 4.0 < np.median([j.time for j in jitter]) < 25.0  # rows; of one log the time is told to a factor of two
     said = [w for f in fits for w in f.warnings if "phase noise of" in w]
     assert said and all("correlated over" in w for w in said)
     assert any("the phase's is" in f.logs[0].noise for f in fits)
@@ -77,5 +77,5 @@ ADDITIVE = {
 @pytest.mark.parametrize("kind", ADDITIVE)
 def test_additive_noise_is_no_phase_noise(kind):
     fits = [sysid.fit([sweep(seed, lambda r, n: np.zeros(n), 0.005, ADDITIVE[kind])]) for seed in range(SEEDS)]
-    assert sum(t.jitter is not None for f in fits for t in f.modes[0].trials) <= 2  # log-likelihood of 5 for two numbers
+    assert sum(t.noise.jitter is not None for f in fits for t in f.modes[0].trials) <= 2  # log-likelihood of 5 for two numbers
     assert not any("phase noise" in w for f in fits for w in f.warnings)

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from refusal import refused
 
 from sysid import csvbody, fit, units
 from sysid.log import Log, LogError, read_logs, write_log
@@ -22,14 +23,6 @@ ROWS = "0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,
 def read_one(path, **options):
     (log,) = read_logs([path], **options)
     return log
-
-
-def refused(path, *words, **options):
-    with pytest.raises(LogError) as error:
-        read_logs([path] if not isinstance(path, list) else path, **options)
-    message = str(error.value)
-    assert all(str(word) in message for word in words), message
-    return error.value
 
 
 def check_usual(log):

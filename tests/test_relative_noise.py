@@ -52,7 +52,7 @@ def test_it_is_named_with_its_size():
 
 
 def test_of_even_noise_no_part_is_taken_for_relative():
-    found = [sysid.fit([sweep(seed, 0.0, 0.01)]).modes[0].trials[0].share for seed in range(100)]
+    found = [sysid.fit([sweep(seed, 0.0, 0.01)]).modes[0].trials[0].noise.share for seed in range(100)]
     # a gain of four in log-likelihood: chi-square of one number exceeds eight in 0.5 % of cases
     assert np.count_nonzero(found) <= 3
 
@@ -63,7 +63,7 @@ def test_a_wrong_model_at_the_peak_is_no_noise():
     size = np.abs(log.response)
     bent = log.response * (1 - 0.1 * (size / size.max()) ** 2)
     fit = sysid.fit([sysid.Log("bent", bent, drive=log.drive, frequency=log.frequency, kind="steady")])
-    assert fit.result.name == "misfit" and fit.modes[0].trials[0].share == 0.0
+    assert fit.result.name == "misfit" and fit.modes[0].trials[0].noise.share == 0.0
 
 
 def swept(seed, relative, floor, ups=1):
@@ -90,5 +90,5 @@ def test_errors_are_true_of_transients(ups):
 
 @pytest.mark.parametrize("ups", [1, 0])
 def test_of_even_noise_of_transients_no_part_is_taken_for_relative(ups):
-    found = [sysid.fit([swept(seed, 0.0, 0.01, ups)]).modes[0].trials[0].share for seed in range(60)]
+    found = [sysid.fit([swept(seed, 0.0, 0.01, ups)]).modes[0].trials[0].noise.share for seed in range(60)]
     assert np.count_nonzero(found) <= 2  # 0.5 % of them may, as above

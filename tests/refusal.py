@@ -1,0 +1,20 @@
+"""Refusals of logs, as the tests of what reads them look at them."""
+
+import pytest
+
+from sysid.log import LogError, read_logs
+
+
+def refused(paths, *words, **options):
+    """The error of reading one path or several, with all these words in it."""
+    with pytest.raises(LogError) as error:
+        read_logs(paths if isinstance(paths, list) else [paths], **options)
+    message = str(error.value)
+    assert all(str(word) in message for word in words), message
+    return error.value
+
+
+def changed(text, old, new):
+    """The text with one thing wrong in it."""
+    assert old in text
+    return text.replace(old, new)
