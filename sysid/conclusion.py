@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid import flank, identify, wording
+from sysid import flank, identify, lone, wording
 from sysid.fitted import Fit, alone, beside, parameter, usable
 from sysid.late import timed
 from sysid.log import Log
@@ -38,6 +38,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
+    fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
     wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]

@@ -49,6 +49,7 @@ class Fit:
     modes: tuple[State, ...] = field(repr=False)  # the best first
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
     priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
+    lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
 
     def estimate(self, name: str) -> tuple[float, float]:
         """What the best minimum makes of a parameter, and its standard deviation; NaN and infinity where it is not fitted."""
@@ -83,6 +84,8 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if told and np.isfinite(value) and not modes and std <= limit:
         if tail := flank.why(state, fit.reference):
             return Parameter(None, None, None, fit.units[name], False, tail)
+        if name in fit.lone:
+            return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
         ci95 = ci95 or (value - 1.959964 * std, value + 1.959964 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     said = identify.why(name, state.trials, tau, fit.names, len(modes))

@@ -64,6 +64,7 @@ ORDER = [
     "flank",
     "fitted",
     "view",
+    "lone",
     "coincidence",
     "term",
     "moments",
