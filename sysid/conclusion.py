@@ -8,6 +8,7 @@ import numpy as np
 from sysid import flank, identify, lone, wording
 from sysid.fitted import Fit, alone, beside, parameter, usable
 from sysid.late import timed
+from sysid.leaning import leaning
 from sysid.log import Log
 from sysid.minimise import Minimiser, State
 from sysid.misfit import Found, misfits
@@ -93,6 +94,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     found, unseen = misfits(best, reference, free, at)
     found = timed(_likeliest(found), best, reference, free)
     wrong, doubts = _described(best, found, FINGER[0] in free)
+    if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
+        return [said], []
     between = found and (found[0].name in BETWEEN or found[0].log is None)
     if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):
         wrong, doubts = [said], []

@@ -71,6 +71,7 @@ ORDER = [
     "terms",
     "misfit",
     "odd",
+    "leaning",
     "late",
     "conclusion",
     "fitting",
