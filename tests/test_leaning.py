@@ -108,3 +108,16 @@ def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude):
     for directions in ((1, -1), (1,)):
         fit = sysid.fit(sweeps(0.0, 5, amplitude, directions, clean))
         assert not any("leans over" in warning for warning in fit.warnings), fit.warnings
+
+
+@pytest.mark.parametrize("amplitude", [True, False])
+@pytest.mark.parametrize(("row", "factor"), [(30, 10.0), (55, 0.1), (70, 0.001)])
+def test_a_range_that_was_changed_within_a_sweep_is_named(row, factor, amplitude):
+    for seed in range(4):
+        log, other = sweeps(0.0, seed, amplitude)
+        log = replace(log, response=np.where(np.arange(ROWS) < row, 1.0, factor) * log.response)
+        for logs in ([log], [log, other]):
+            fit = sysid.fit(logs)
+            assert fit.result.name != "successful"
+            said = f"sweep 1: from row {row} (counted from 0) on its response is {factor:g} times as large"
+            assert any(said in warning for warning in fit.warnings), fit.warnings
