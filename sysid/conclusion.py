@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid import identify, wording
+from sysid import identify, lone, wording
 from sysid.determined import alone, informed, parameter, usable
 from sysid.fitted import Fit, beside
 from sysid.late import timed
+from sysid.leaning import leaning
 from sysid.log import Log
 from sysid.minimise import Minimiser, State
 from sysid.misfit import Found, misfits
@@ -39,6 +40,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
+    fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
     wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
@@ -92,6 +94,10 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     found, unseen = misfits(best, reference, free, at)
     found = timed(_likeliest(found), best, reference, free)
     wrong, doubts = _described(best, found, FINGER[0] in free)
+    if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
+        return [said], []
+    if (wrong or doubts) and (ranges := [f"{t.log.name}: {said}" for t in best.trials if (said := wording.ranged(t))]):
+        return ranges, []
     between = found and (found[0].name in BETWEEN or found[0].log is None)
     if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):
         wrong, doubts = [said], []

@@ -22,6 +22,8 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     if informed(fit, name, value, std):
         if fit.flank is not None and fit.flank.undetermined:
             return Parameter(None, None, None, fit.units[name], False, f"cannot tell, because {fit.flank.said()}")
+        if name in fit.lone:
+            return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
         ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     state = fit.modes[0]

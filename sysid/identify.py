@@ -6,6 +6,8 @@ A parameter is determined when its interval is finite, comes from the data, belo
     f0        standard deviation below half of the half bandwidth 1/(2 pi tau)
     k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth, and the logs' temperatures are three
               errors of their thermometers apart
+
+and when no one reading decides it (`sysid.lone`).
 """
 
 from collections.abc import Sequence

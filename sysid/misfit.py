@@ -2,7 +2,8 @@
 
 For a term with shapes A, its coefficients are fitted beside the plant's parameters and the nuisances of every log (white
 weights), the noise of the logs is estimated anew from what is then left, and the gain in log-likelihood is what the term is
-worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried. It makes the
+worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried (of one that is
+to be expected, of two: a Bonferroni bound may be shared out unevenly; Genovese et al., Biometrika 93, 509, 2006). It makes the
 fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning. One that would move them and
 is worth less, but PERHAPS, is a warning too.
 
@@ -42,6 +43,7 @@ SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
+STRANGE = "strange"  # of a log that is not described, which explains nothing
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,7 @@ def _strange(i: int, view: View, alone: bool) -> Found | None:
     elif not alone:
         what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
     said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
-    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, "strange", i, 1)
+    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, STRANGE, i, 1)
 
 
 class _Added(NamedTuple):
@@ -283,7 +285,7 @@ class _Linear:
         """Those that the logs hold; `others`: how many were tried before."""
         chance = np.log(max(len(tried) + others, 1))
         self._look([t for t in tried if not t.parts])
-        return [f for t in tried if (f := self.worth(t, chance + t.freedom - 1)) is not None]
+        return [f for t in tried if (f := self.worth(t, (np.log(2) if t.expected else chance) + t.freedom - 1)) is not None]
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""

@@ -21,6 +21,7 @@ class Term:
     beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
     squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
     unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
+    expected: bool = False  # what every plate has a little of: not one of many things that chance may look like
     parts: tuple["Term", ...] = field(default=(), repr=False)  # of one log each, in place of shapes of its own
 
 

@@ -27,6 +27,8 @@ FAINT = 0.3  # of a correlation with the row before, below which it is not known
 LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau on one level
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
 HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
+BESIDE = 3  # rows on each side, by which it is judged what a response does anyway
+AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -251,6 +253,22 @@ def clipped(trial: Trial) -> str | None:
         if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
             return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
     return None
+
+
+def ranged(trial: Trial) -> str | None:
+    """A sentence when from one row of a sweep on the response is a power of ten larger, as no resonance makes it; else None."""
+    w = np.abs(trial.log.response)
+    if not (trial.steady and trial.resonant) or len(w) < LEAST_ROWS or np.any(w == 0):
+        return None
+    drive = np.abs(trial.inputs.drive) if trial.driven else np.ones(len(w))
+    steps = np.diff(np.log(w / drive)) if np.all(drive > 0) else np.zeros(len(w) - 1)
+    k = int(np.argmax(np.abs(steps)))
+    beside = steps[max(k - BESIDE, 0) : k + BESIDE + 1]
+    jump = float(steps[k] - np.median(beside)) / np.log(10)
+    if round(jump) == 0 or abs(jump - round(jump)) > AS_IF or np.sort(np.abs(steps))[-2] > 0.5 * abs(steps[k]):
+        return None
+    said = f"from row {k + 1} (counted from 0) on its response is {10.0 ** round(jump):g} times as large"
+    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
 
 
 def _channels(trial: Trial) -> list[np.ndarray]:
