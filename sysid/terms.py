@@ -230,8 +230,9 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
 
         yield Term("amplitude", moved, softer, freedom=2)
         # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0 by several of its
-        # errors. Of settled points that is all that looks so; of a transient a drift or a lateness does, or noise of long memory.
-        if all(v.trial.steady and not v.trial.noise.coloured for v in resonant.values()):
+        # errors. Of settled points in even noise that is all that looks so; of a transient a drift or a lateness does, elsewhere
+        # noise of long memory, or one whose weights follow the residual.
+        if all(v.trial.steady and not v.trial.noise.coloured and not v.trial.noise.share for v in resonant.values()):
             yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
     levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
     if _of_several_sizes(levels):
