@@ -63,7 +63,7 @@ def _without_one(views: Sequence[View], shown: np.ndarray, index: Sequence[int])
 def _of_one(view: View, white: np.ndarray, along: np.ndarray) -> np.ndarray:
     """(n, k) of one log. Its Jacobian, less what its nuisances make of it, is `white` (rows, p), of parameters of unit variance;
     `along` (p, k): the sums of these that are shown."""
-    n, channels = len(view._whitening[0]), 2 if np.iscomplexobj(view.residual) else 1
+    n, channels = view.n, 2 if np.iscomplexobj(view.residual) else 1
     rows = np.arange(n)[:, None] + n * np.arange(channels)  # of each reading
     hat = np.concatenate([view.basis, white], axis=1)[rows]
     values, vectors = np.linalg.eigh(np.eye(channels) - hat @ hat.transpose(0, 2, 1))

@@ -30,7 +30,7 @@ class View:
 
     `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
     whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
-    `coloured`: rows of correlated noise are made independent. What the fit takes for the thermometer's error, in its standard
+    `n` rows are used. `coloured`: those of correlated noise are made independent. What the fit takes for the thermometer's error, in its standard
     deviations, is in the rows of its prior: there is what else could explain it.
     """
 
@@ -39,6 +39,7 @@ class View:
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
+        self.n = len(self._whitening[0])
         self.course = Course(trial, trial.hold(reference), state.theta)
         self.model = model.real if trial.log.amplitude_only else model
         self.residual = trial.residual(self.model)
@@ -181,7 +182,7 @@ class View:
         noise = self.trial.noise
         if noise.rounded is not None and not noise.coloured:  # whose level is known
             return -0.5 * float(rows @ rows)
-        n, clock, dof = len(self._whitening[0]), noise.clock[noise.used], freedom(self.trial)
+        n, clock, dof = self.n, noise.clock[noise.used], freedom(self.trial)
         if noise.levels:
             return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
         left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
