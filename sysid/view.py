@@ -30,8 +30,8 @@ class View:
 
     `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
     whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
-    `n` rows are used. `coloured`: those of correlated noise are made independent. What the fit takes for the thermometer's error, in its standard
-    deviations, is in the rows of its prior: there is what else could explain it.
+    `n` rows are used. `coloured`: those of correlated noise are made independent. What the fit takes for the thermometer's error,
+    in its standard deviations, is in the rows of its prior: there is what else could explain it.
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
