@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.noise import _whitened, estimate
+from sysid.noise import FEW_STEPS, _grams, _whitened, estimate
 
 ROWS = 400
 
@@ -85,6 +85,35 @@ def test_whitening_undoes_the_recursion():
     # a sum of 2 * 400 squares of unit normals: 800 +- 40
     assert abs(np.sum(np.abs(white) ** 2) - 2 * ROWS) < 4 * np.sqrt(4 * ROWS)
     np.testing.assert_allclose(shrink, 1 - np.exp(-2 * np.diff(clock) / 3.0), rtol=1e-9, atol=1e-15)
+
+
+CLOCKS = {
+    "steady": lambda rng: 0.1 * np.arange(60.0),
+    "rows left out": lambda rng: 0.1 * np.flatnonzero(rng.random(90) < 0.7),
+    "irregular": lambda rng: np.cumsum(rng.exponential(1.0, 60)),
+}
+
+
+@pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
+def test_whitened_products_are_those_of_the_inverse_covariance(clock):
+    """x^H R^-1 y and log det R, of the covariance R = exp(-|t - t'|/time) written out, for real and complex rows."""
+    rng = np.random.default_rng(7)
+    clock = clock(rng)
+    times, rows = np.array([0.05, 0.7, 20.0]), rng.standard_normal((3, len(clock))) + 1j * rng.standard_normal((3, len(clock)))
+    for x in (rows, rows.real):
+        grams, shrunk = _grams(x, np.diff(clock), times)
+        for k, time in enumerate(times):
+            covariance = np.exp(-np.abs(clock[:, None] - clock) / time)
+            np.testing.assert_allclose(grams[k], x @ np.linalg.solve(covariance, x.conj().T), rtol=1e-8)  # of a condition of 1e3
+            np.testing.assert_allclose(shrunk[k], np.linalg.slogdet(covariance)[1], rtol=1e-9)
+
+
+def test_a_clock_whose_digits_end_is_steady():
+    """Stamps of 1e-9 s: their differences are two numbers and more, and one step."""
+    clock = np.round(np.cumsum(np.full(40, 1e-4 / 3)), 12)
+    grams, _ = _grams(np.ones((1, 40)), np.diff(clock), np.array([1e-4]))
+    assert len(np.unique(np.diff(clock))) > FEW_STEPS
+    assert grams[0, 0, 0] == pytest.approx(np.sum(np.linalg.inv(np.exp(-np.abs(clock[:, None] - clock) / 1e-4))), rel=1e-6)
 
 
 def short_step(seed, rho, rows=30, channels=2):
