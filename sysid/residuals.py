@@ -72,7 +72,8 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
         return 0.0  # of a colour few rows are independent, and of those at rest fewer
     if not trial.steady and not trial.noise.share and round_ > EARLY:
         return 0.0
-    if (known and not trial.steady) or not 0 < round_ < HELD or not _is_noise(trial, model):
+    scatters = trial.undriven_sweep or _is_noise(trial, model)  # one periodogram by half of itself
+    if (known and not trial.steady) or not 0 < round_ < HELD or not scatters:
         return trial.noise.share
     there = trial.there
     left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]

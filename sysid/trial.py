@@ -117,6 +117,12 @@ class Trial:
         return _scale(self.log.response)
 
     @property
+    def undriven_sweep(self) -> bool:
+        """Amplitudes over frequency without a drive, as the spectrum of a plate that its own noise moves: they scatter as they
+        are large, by half if none are averaged."""
+        return self.steady and self.resonant and not self.signed and self.log.drive is None
+
+    @property
     def lift(self) -> float:
         """Square of the noise that lifts a mean amplitude (`sysid.rice`), as known so far; nothing where the gain is its own."""
         if self.steady and self.log.drive is None:
