@@ -54,3 +54,12 @@ def test_a_lock_in_wired_as_the_page_says_gives_wd_and_wq(beside):
     assert abs(W - 1 / (1 - 1j * delta * tau)) < 0.02  # 1 % of the limit of large Q, and exp(-10) of the start
     assert locked_in(velocity, omega * t) / omega == pytest.approx(W, abs=1e-4)  # velocity: Wd = X/omega, Wq = Y/omega
     assert np.sign(round(W.imag, 2)) == np.sign(-beside)  # Wq > 0 below the resonance: raise f
+
+
+def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
+    page = (ROOT / "docs" / "code.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller)/(?:\w+/)*(\w+)\.py`", page))
+    modules = {p.stem for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
+    assert modules - named == set()
+    types = set("Log Trial Noise Experiment State Fit Posterior Loop Scene Term".split())
+    assert named - modules - types == {"fit", "simulate", "sysid", "controller"}
