@@ -61,5 +61,5 @@ def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller)/(?:\w+/)*(\w+)\.py`", page))
     modules = {p.stem for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
     assert modules - named == set()
-    types = set("Log Trial Noise Experiment State Fit Posterior Loop Scene Term".split())
+    types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}
     assert named - modules - types == {"fit", "simulate", "sysid", "controller"}
