@@ -26,7 +26,7 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             own = start, float(detail.floor[k]), float(detail.late[k])
             new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
-            new = renewed(new, courses[i], detail.extra[k])
+            new = renewed(new, courses[i], detail.extra[k]).floored(driven, models[i])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new

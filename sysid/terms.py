@@ -57,28 +57,10 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
         yield from chain(_drift(i, view), _lag(i, view))
     elif trial.driven and not trial.steady and not trial.log.amplitude_only:
         yield _off_resonance(i, view)
-    if trial.undriven_sweep:
-        yield _floor(i, view)
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
         yield from chain(_creeping(i, view), moments(i, view))
-
-
-def _floor(i: int, view: View) -> Term:
-    """Noise below the peak of a spectrum, whose power adds to that of the plate: w^2 = |W|^2 + floor^2."""
-    name = view.trial.log.name
-
-    def say(value: np.ndarray, _: View) -> str | None:
-        if value[0] <= 0:
-            return None
-        floor = f"{np.sqrt(value[0]):.2g} {view.trial.log.response_unit}"
-        return (
-            f"{name}: its peak stands on a floor of about {floor}, as the noise of a sensor; take its power off, as"
-            " sqrt(w^2 - floor^2), or record the drive"
-        )
-
-    return Term("floor", {i: 0.5 / np.maximum(np.abs(view.model), 1e-300)[:, None]}, say, i, expected=True)
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:

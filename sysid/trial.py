@@ -56,6 +56,7 @@ class Trial:
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
     resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
+    under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of `floor` adds to an undriven sweep
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
@@ -101,7 +102,8 @@ class Trial:
         spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
         if spreads:
             noise = replace(noise, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
-        return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, whole=None)
+        under = None if self.under is None else np.interp(at, now[order], self.under[order])
+        return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
 
     def knowing(self, **noise: Any) -> "Trial":
         """The trial with this known of its noise."""
@@ -223,6 +225,8 @@ class Trial:
         """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; a
         baseline (per s) that goes on with the time; what the lock-in's filter still holds of what was before a log that begins
         amid a drive."""
+        if self.under is not None:
+            return {"floor": self.under}
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
@@ -340,6 +344,16 @@ class Trial:
         channels = (white.real, white.imag) if self.noise.levels else (white,)
         found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
         return driven + joined(found) @ self.columns
+
+    def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
+        """An undriven sweep with the floor that it shows, its modelled rows (n,) beside those of the plate alone: a sensor's noise,
+        whose power adds to the plate's. Of w^2 = |W|^2 + floor the rise w - |W| is the floor times a shape, which is that of the
+        floor found with the shape before."""
+        if not self.undriven_sweep or "background" not in self.nuisances:
+            return self
+        size, before = np.abs(plate), self.under
+        floor = 0.0 if before is None else float((model.real - size) @ before / (before @ before))
+        return replace(self, floor=floor, under=1 / (np.sqrt(size**2 + max(floor, self.lift)) + size))
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""

@@ -95,8 +95,8 @@ class View:
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
             columns.append(Column("gain", np.abs(c.forced), loose, self.own))
-        floor = Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, trial.floor)
-        return columns if trial.steady else [*columns, floor]
+        under = rice.by_floor(self.plate, trial.lift) if not trial.steady else trial.under
+        return columns if under is None else [*columns, Column("floor", under, loose**2, trial.floor)]
 
     def _in_dq(self) -> list[Column]:
         """What it may add to Wd and Wq."""

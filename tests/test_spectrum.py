@@ -1,7 +1,5 @@
 """Spectra of a plate that its own noise moves: amplitudes over frequency without a drive, that scatter as they are large."""
 
-import re
-
 import numpy as np
 import pytest
 import reference
@@ -23,22 +21,45 @@ def spectrum(seed, averaged, floor=0.0, rows=400):
     return sysid.Log("spectrum", np.sqrt(power), frequency=frequency, kind="steady")
 
 
+def deviations(fits):
+    """Of tau and f0 in units of their errors, (fits, 2)."""
+    return np.array([[(f.parameters[n].value - getattr(PLANT, n)) / f.parameters[n].std for n in ("tau", "f0")] for f in fits])
+
+
+@pytest.mark.parametrize("floor", [0.0, 0.05, 0.1])
 @pytest.mark.parametrize("averaged", [1, 4, 16, 200])
-def test_errors_of_a_spectrum_are_true(averaged):
-    """Of one periodogram an amplitude scatters by half of itself, which was taken for outliers: rms 3 for 1, 2.3 for 4."""
-    fits = [sysid.fit([spectrum(seed, averaged)]) for seed in range(SEEDS)]
+def test_errors_of_a_spectrum_are_true(averaged, floor):
+    """Of one periodogram an amplitude scatters by half of itself, which was taken for outliers: rms 3 for 1, 2.3 for 4. A floor
+    was a second resonance, or tau was 6 of its errors too small."""
+    fits = [sysid.fit([spectrum(seed, averaged, floor)]) for seed in range(SEEDS)]
     good = [f for f in fits if f.result.name == "successful"]
     assert len(good) >= SEEDS - 2  # a misfit by chance of one in fifty
-    z = np.array([[(f.parameters[n].value - getattr(PLANT, n)) / f.parameters[n].std for n in ("tau", "f0")] for f in good])
-    # of 48 numbers a root mean square is known to 10 %: four of these; and Rayleigh's law is not normal
-    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.4 and np.max(np.abs(z)) < 4.5
+    z = deviations(good)
+    # of 48 numbers a root mean square is known to 10 %: four of these, and 5 to 20 % by which Rayleigh's law and a floor of 0.1,
+    # whose shape is held at the present one, make the errors too small
+    assert 0.6 < np.sqrt(np.mean(z**2)) < 1.5 and np.max(np.abs(z)) < 4.5
     assert all("% of the response" in f.logs[0].noise for f in good)
 
 
-def test_a_floor_under_the_peak_is_named_with_its_size():
-    """It was called a second resonance."""
-    for seed in range(6):
-        fit = sysid.fit([spectrum(seed, 200, floor=0.1)])
-        said = re.search(r"stands on a floor of about ([\d.e-]+) um", " ".join(fit.warnings))
-        assert fit.result.name == "misfit" and said, fit.warnings
-        assert float(said[1]) == pytest.approx(0.1 * PLANT.G, rel=0.15)  # to first order; peaks are told to 3.5 % a row
+def test_the_floor_is_that_of_the_sensor():
+    fits = [sysid.fit([spectrum(seed, 200, floor=0.1)]) for seed in range(6)]
+    floors = [np.sqrt(f.modes[0].trials[0].floor) / PLANT.G for f in fits]
+    assert floors == pytest.approx(6 * [0.1], rel=0.1)  # a row is told to 3.5 %
+
+
+def test_noise_that_lifts_the_flanks_of_an_undriven_sweep_is_no_damping():
+    """Additive noise of 5 % of the peak, out to ten half bandwidths: tau was a whole error too small on the mean."""
+    found = []
+    for seed in range(40):
+        rng, frequency = np.random.default_rng(seed), PLANT.f0 + HALF * np.linspace(-10.2, 9.8, 101)
+        clean = reference.steady(PLANT, np.ones(101), frequency, reference.REFERENCE_TEMPERATURE)
+        noisy = clean + 0.05 * PLANT.G * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+        found.append(sysid.fit([sysid.Log("sweep", np.abs(noisy), frequency=frequency, kind="steady")]))
+    z = deviations([f for f in found if f.result.name == "successful"])
+    assert len(z) >= 38 and abs(np.mean(z[:, 0])) < 0.5  # three of the errors that a mean of 40 has
+    assert np.sqrt(np.mean(z**2)) < 1.35  # of 80 numbers to 8 %: four of these
+
+
+def test_without_a_background_there_is_no_floor():
+    fit = sysid.fit([spectrum(0, 16)], nuisances=("rotation", "offset", "start", "late"))
+    assert fit.modes[0].trials[0].under is None and fit.result.name == "successful"
