@@ -346,9 +346,11 @@ class Trial:
         return driven + joined(found) @ self.columns
 
     def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
-        """An undriven sweep with the floor that it shows, its modelled rows (n,) beside those of the plate alone: a sensor's
-        noise, whose power adds to the plate's. Of w^2 = |W|^2 + floor the rise w - |W| is the floor times a shape, which is that of the
-        floor found with the shape before."""
+        """An undriven sweep with the floor that it shows, its modelled rows (n,) beside those of the plate alone.
+
+        A floor is a sensor's noise, whose power adds to the plate's. Of w^2 = |W|^2 + floor the rise w - |W| is the floor times
+        a shape, which is that of the floor found with the shape before.
+        """
         if not self.undriven_sweep or "background" not in self.nuisances:
             return self
         size, before = np.abs(plate), self.under
