@@ -16,6 +16,7 @@ LONGEST = 3  # rows of a window; a response that is elsewhere for longer is no s
 FAR = 10.0  # times what the rows beside it are off their line: of a step or a decay within a row no more than 7
 LARGE = 1.0  # times what the rest of the log is off its median
 FEW = 0.1  # of the rows, of which they are at most
+JUMP = 0.25  # of what the rest of the log is off its median, the least by which a spoilt row is off the one before
 LIVELY = 0.5  # of what is farthest off the median: rows that are looked at, again until none of them is spoilt
 LEAST_ROWS = 20  # of a log in which it can be told
 PLACES = 64  # of a sweep in which its resonance is looked for
@@ -67,6 +68,7 @@ def _spoilt(y: np.ndarray, changed: np.ndarray) -> np.ndarray:
         rows = np.flatnonzero(off > LIVELY * np.max(off))
         if len(rows) > FEW * len(y) or not np.any(off):
             rows = rows[np.argsort(-off[rows], kind="stable")[: int(FEW * len(y))]]
+        rows = rows[_behind_a_jump(y, found, off)[rows]]
         away = _away(y, found, changes, rows, usual)
         trial = found.copy()
         trial[rows[away > 0]] = True
@@ -77,6 +79,17 @@ def _spoilt(y: np.ndarray, changed: np.ndarray) -> np.ndarray:
         found[new] = True
         if np.sum(found) > FEW * len(y):
             return np.zeros(len(y), bool)
+
+
+def _behind_a_jump(y: np.ndarray, found: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """(n,) rows that a window may hold which is farther off its neighbours than the rest is `off` the median. The first row of
+    such a window is off the row before by four fifths of that at least, less what the line of the neighbours rises in a row."""
+    there = np.flatnonzero(~found)
+    jumps = np.abs(np.diff(y[there])) > JUMP * np.quantile(off[there], 1 - FEW)
+    behind = np.zeros(len(y), bool)
+    for k in range(LONGEST):
+        behind[there[1 + k :][jumps[: len(jumps) - k]]] = True
+    return behind
 
 
 def _median(y: np.ndarray) -> complex:
