@@ -30,7 +30,7 @@ from scipy.stats import chisquare, kstest
 
 from sysid import Log, fit, sample
 from sysid.precision import keep_programs
-from sysid.trial import NUISANCES
+from sysid.trials.trial import NUISANCES
 
 HERE = Path(__file__).parent
 reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
@@ -177,7 +177,7 @@ HEAD = f"""`refused`: fits without a posterior (not converged, or tau or G not d
 97.5 %. `chi2` over {BINS} bins, and `ECDF` (Kolmogorov-Smirnov): p; `Holm`: the smaller of the two, corrected for all tests of the table,
 which should be above {WANTED:g}. It is not for G of a step under noise of a third of it, more than half of which is refused: what
 tells G from a feedthrough and a lateness there is given a prior as wide as the error of their difference
-(`sysid/coincidence.py`), too wide rather than too narrow.
+(`sysid/verdict/coincidence.py`), too wide rather than too narrow.
 
 | case | draws | refused | parameter | held | mean rank | within 95 % | chi2 | ECDF | Holm |
 |---|---|---|---|---|---|---|---|---|---|

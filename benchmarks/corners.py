@@ -33,8 +33,8 @@ from rich.console import Console
 from rich.progress import track
 
 from sysid import Plant
-from sysid.hold import Hold
-from sysid.plant import respond, steady
+from sysid.model.plant import respond, steady
+from sysid.rows.hold import Hold
 
 HERE = Path(__file__).parent
 EPS = np.finfo(float).eps

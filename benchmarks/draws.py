@@ -13,7 +13,7 @@ import numpy as np
 from peers import F0, K_T, TAU, G, in_turns, reached, settled, spread
 
 import sysid
-from sysid.diagnostics import ess
+from sysid.posterior.diagnostics import ess
 
 WARM, DRAWS, CHAINS = 500, 1000, 4
 LONG = 4000

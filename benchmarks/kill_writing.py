@@ -23,7 +23,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from sysid import outputs
+from sysid.command import outputs
 
 HERE = Path(__file__).parent
 SIZES = {outputs.REPORT: 400_000, outputs.DRAWS: 150_000, outputs.CONTROLLER: 4_000, outputs.HEADER: 6_000}  # as the command's

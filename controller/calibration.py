@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.cells import Dialect
-from sysid.csvbody import read_body
-from sysid.csvfile import LogError, read_head
-from sysid.units import convert
+from sysid.logs.cells import Dialect
+from sysid.logs.csvbody import read_body
+from sysid.logs.csvfile import LogError, read_head
+from sysid.logs.units import convert
 
 LEAST = 3  # rows
 

@@ -4,8 +4,8 @@ With a drive v = V sin p, p = 2 pi phase / 2^32 the accumulator's angle, a respo
 
     w = -Wd cos p + Wq sin p,     Wd + j Wq = mean of -2 w e^{-jp}.
 
-The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.lockin.low_pass` has them: without a block or a
-division, it may be read at any time. Of the image at twice the carrier (|H(2 omega)|)^order is left, and W is late by `delay`.
+The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.logs.lockin.low_pass` has them: without a block
+or a division, it may be read at any time. Of the image at twice the carrier (|H(2 omega)|)^order is left; W is late by `delay`.
 """
 
 import math

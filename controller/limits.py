@@ -11,7 +11,7 @@ from controller.plate import Plate, positive
 from controller.rig import Rig
 
 if TYPE_CHECKING:
-    from sysid.log import Log
+    from sysid.logs.log import Log
 
 HEADROOM = 1.6  # voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
 
@@ -61,7 +61,7 @@ def _pair(name: str, given: tuple[float, float]) -> tuple[float, float]:
 
 
 def _damping(plate: Plate, force: float) -> float:
-    from sysid.hold import contact
+    from sysid.rows.hold import contact
 
     if plate.finger.value is None:
         raise ValueError(f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping itself")

@@ -216,7 +216,7 @@ class _Reader:
         self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, tuple[str, ...] | None]
     ) -> dict[str, Any]:
         """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true or false."""
-        from sysid.units import convert, did_you_mean, same_kind
+        from sysid.logs.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}
         names = sorted(units, key=len, reverse=True)

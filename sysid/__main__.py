@@ -2,6 +2,6 @@
 
 import sys
 
-from sysid.cli import main
+from sysid.command.cli import main
 
 sys.exit(main())

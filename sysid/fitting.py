@@ -5,19 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid import reading, wording
-from sysid.coincidence import hangs, tightened, with_feedthroughs
-from sysid.conclusion import Question, conclude
-from sysid.extra import EXTRA, with_thermometers
-from sysid.fitted import Fit
-from sysid.log import Log
-from sysid.minimise import Minimiser, State
-from sysid.plant import Plant
+from sysid import reading
+from sysid.logs.log import Log
+from sysid.minimum.minimise import Minimiser, State
+from sysid.minimum.ridge import unfolded
+from sysid.model.plant import Plant
+from sysid.model.prior import Prior, checked
 from sysid.precision import float64
-from sysid.prior import Prior, checked
-from sysid.result import Result
-from sysid.ridge import unfolded
-from sysid.trial import NUISANCES, Trial
+from sysid.trials.extra import EXTRA, with_thermometers
+from sysid.trials.trial import NUISANCES, Trial
+from sysid.verdict import wording
+from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
+from sysid.verdict.conclusion import Question, conclude
+from sysid.verdict.fitted import Fit
+from sysid.verdict.result import Result
 
 
 @float64
@@ -35,9 +36,9 @@ def fit(
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
     "late" (a trigger, a demodulator), "thermometer" (the error of its readings); and, on request, "drift", "lag" and "gain" (see
-    `sysid.extra`), and "baseline" (an offset of a transient that goes on with the time).
+    `trials.extra`), and "baseline" (an offset of a transient that goes on with the time).
     `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
-    (see `sysid.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
+    (see `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
     `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
     its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or
     for a prior that is none.

@@ -79,7 +79,7 @@ def forget_programs() -> None:
 @cache
 def _version() -> str:
     """What a traced program depends on beside its layout: this package's text and JAX."""
-    text = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    text = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))
     return f"{jax.__version__} {jax.default_backend()} {sha256(text).hexdigest()}"
 
 

@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid import thermometer, wording
-from sysid.condense import undelayed
-from sysid.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
-from sysid.guess import candidates
-from sysid.log import Log
-from sysid.prior import NAMES
-from sysid.trial import LEAST_TOUCH, LEAST_WARMING, Trial
+from sysid.logs.log import Log
+from sysid.minimum.guess import candidates
+from sysid.model.prior import NAMES
+from sysid.rows import thermometer
+from sysid.rows.condense import undelayed
+from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
+from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
+from sysid.verdict import wording
 
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sysid.log import LogError, read_logs
+from sysid.logs.log import LogError, read_logs
 
 
 def refused(paths, *words, **options):

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sysid.log import Log
-from sysid.result import Parameter, Result
+from sysid.logs.log import Log
+from sysid.verdict.result import Parameter, Result
 
 UNITS = {"G": "um/V", "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
 MEANS = {"G": 0.02, "tau": 1.669e-3, "f0": 32300.0}

@@ -7,7 +7,7 @@ import numpy as np
 from conftest import SYNTHETIC
 
 import sysid
-from sysid.bench import nuisances
+from sysid.verdict.bench import nuisances
 
 SEEDS = 40
 # tests/conftest.py adds them to every d/q log

@@ -6,8 +6,8 @@ import reference
 from scipy.optimize import least_squares
 
 import sysid
-from sysid.bench import nuisances
-from sysid.noise import apart, spikes
+from sysid.trials.noise import apart, spikes
+from sysid.verdict.bench import nuisances
 
 PLANT = reference.Plant(G=0.02, tau=1.669e-3, f0=32300.0, k_T=0.0)
 FREQUENCY = np.linspace(31800, 32800, 101)
@@ -144,7 +144,7 @@ def test_equal_channels_stay_one_noise_and_coloured_rows_stay():
 def test_a_ratio_is_found_beside_outliers_and_outliers_where_they_are():
     rng = np.random.default_rng(10)
     wild = np.where(rng.random(400) < 0.05, 10.0, 1.0)
-    from sysid.noise import tails
+    from sysid.trials.noise import tails
 
     residual = wild * parted(1.0, 3.0, 11, 400)
     # levels of 400 rows, each to 4 %

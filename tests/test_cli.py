@@ -10,8 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from sysid import __version__, cli
-from sysid.arguments import parser
+from sysid import __version__
+from sysid.command import cli
+from sysid.command.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
@@ -230,7 +231,8 @@ def test_nothing_temporary_is_left(bench, undriven):
 
 def test_help_and_version_wait_for_no_library():
     """Importing numpy alone takes a third of the 0.3 s that help may take; the compiler takes seconds."""
-    program = "import sys; from sysid.cli import main\ntry: main(sys.argv[1:])\nexcept SystemExit: print(sorted(sys.modules))"
+    program = "import sys\nfrom sysid.command.cli import main\n"
+    program += "try: main(sys.argv[1:])\nexcept SystemExit: print(sorted(sys.modules))"
     for option, words in (("--help", "--reference-temperature"), ("--version", __version__)):
         out = subprocess.run([sys.executable, "-c", program, option], capture_output=True, text=True, check=True).stdout
         assert words in out
@@ -248,13 +250,13 @@ def test_an_interrupt_exits_130_and_leaves_files_alone(monkeypatch, tmp_path, ca
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sysid.log.read_logs", interrupted)
+    monkeypatch.setattr("sysid.logs.log.read_logs", interrupted)
     assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) == 130
     assert not list(tmp_path.iterdir()) and "interrupted" in capsys.readouterr().err
 
 
 def test_a_defect_is_no_result(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("sysid.log.read_logs", lambda *_: 1 / 0)
+    monkeypatch.setattr("sysid.logs.log.read_logs", lambda *_: 1 / 0)
     assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) not in (0, 1, 2)
     assert "ZeroDivisionError" in capsys.readouterr().err
 

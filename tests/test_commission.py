@@ -11,7 +11,7 @@ import controller
 from controller.check import check
 from controller.commission import SLOWER, sheet
 from sysid import Log, LogError, Plant, Profile, Scene
-from sysid.cli import main
+from sysid.command.cli import main
 from sysid.scene.effects import EFFECTS
 
 TAU, T = 5e-3 / math.log(20), 1e-4

@@ -8,8 +8,8 @@ import reference
 from scipy.stats import binom, norm
 
 import sysid
-from sysid.comparison import _elpd, compare, verdict
-from sysid.trial import NUISANCES
+from sysid.trials.trial import NUISANCES
+from sysid.verdict.comparison import _elpd, compare, verdict
 
 VOLTS, FREQUENCY = np.full(101, 100.0), np.linspace(31800, 32800, 101)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sysid import Plant
-from sysid.plant import expm1
+from sysid.model.plant import expm1
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "corners.py"
 SAMPLE = 12

@@ -14,7 +14,7 @@ from controller.actuator import Adc
 from controller.demodulator import IMAGE, Demodulator, Turn, cosine_and_sine
 from controller.export import TYPES, expected, turned
 from controller.recording import record_demodulator, sampled
-from sysid.lockin import low_pass
+from sysid.logs.lockin import low_pass
 
 TAU = 5e-3 / math.log(20)
 F0, RATE = 32300.0, 1e6

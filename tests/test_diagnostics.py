@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from sysid.diagnostics import ess, rhat, split
+from sysid.posterior.diagnostics import ess, rhat, split
 
 
 def autoregressive(rho, chains, draws, seed=0):

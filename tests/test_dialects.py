@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from refusal import refused
 
-from sysid import csvbody
-from sysid.cells import to_number
 from sysid.fitting import fit
-from sysid.log import read_logs
-from sysid.result import Result
-from sysid.stamps import seconds_since
+from sysid.logs import csvbody
+from sysid.logs.cells import to_number
+from sysid.logs.log import read_logs
+from sysid.logs.stamps import seconds_since
+from sysid.verdict.result import Result
 
 NOON = datetime.datetime(2024, 3, 1, 12)
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"

@@ -11,7 +11,7 @@ import reference
 from scipy import stats
 
 import sysid
-from sysid.trial import NUISANCES
+from sysid.trials.trial import NUISANCES
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
 SEEDS = range(10)

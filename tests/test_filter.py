@@ -14,10 +14,10 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 import sysid
-from sysid.hold import hold_inputs
-from sysid.perturbed import Course
-from sysid.plant import respond
-from sysid.trial import Trial
+from sysid.model.plant import respond
+from sysid.rows.hold import hold_inputs
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
 
 G, TAU, F0, DRIVEN = 0.02, 1.67e-3, 32300.0, 32280.0
 LOCKIN_TAU, SPACING, ROWS = 5e-5, 5e-5, 160

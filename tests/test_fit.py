@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 import sysid
 from sysid import Result
-from sysid.condense import levelled
-from sysid.minimise import shares
+from sysid.minimum.minimise import shares
+from sysid.rows.condense import levelled
 
 FAR = 4.5  # standard deviations: seen once in 150 000 normal numbers, and there are about fifty here
 # Logs fitted alone: no two share a row, so that their errors are independent of each other.
@@ -315,7 +315,7 @@ def test_a_second_resonance_is_a_misfit(bench):
 
 
 def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):
-    from sysid.minimise import Minimiser
+    from sysid.minimum.minimise import Minimiser
 
     whole = Minimiser.refine
     monkeypatch.setattr(Minimiser, "refine", lambda *args, **more: replace(whole(*args, **more), converged=False))

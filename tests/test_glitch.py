@@ -8,7 +8,7 @@ import reference
 from scipy import stats
 
 import sysid
-from sysid.glitch import glitches
+from sysid.rows.glitch import glitches
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
 HALF_BANDWIDTH = 1 / (2 * np.pi * PLANT.tau)

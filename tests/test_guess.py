@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sysid import Log
-from sysid.guess import candidates, phase_falls
-from sysid.trial import Trial
+from sysid.minimum.guess import candidates, phase_falls
+from sysid.trials.trial import Trial
 
 ROWS = 200
 PLANTS = 25

@@ -12,8 +12,8 @@ import pytest
 import standin
 
 import controller
-from sysid import outputs
-from sysid.log import LogError, read_logs, write_log
+from sysid.command import outputs
+from sysid.logs.log import LogError, read_logs, write_log
 from sysid.report import html, screen, text
 
 TEXTS = [

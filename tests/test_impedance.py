@@ -8,7 +8,7 @@ import pytest
 from refusal import changed, refused
 
 import sysid
-from sysid.log import read_logs
+from sysid.logs.log import read_logs
 
 R, L, C, C0 = 20.0, 0.0568, 5.7e-10, 4e-9  # a Langevin transducer: 27.97 kHz, Q of 499, its antiresonance 1.9 kHz above
 OMEGA0 = 1 / np.sqrt(L * C)

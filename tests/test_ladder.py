@@ -17,15 +17,16 @@ from matplotlib.image import imread
 from scipy import stats
 
 import sysid
-from sysid import accuracy, bill, clock, costcurve, outputs
-from sysid import posterior as module
-from sysid.chain import Chain
-from sysid.estimate import Estimate
-from sysid.mixture import Mixture
+from sysid.command import bill, clock, costcurve, outputs
+from sysid.posterior.chain import Chain
+from sysid.posterior.estimate import Estimate
+from sysid.posterior.mixture import Mixture
+from sysid.posterior.posterior import accuracy
+from sysid.posterior.posterior import posterior as module
+from sysid.posterior.target import Target
 from sysid.report import costs
-from sysid.result import Result
-from sysid.target import Target
-from sysid.trial import Trial
+from sysid.trials.trial import Trial
+from sysid.verdict.result import Result
 
 SWEEP = Path(__file__).parents[1] / "data" / "synthetic" / "sweep_24C.csv"
 Z = 4.5  # standard deviations of chance

@@ -9,7 +9,7 @@ import reference
 
 import sysid
 from sysid import Result
-from sysid.condense import taken
+from sysid.rows.condense import taken
 
 FINE = 20  # steps of the simulation from row to row
 

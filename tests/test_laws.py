@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sysid
-from sysid.experiment import group
-from sysid.likelihood import linearised
-from sysid.perturbed import Course
-from sysid.prior import NAMES
-from sysid.trial import Trial
+from sysid.model.likelihood import linearised
+from sysid.model.prior import NAMES
+from sysid.trials.experiment import group
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
 TIME, ROWS = 1e-4 * np.arange(120), 120

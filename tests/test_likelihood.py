@@ -7,9 +7,9 @@ import reference
 from scipy.optimize import minimize_scalar
 
 import sysid
+from sysid.model.span import best_turn
+from sysid.posterior.target import Target
 from sysid.precision import float64
-from sysid.span import best_turn
-from sysid.target import Target
 
 ROWS, STEP = 120, 1e-3  # s; far longer than a radian of the carrier
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)

@@ -14,12 +14,12 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import sysid
-from sysid.carrier import strongest
-from sysid.lockin import blocks, lock_in, low_pass
-from sysid.log import LogError, read_logs
+from sysid.logs.carrier import strongest
+from sysid.logs.lockin import blocks, lock_in, low_pass
+from sysid.logs.log import LogError, read_logs
+from sysid.logs.waveform import demodulate
 from sysid.scene import EFFECTS
 from sysid.scene.carrier import waveform, write_waveform
-from sysid.waveform import demodulate
 
 SCENES = Path(__file__).parents[1] / "data" / "synthetic" / "scenes" / "plate"
 PLATE = {"G": 0.02, "Q": 169.36, "f0": 32300.0}

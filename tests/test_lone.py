@@ -5,9 +5,9 @@ import pytest
 import reference
 
 import sysid
-from sysid.lone import _without_one
-from sysid.prior import NAMES
-from sysid.view import View
+from sysid.model.prior import NAMES
+from sysid.verdict.lone import _without_one
+from sysid.verdict.view import View
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 HALF = 1 / (2 * np.pi * PLANT.tau)  # half bandwidth, Hz

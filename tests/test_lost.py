@@ -8,7 +8,7 @@ import reference
 from scipy import stats
 
 import sysid
-from sysid.lost import lost
+from sysid.rows.lost import lost
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
 RATE, ROWS, STD = 2e4, 600, 0.02

@@ -10,8 +10,8 @@ import pytest
 import refusal
 from refusal import changed
 
-from sysid import mapping
-from sysid.log import LogError, read_logs
+from sysid.logs import mapping
+from sysid.logs.log import LogError, read_logs
 
 ROOT = Path(__file__).resolve().parents[1]
 MAPS = Path(__file__).parent / "mappings"

@@ -10,10 +10,10 @@ from conftest import SYNTHETIC
 
 import sysid
 from sysid import Result, Scene
-from sysid.condense import gaps, taken
 from sysid.reading import read_as
+from sysid.rows.condense import gaps, taken
 from sysid.scene import EFFECTS
-from sysid.trial import NUISANCES, Trial
+from sysid.trials.trial import NUISANCES, Trial
 
 SCENES = SYNTHETIC / "scenes" / "plate"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.noise import FEW_STEPS, _grams, _whitened, estimate
+from sysid.trials.noise import FEW_STEPS, _grams, _whitened, estimate
 
 ROWS = 400
 

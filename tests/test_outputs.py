@@ -15,8 +15,8 @@ import pytest
 import standin
 import xarray
 
-from sysid import outputs
-from sysid.result import Result
+from sysid.command import outputs
+from sysid.verdict.result import Result
 
 # What every fit.json holds, in its order.
 KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "models", "advice"]

@@ -7,8 +7,8 @@ import pytest
 from reference import REFERENCE_TEMPERATURE, Plant, noise, ringing
 
 import sysid
-from sysid.perturbed import Course
-from sysid.trial import Trial
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
 
 PLANT = Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
 WITHIN = {"G": 1e-4 * PLANT.G, "tau": 1e-4 * PLANT.tau, "f0": 0.01, "k_T": 1e-3}

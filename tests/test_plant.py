@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from sysid import Plant
-from sysid.hold import hold_inputs
-from sysid.plant import poles, respond, steady
+from sysid.model.plant import poles, respond, steady
+from sysid.rows.hold import hold_inputs
 
 PLATE = Plant(G=0.02, tau=5e-3 / np.log(20), f0=32300.0, k_T=-10.16)
 LOW_Q = Plant(G=0.5, tau=8 / (np.pi * 900), f0=900.0)

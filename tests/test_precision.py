@@ -74,7 +74,8 @@ def test_the_minimum_is_told_before_the_rest(bench):
 
 
 def test_the_command_does_without_the_libraries_that_emcee_does_not_need():
-    script = "import sys, sysid.clock as c; b = c.Budget(None, 0.0, c.Stages(), c.Path('none')); b.load_chains(alone=True);"
+    script = "import sys, sysid.command.clock as c;"
+    script += " b = c.Budget(None, 0.0, c.Stages(), c.Path('none')); b.load_chains(alone=True);"
     script += " assert 'emcee' in sys.modules and 'scipy.stats' not in sys.modules;"
     script += " import scipy.stats; assert scipy.stats.norm.cdf(0.0) == 0.5"
     subprocess.run([sys.executable, "-W", "error", "-c", script], check=True)

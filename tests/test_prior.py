@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.cli import main
-from sysid.prior import NAMES, Prior
+from sysid.command.cli import main
+from sysid.model.prior import NAMES, Prior
 
 
 def noisy(bench, seed=0, **given):

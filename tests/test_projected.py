@@ -6,9 +6,9 @@ import numpy as np
 from reference import Plant, steady
 
 from sysid import Log
-from sysid.perturbed import Course
-from sysid.projected import efficiency
-from sysid.trial import Trial, with_noise
+from sysid.trials.perturbed import Course
+from sysid.trials.projected import efficiency
+from sysid.trials.trial import Trial, with_noise
 
 PLANT = Plant(G=1.0, tau=1.67e-3, f0=32300.0, k_T=0.0)
 MEMORY = 9.5  # rows

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid import rounding
+from sysid.rows import rounding
 
 TAU, F0, G, VOLTS = 2e-3, 40e3, 0.05, 2.0
 HALF_BANDWIDTH = 1 / (2 * np.pi * TAU)

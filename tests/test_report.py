@@ -12,9 +12,9 @@ import standin
 from matplotlib.image import imread
 
 import controller
-from sysid import outputs
+from sysid.command import outputs
 from sysid.report import costs, html, plots, screen, text
-from sysid.result import Result
+from sysid.verdict.result import Result
 
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"
 

@@ -12,11 +12,12 @@ import pytest
 import reference
 
 import sysid
-from sysid import Result, rice
-from sysid.hold import hold_inputs
-from sysid.perturbed import Course
-from sysid.plant import respond
-from sysid.view import View
+from sysid import Result
+from sysid.model import rice
+from sysid.model.plant import respond
+from sysid.rows.hold import hold_inputs
+from sysid.trials.perturbed import Course
+from sysid.verdict.view import View
 
 TAU = 1.67e-3
 PLANT = reference.Plant(0.5, TAU, 32300.0, 0.0)

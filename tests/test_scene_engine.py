@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 from sysid import Plant, Profile, Scene
-from sysid.plant import expm1
+from sysid.model.plant import expm1
 from sysid.scene import EFFECTS, effects, engine
 from sysid.scene import scene as scenes
 from sysid.scene.effects import Motion

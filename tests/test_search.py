@@ -8,9 +8,9 @@ import reference
 from scipy.special import i0e, i1e
 
 from sysid import Log
-from sysid.plant import ONE_LANE
-from sysid.search import SEARCH_ROWS, Search
-from sysid.trial import Trial
+from sysid.minimum.search import SEARCH_ROWS, Search
+from sysid.model.plant import ONE_LANE
+from sysid.trials.trial import Trial
 
 ROWS = 120
 DEGC = 27.0

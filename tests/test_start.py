@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sysid.start import SHARED, _tried
+from sysid.minimum.start import SHARED, _tried
 
 
 class Bowls:

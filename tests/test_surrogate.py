@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid import surrogate
-from sysid.experiment import group
+from sysid.posterior.posterior import surrogate
 from sysid.precision import float64
+from sysid.trials.experiment import group
 
 
 def densities(fit, smooth):

@@ -5,8 +5,8 @@ import pytest
 
 import sysid
 from sysid import Result
-from sysid.csvfile import LogError
-from sysid.waveform import demodulate
+from sysid.logs.csvfile import LogError
+from sysid.logs.waveform import demodulate
 
 G, TAU, F0 = 0.01, 1.67e-3, 32300.0
 FAR = 4.0  # standard deviations: by chance in one of 16 000

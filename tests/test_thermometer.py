@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 
 import sysid
 from sysid import Log, fit
-from sysid.thermometer import LEVELS, _walk, of_plates, step_of
+from sysid.rows.thermometer import LEVELS, _walk, of_plates, step_of
 
 ROWS = 150
 

@@ -5,7 +5,7 @@ import pytest
 import reference
 
 import sysid
-from sysid.log import LogError, read_logs
+from sysid.logs.log import LogError, read_logs
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 RATE = 1e4

@@ -8,7 +8,7 @@ import numpy as np
 import pint
 import pytest
 
-from sysid import units
+from sysid.logs import units
 
 
 @pytest.mark.parametrize(

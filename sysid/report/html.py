@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.report.text import ADVICE, cell, clean, derived, gains, grouped, mode, number, promised, row, seconds, taken_for
 
 if TYPE_CHECKING:
-    from sysid.posterior import Posterior
+    from sysid.posterior.posterior import Posterior
 
 
 def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[str, bytes] | None = None) -> str:

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
-    from sysid.fitted import Fit, FittedLog
-    from sysid.posterior import Posterior
+    from sysid.posterior.posterior import Posterior
+    from sysid.verdict.fitted import Fit, FittedLog
 
 POINTS = 2000  # of one log in one figure
 PANELS = 15  # logs over time in one figure

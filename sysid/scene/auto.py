@@ -9,7 +9,7 @@ import dataclasses
 import jax
 import numpy as np
 
-from sysid.plant import steady
+from sysid.model.plant import steady
 from sysid.scene import engine
 from sysid.scene.effects import LockIn, PhaseReset
 from sysid.scene.scene import Scene, SceneError

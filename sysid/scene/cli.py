@@ -91,7 +91,7 @@ def _pieces(scene: Any, seed: int, path: Path, rate: float | None) -> Iterator[i
 
         yield from write_waveform(scene, rate, seed, path)
         return
-    from sysid.log import write_log
+    from sysid.logs.log import write_log
 
     done = 0
     for log in scene.stream(seed):

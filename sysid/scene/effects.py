@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.hold import Leaf, contact
-from sysid.plant import Plant, carried
+from sysid.model.plant import Plant, carried
+from sysid.rows.hold import Leaf, contact
 
 T = TypeVar("T")
 

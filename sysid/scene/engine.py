@@ -1,7 +1,7 @@
 """The simulation: a plant and its effects over held inputs, chunk by chunk, in one compiled program per scene.
 
 Between two changes of the inputs the equation of motion is linear with constant coefficients and is solved exactly by its two
-modes (see `sysid.plant`). What is carried from one interval to the next is (Z, U), the response in the frame of the drive and
+modes (see `model.plant`). What is carried from one interval to the next is (Z, U), the response in the frame of the drive and
 its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s + j omega: both are continuous whatever changes, drive,
 frequency, damping or resonance. Intervals of a chunk are taken in lanes side by side. Only effects that depend on the response
 itself (softening, self-heating) need one interval after the other; they are frozen at each interval's middle, an error of
@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.hold import Leaf
-from sysid.plant import Plant, expm1, phis, poles, steady
+from sysid.model.plant import Plant, expm1, phis, poles, steady
+from sysid.rows.hold import Leaf
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
 
 RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true

@@ -30,8 +30,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.log import Log
-from sysid.plant import Plant
+from sysid.logs.log import Log
+from sysid.model.plant import Plant
 from sysid.scene import engine
 from sysid.scene.effects import (
     EFFECTS,

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid import units
-from sysid.plant import Plant
+from sysid.logs import units
+from sysid.model.plant import Plant
 from sysid.scene.effects import EFFECTS, FingerDamping, SelfHeating
 from sysid.scene.profile import Profile
 from sysid.scene.scene import FIDELITIES, Scene, SceneError

@@ -1,0 +1,1 @@
+"""The command `identify`: its arguments, its budget, what it writes."""

@@ -1,0 +1,135 @@
+"""The options of the command `identify`."""
+
+import argparse
+import math
+from collections.abc import Sequence
+
+from sysid import __version__
+from sysid.posterior.accuracy import NAMES
+
+REFERENCE = 24.0  # degC
+# What a check of a closed loop, and a cost curve, have no use for.
+UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature")
+UNMEASURED = ("advise", "rig")
+
+
+def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states an option that has
+    nothing to do beside the others."""
+    command = parser()
+    arguments = command.parse_args(argv)
+    if bool(arguments.logs) == bool(arguments.check):
+        missing = "the following arguments are required: LOGS"
+        command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
+    work, idle = ("--check", UNCHECKED) if arguments.check else ("--cost-curve", UNMEASURED if arguments.cost_curve else ())
+    given = [name for name in idle if not (getattr(arguments, name) is None or getattr(arguments, name) is False)]
+    if found := [f"--{name.replace('_', '-')}" for name in given]:
+        command.error(f"found {', '.join(found)} beside {work}, which does nothing with it: expected it without")
+    if arguments.reference_temperature is None:
+        arguments.reference_temperature = REFERENCE
+    arguments.seed = arguments.seed or 0
+    return arguments
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    command = argparse.ArgumentParser(
+        prog="identify",
+        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
+        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
+        allow_abbrev=False,
+    )
+    command.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
+    command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
+    command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
+    command.add_argument(
+        "--reference-temperature", type=_number, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
+    )
+    command.add_argument(
+        "--effects",
+        type=_effects,
+        metavar="LIST",
+        help="what the bench may have added to the logs, rotation,background,offset,start,late,thermometer unless stated; or"
+        " none; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor), gain"
+        " and baseline (an output offset that goes on with the time)",
+    )
+    command.add_argument(
+        "--prior",
+        type=_prior,
+        action="append",
+        metavar="NAME=VALUE+-STD",
+        help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be repeated",
+    )
+    command.add_argument(
+        "--advise",
+        choices=("G", "tau", "f0", "k_T", "worst", "margin", "settling"),
+        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst), or betters this"
+        " promise of the closed loop, most per second",
+    )
+    command.add_argument(
+        "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
+    )
+    spent = command.add_mutually_exclusive_group()
+    spent.add_argument(
+        "--accuracy",
+        choices=NAMES,
+        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated); exact: ten times as long,"
+        " over every row",
+    )
+    spent.add_argument("--cost-curve", action="store_true", help="error against time of every accuracy on these logs")
+    spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
+    command.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
+    command.add_argument("--seed", type=_seed, metavar="N", help="of the sampler (0)")
+    command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
+    command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    return command
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _seed(text: str) -> int:
+    if not 0 <= (value := int(text)) < 2**32:
+        raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
+    return value
+
+
+def _effects(text: str) -> tuple[str, ...]:
+    """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
+    from sysid.trials.extra import EXTRA
+    from sysid.trials.trial import NUISANCES
+
+    known = (*NUISANCES, *EXTRA)
+    names = [] if text == "none" else [name.strip() for name in text.split(",")]
+    if unknown := {name.lstrip("+-") for name in names} - set(known):
+        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(known)}, or none")
+    changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
+    if changed and len(changed) < len(names):
+        raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
+    return tuple(name for name in known if (changed.get(name, name in NUISANCES) if changed else name in names))
+
+
+def _prior(text: str) -> tuple[str, tuple[float, float]]:
+    """`k_T=-8+-1`, or with ±."""
+    from sysid.model.prior import checked
+
+    name, _, number = text.partition("=")
+    value, sign, std = number.replace("±", "+-").partition("+-")
+    try:
+        return next(iter(checked({name.strip(): (float(value), float(std))}).items()))
+    except ValueError as error:
+        said = str(error) if sign and number and "convert" not in str(error) else f"found {text}"
+        raise argparse.ArgumentTypeError(f"{said}; expected a name, a value and a standard deviation, as in k_T=-8+-1") from None
+
+
+def _seconds(text: str) -> float:
+    if not 0 < (value := float(text)) < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text}, expected seconds above 0")
+    return value
+
+
+_number.__name__, _seed.__name__, _seconds.__name__ = "temperature", "seed", "time"  # argparse says: invalid temperature value

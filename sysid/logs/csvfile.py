@@ -1,0 +1,235 @@
+"""A text table as it lies on the disk: comments, header and dialect. It knows lines and cells, no physics.
+
+`read_head` reads down to the first row. What cannot be read ends in a `LogError` that names the file, the line and the
+column.
+"""
+
+import itertools
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from sysid.logs import units
+from sysid.logs.cells import GROUPED, Dialect, find_delimiter, is_number, split_line, to_number, with_unit_cells
+from sysid.logs.preamble import DEEPEST, find_top, header_line, increment, is_table, left_out
+from sysid.logs.stamps import is_stamp
+from sysid.logs.textfile import LogError, open_text, read_line, refuse_binary
+
+OTHERS = "%!"  # comments too, where the first line begins so: of lock-ins and network analysers
+SAMPLE = 50  # lines below the header that tell how the numbers are written
+
+
+@dataclass(frozen=True)
+class Head:
+    """A table's file down to its first row."""
+
+    path: str
+    metadata: dict[str, str]
+    repeated: frozenset[str]  # metadata keys that stand there twice, capitals aside, with different values
+    names: tuple[str, ...]  # as in the header; "" where the header has nothing; empty texts when there is no header
+    dialect: Dialect  # with nothing left open
+    start: int  # byte in the (decompressed) file where the rows begin
+    first_line: int  # line number of that byte, counted from 1
+    sample: tuple[tuple[str, ...], ...]  # the first rows as text
+    notes: tuple[str, ...] = ()
+    preamble: bool = False  # whether lines without a comment mark stand above the header
+    header: tuple[bytes, ...] = ()  # its lines as they stand in the file, without their ends
+    remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
+
+    def first(self, column: int) -> str:
+        """The column's cell in the first row, "" where that is too short."""
+        return self.sample[0][column].strip() if column < len(self.sample[0]) else ""
+
+    def dated(self, column: int) -> bool:
+        """Whether the column holds dates or times of day."""
+        return is_stamp(self.first(column))
+
+    @property
+    def name(self) -> str:
+        return Path(self.path).name.replace("\n", " ")
+
+
+def read_head(path: str, dialect: Dialect) -> Head:
+    """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
+    notes: list[str] = []
+    with open_text(path) as file:
+        comments, last, line, raw, number, encoding, marks = _read_comments(path, file, dialect, notes)
+        dialect = replace(dialect, comment=marks)
+        start = file.tell() - len(raw)
+        raws = [raw, *_read_lines(path, file, number, SAMPLE)]
+        lines = [line, *(text.decode("utf-8", errors="replace") for text in raws[1:])]
+        top = None
+        if dialect.skip is None and dialect.header is not False and not is_table(lines, dialect):
+            raws += _read_lines(path, file, number + SAMPLE, DEEPEST - SAMPLE)
+            lines += [text.decode("utf-8", errors="replace") for text in raws[len(lines) :]]
+            top = find_top(lines, dialect)
+    if top:
+        among = [k for k in range(top.names) if lines[k].startswith(marks)]
+        for k in (*among, top.names) if top.names else ():
+            lines[k], encoding = _decoded(raws[k], encoding, number + k, notes)
+        comments += [comment_of(lines[k], marks) for k in among]
+        notes += left_out(lines, number, top, among)
+        line, above, depth = header_line(lines, top), top.names + top.units + 1, top.units + 1
+        dialect = replace(dialect, delimiter=top.delimiter)
+    else:
+        line, above, comments = _usual_header(lines, comments, dialect)
+        depth = above
+    header = tuple(map(bytes.strip, raws[above - depth : above] if above else [last] if line else []))
+    delimiter = dialect.delimiter or find_delimiter(line.strip() or lines[above])
+    rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
+    if not rows:
+        raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
+    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
+    while names and not names[-1] and line:
+        names = names[:-1]
+    if not names:
+        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
+    metadata, repeated = metadata_of(comments)
+    if top and (step := increment(lines, top)) and not any(key.casefold().startswith("sample_rate") for key in metadata):
+        metadata["sample_rate_Hz"] = f"{1 / step:.12g}"
+        notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
+    remarks = {key: value for key, value in (_stated(comment, "=") for comment in comments) if key and key not in metadata}
+    decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
+    known = Dialect(delimiter, dialect.comment, decimal, bool(line))
+    start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), below, header, remarks)
+
+
+class _Above(NamedTuple):
+    """What stands above a table: the comments, the last of them as bytes; the first line below them, as text, as bytes and by
+    its number; the encoding of the lines below it; what comments begin with."""
+
+    comments: list[str]
+    last: bytes
+    line: str
+    raw: bytes
+    number: int
+    encoding: str
+    marks: tuple[str, ...]
+
+
+def _read_comments(path: str, file: BinaryIO, dialect: Dialect, notes: list[str]) -> _Above:
+    comments: list[str] = []
+    number, skip, encoding, last, marks = 0, dialect.skip or 0, "utf-8-sig", b"", dialect.comment
+    while raw := read_line(path, file, number + 1):
+        number += 1
+        if number <= skip:
+            continue
+        refuse_binary(path, raw, number)
+        line, encoding = _decoded(raw, encoding, number, notes)
+        if marks is None and line.strip():
+            marks = ("#", line[0]) if line[0] in OTHERS else ("#",)
+        if mark := next((mark for mark in marks or () if line.startswith(mark)), ""):
+            comments.append(comment_of(line, (mark,)))
+            last = raw
+        elif line.replace(",", "").replace(";", "").strip():
+            return _Above(comments, last, line, raw, number, encoding, marks or ("#",))
+    if skip and number:
+        raise LogError(f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows")
+    raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
+
+
+def comment_of(line: str, marks: tuple[str, ...]) -> str:
+    """What a line says that begins with one of the marks."""
+    return line[next(len(mark) for mark in marks if line.startswith(mark)) :].strip()
+
+
+def _read_lines(path: str, file: BinaryIO, number: int, count: int) -> list[bytes]:
+    """The lines below line `number`, where the file stands: `count` of them, or fewer at its end."""
+    return list(itertools.takewhile(bool, (read_line(path, file, number + k) for k in range(1, count + 1))))
+
+
+def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[str, str]:
+    """A line as text, and the encoding of the lines below it; `notes` gets one where that is not UTF-8."""
+    try:
+        line = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "cp1252"
+        line = raw.decode(encoding, errors="replace")
+        notes.append(f"line {number} is not UTF-8: read as Windows-1252")
+    return line, encoding.removesuffix("-sig")
+
+
+def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tuple[str, int, list[str]]:
+    """The header of a table that begins with the first line ("": none), how many lines are above its rows, and the comments."""
+    if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
+        line, comments = _header_in_comments(comments, lines[0], dialect)
+        return line, 0, comments
+    if dialect.header is None and _is_unit_row(lines[0], lines[1:], dialect):
+        return _with_units(lines[0], lines[1], dialect), 2, comments
+    return lines[0], 1, comments
+
+
+def _stated(comment: str, mark: str) -> tuple[str, str]:
+    """What stands before the mark and behind it; two empty texts where there is none."""
+    key, found, value = comment.partition(mark)
+    return (key.strip(), value.strip()) if found else ("", "")
+
+
+def _equation(comment: str) -> tuple[str, str] | None:
+    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that is expected; else it
+    may be a sentence, or an instrument's setting."""
+    key, value = _stated(comment, "=")
+    word = key.casefold()
+    said = value.isalpha() if word in ("kind", "sampling") else bool(value) if word == "plate" else is_number(value)
+    return (key, value) if said and units.is_key(key) else None
+
+
+def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
+    """Metadata, and the keys that stand there twice: `key: value`, or `key = value` of a key that logs have."""
+    found: dict[str, str] = {}
+    values: dict[str, set[str]] = {}
+    for comment in comments:
+        key, value = _stated(comment, ":") if (named := _equation(comment)) is None else named
+        if key:
+            found[key] = value
+            values.setdefault(key.casefold(), set()).add(value)
+    return found, frozenset(key for key in found if len(values[key.casefold()]) > 1)
+
+
+def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
+    """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns, or none has a point."""
+    cells = [cell.strip() for row in rows for cell in row]
+    commas = [cell for cell in cells if "," in cell and not math.isnan(to_number(cell, ","))]
+    if delimiter == "," and any("." in cell and is_number(cell) for cell in cells):
+        return "."
+    if commas and all(map(GROUPED.fullmatch, commas)):
+        raise LogError(
+            f"{path}: found {commas[0]!r}, which is {commas[0].replace(',', '.')} with a decimal comma and"
+            f" {commas[0].replace(',', '')} otherwise; expected that a mapping file says decimal = ',' or '.'"
+        )
+    return "," if commas else "."
+
+
+def _holds_numbers(line: str, dialect: Dialect) -> bool:
+    """Whether a line is a row, not a header: no name is a number."""
+    return any(map(is_number, split_line(line, dialect.delimiter or find_delimiter(line))))
+
+
+def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
+    """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it so)."""
+    if comments and dialect.header is None:
+        delimiter = dialect.delimiter or find_delimiter(row)
+        width = len(split_line(row, delimiter))
+        if width > 1 and len(split_line(comments[-1], delimiter)) == width:
+            return comments[-1], comments[:-1]
+    return "", comments
+
+
+def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
+    """Whether the line below the header holds units: short texts and no number, where the header has names alone."""
+    if not following:
+        return False
+    delimiter = dialect.delimiter or find_delimiter(line)
+    names, units = split_line(line, delimiter), split_line(following[0], delimiter)
+    bare = not any(re.search(r"[_\[(]", name) for name in names)
+    texts = [unit.strip() for unit in units if unit.strip()]
+    return bare and len(names) == len(units) and bool(texts) and not any(map(is_number, texts))
+
+
+def _with_units(line: str, units: str, dialect: Dialect) -> str:
+    delimiter = dialect.delimiter or find_delimiter(line)
+    return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)

@@ -1,0 +1,438 @@
+"""Logs: what was driven and what answered, read from CSV. Units, column names and files end here.
+
+A log is a table with a header whose names end in their units; lines `# key: value` above it are metadata:
+
+    # plate: A7
+    # temperature_degC: 24.0
+    time_s,voltage_V,frequency_Hz,wd_um,wq_um
+    0.0000,5.0,32300.0,0.0,0.0
+
+`read_logs` reads such files, and those of other instruments through a mapping file (see `logs.mapping`).
+"""
+
+import csv
+import dataclasses
+import glob
+import lzma
+import os
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from sysid.logs import units
+from sysid.logs.benchwords import BENCH, bench_of, misread
+from sysid.logs.cells import Dialect, decimals, listed
+from sysid.logs.csvbody import Body, read_body, refuse_cell
+from sysid.logs.csvfile import Head, LogError, read_head
+from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
+from sysid.logs.mapping import (
+    MappingFile,
+    Plan,
+    Source,
+    decode,
+    is_analysed,
+    is_decibel,
+    load_mapping,
+    lock_in,
+    select_rows,
+    turned,
+)
+from sysid.logs.stamps import coarse
+from sysid.logs.textfile import unchanged
+from sysid.logs.waveform import from_samples, sample_times, uneven
+
+__all__ = ["Log", "LogError", "read_logs", "write_log"]
+
+KINDS = ("transient", "steady")
+SAMPLINGS = ("instant", "settled")
+# What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
+POSSIBLE = {
+    "temperature": (-273.15, np.inf, "a temperature above absolute zero"),
+    "frequency": (0.0, np.inf, "a frequency of 0 or more"),
+    "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
+}
+FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
+ROOM = (273.15, 333.15)  # K
+DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
+WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One experiment: n rows of inputs and the measured response, peak amplitudes, in rows as recorded.
+
+    `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in `response_unit`;
+    `drive` is (n,) peak in `drive_unit`. What was not recorded is None; arrays are owned, read-only copies.
+    `kind` None: not stated, and a frequency that changes on every row leaves it open (steady at a dwell of four tau).
+    Raises LogError when lengths differ, a value is not finite, time decreases, or a word is unknown.
+    """
+
+    name: str
+    response: np.ndarray
+    time: np.ndarray | None = None  # s
+    drive: np.ndarray | None = None
+    frequency: np.ndarray | None = None  # Hz
+    temperature: np.ndarray | None = None  # degC
+    force: np.ndarray | None = None  # N
+    kind: str | None = None
+    sampling: str | None = None
+    response_unit: str = "um"
+    drive_unit: str = "V"
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    bench: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
+    path: str = ""
+    sha256: str = ""
+    theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
+    temperature_digit: float = 0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
+    relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
+
+    def __post_init__(self) -> None:
+        for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, self._own(name, values))
+        if self.time is not None and (decrease := _decrease(self.time)) is not None:
+            raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+        if self.kind is None:
+            object.__setattr__(self, "kind", self._tell_kind())
+        for word, words in ((self.kind, KINDS), (self.sampling, SAMPLINGS)):
+            if word is not None and word not in words:
+                raise LogError(f"{self.path or self.name}: found {word!r}, expected {_either(word, words)}")
+        if self.kind == "transient" and self.time is None:
+            raise LogError(f"{self.path or self.name}: found a transient log without time, expected a column such as time_s")
+
+    def _own(self, name: str, values: Any) -> np.ndarray:
+        array = np.asarray(values)
+        array = array.astype(np.complex128 if np.iscomplexobj(array) else np.float64, copy=False)
+        if array.ndim != 1 or not len(array) or len(array) != len(self.response):
+            raise LogError(
+                f"{self.path or self.name}: found {name} of shape {array.shape}, expected ({len(self.response)},), n > 0"
+            )
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise LogError(f"{self.path or self.name}, row {row} (counted from 0): found {name} {array[row]}, expected finite")
+        if array.flags.writeable or not array.flags.owndata:  # a log's own arrays may be shared with another log
+            array = array.copy()
+            array.flags.writeable = False
+        return array
+
+    def _tell_kind(self) -> str | None:
+        if self.time is None:
+            return "steady"
+        if self.frequency is None or len(self) == 1:
+            return "transient"
+        return None if (self.frequency[1:] != self.frequency[:-1]).all() else "transient"
+
+    @property
+    def amplitude_only(self) -> bool:
+        """Whether the response is the real amplitude W, not the vector Wd + j Wq."""
+        return not np.iscomplexobj(self.response)
+
+    def __len__(self) -> int:
+        return len(self.response)
+
+    def __repr__(self) -> str:
+        held = [name for name in ("time", "drive", "frequency", "temperature", "force") if getattr(self, name) is not None]
+        shown = ", ".join(["amplitude" if self.amplitude_only else "Wd + j Wq", *held])
+        return f"Log({self.path or self.name!r}, {len(self)} rows of {shown}; kind={self.kind!r}, sampling={self.sampling!r})"
+
+
+def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
+    """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other instruments' files.
+
+    Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A file whose
+    bytes were read already counts once. Raises LogError, with `.mapping` to start from when one was not understood.
+    """
+    mapping = None if columns is None else load_mapping(columns)
+    logs: dict[str, list[Log]] = {}
+    for path in _expand([paths] if isinstance(paths, str | Path) else paths):
+        read = _read_file(path, mapping)
+        if known := logs.get(read[0].sha256):
+            note = f"{path} holds the same bytes: counted once"
+            logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
+        else:
+            logs[read[0].sha256] = read
+    return [_doubted(log) for log in _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))]
+
+
+def write_log(log: Log, path: str | Path, append: bool = False) -> None:
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
+    temperature that was not read from text is stated to be exact).
+
+    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
+    `append`: further rows of the log that the file holds.
+    """
+    columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
+    columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}
+    if log.amplitude_only:
+        columns[_label(log.response_unit, "w")] = log.response
+    else:
+        columns[_label(log.response_unit, "wd")] = log.response.real
+        columns[_label(log.response_unit, "wq")] = log.response.imag
+    recorded = {name: values.tolist() for name, values in columns.items() if values is not None}
+    words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
+    if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
+        words.setdefault("temperature_std_degC", 0.0)  # nobody read it: what is written of it is no step of a thermometer
+    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
+    with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
+        if not append:
+            words_given = ((key, value) for key, value in (kept | words).items() if value is not None)
+            file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words_given)
+            file.write(",".join(recorded) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
+
+
+def _one_line(value: Any) -> str:
+    """Text that ends neither its line nor, by a NUL, the file's being text."""
+    return " ".join(str(value).replace("\x00", " ").split())
+
+
+def _label(unit: str, quantity: str) -> str:
+    if quantity == "drive" and unit in ("V", "duty"):
+        return "voltage_V" if unit == "V" else "duty"
+    return f"{quantity} [{unit}]" if set(unit) & set("_ ,") else f"{quantity}_{unit}"
+
+
+def _is_interpreted(key: str) -> bool:
+    """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
+    known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
+    return known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
+
+
+def _expand(paths: Iterable[str | Path]) -> list[str]:
+    files: list[str] = []
+    for path in map(str, paths):
+        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
+        if not found:
+            raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
+        files += found
+    if not files:
+        raise LogError("found no logs, expected at least one file")
+    return files
+
+
+def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
+    if os.path.isdir(path):
+        raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
+    if not os.path.isfile(path):
+        found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
+        raise LogError(f"{path}: found {found}, expected a log")
+    try:
+        with unchanged(path), np.errstate(all="ignore"):  # the log refuses what is not finite
+            head = read_head(path, mapping.dialect if mapping else Dialect())
+            plan = file_plan(head, mapping)
+            wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
+            dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
+            body = read_body(head, wanted, plan.split, dated)
+            notes = (*counted(head, dated), *body.notes)
+            values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
+            if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
+                raise LogError(f"{path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
+            rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
+            tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
+            plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
+            doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
+            plans = [
+                dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
+                for plan, doubt in zip(plans, doubts, strict=True)
+            ]
+            return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
+    except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
+        raise LogError(f"{path}: cannot be read: {error}") from None
+
+
+def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
+    """The log of a file, or of its part in `rows` where the split column holds `value`."""
+    name = head.name if value is None else f"{head.name}[{value}]"
+    count = len(rows) if rows is not None else len(body)
+    chosen = select_rows(plan.rows, value, count, head.path)
+    if chosen is not None:
+        rows = chosen if rows is None else rows[chosen]
+        count = len(rows)
+    arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
+    kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
+        plan = _without_time(plan, arrays)
+    if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
+        _refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
+    if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
+        if kind != "steady" and not _sweeps(arrays):
+            _refuse_row(head, body, plan.sources["time"], rows, same, FINER)
+        plan = _without_time(plan, arrays)
+    for key, (low, high, expected) in POSSIBLE.items():
+        values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
+        if (beyond := (values < low) | (values > high)).any():
+            _refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+    digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
+    inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
+    if "carrier" in arrays:
+        inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
+    drive, drive_unit = _drive(head, plan, arrays)
+    fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
+    fields["warnings"] = plan.warnings
+    fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
+    if kind == "waveform":
+        fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
+        if (odd := uneven(fields["time"])) is not None:
+            expected = "even steps: samples are missing, or the stamps are too coarse"
+            _refuse_row(head, body, plan.sources["time"], rows, odd, expected)
+        fields |= from_samples(head, plan, fields, arrays.get("response"))
+    else:
+        fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
+    for array in fields.values():
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False  # it is ours alone, so that the log need not copy it
+    log = Log(
+        name,
+        **fields,
+        drive_unit=drive_unit,
+        metadata=plan.metadata,
+        path=head.path,
+        sha256=body.sha256,
+        temperature_digit=digit,
+        relative_noise=is_analysed(plan) or any(is_decibel(source.unit) for source in plan.sources.values()),
+    )
+    if log.kind == "steady" and log.frequency is None and log.drive is None:
+        raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
+    return log
+
+
+def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
+    """The plan with a note that the dates are kept out, as they now are of `arrays`."""
+    del arrays["time"]
+    note = f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or are missing"
+    return dataclasses.replace(plan, notes=(*plan.notes, note))
+
+
+def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
+    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its time."""
+    return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
+
+
+def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+    """Peak values of one source, and their unit; every one is finite, or LogError names the cell."""
+    if source.column is None:
+        return decode(np.full(count, source.constant), source)
+    numbers = body.numbers[source.column]
+    numbers = numbers if rows is None else numbers[rows]
+    if not (finite := np.isfinite(numbers)).all() and not source.spare:
+        expected = f"a date as in the first row, {head.first(source.column)!r}" if source.dated else "a finite number"
+        _refuse_row(head, body, source, rows, int(np.argmin(finite)), expected)
+    return decode(numbers, source)
+
+
+def _temperature_digit(head: Head, source: Source, body: Body) -> float:
+    """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as numbers show it."""
+    if source.column is None:
+        texts, numbers = [source.written], np.array([source.constant])
+    else:
+        texts, numbers = [row[source.column] for row in head.sample if source.column < len(row)], body.numbers[source.column]
+    mark, places = str(head.dialect.decimal), range(DIGITS)
+    written = max(decimals(text, mark) for text in texts)
+    numbers = np.unique(numbers[np.isfinite(numbers)])
+    shown = next((k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS)
+    zero, one = (float(decode(np.array([x]), source)[0][0]) for x in (0.0, 10.0 ** -max(written, shown)))
+    return abs(float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit)))
+
+
+def _refuse_row(head: Head, body: Body, source: Source, rows: np.ndarray | None, row: int, expected: str) -> NoReturn:
+    """Raise the LogError of a value that cannot be, in the `row` among `rows`, or in the metadata."""
+    if source.column is None:
+        raise LogError(f"{head.path}, {source.label}: found {source.constant:g}, expected {expected}")
+    refuse_cell(head, body, row if rows is None else int(rows[row]), source.column, expected)
+
+
+def _internal(quantity: str, values: Any, unit: str) -> Any:
+    return units.convert(values, unit, units.INTERNAL[quantity])
+
+
+def _drive(head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray | None, str]:
+    """Drive and its unit; a duty cycle becomes volts when `volts_per_duty` is known."""
+    if "duty" not in arrays:
+        drive = next((key for key in units.DRIVES if key in arrays), None)
+        return arrays.pop(drive) if drive else (None, "V")
+    duty = _internal("duty", *arrays.pop("duty"))
+    if (text := stated(plan.metadata, "volts_per_duty")) is None:
+        return duty, "duty"
+    return duty * metadata_number(head, "volts_per_duty", text), "V"
+
+
+def _response(
+    head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]], frequency: np.ndarray | None
+) -> tuple[np.ndarray, str]:
+    """Wd + j Wq, or W, and its unit."""
+    if "w" in arrays:
+        return arrays["w"]
+    first, second = ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
+    signal, unit = arrays[first]
+    if first == "magnitude" and "phase" in arrays:
+        signal = signal * np.exp(1j * arrays["phase"][0])
+    elif first != "magnitude":
+        imaginary, other = arrays[second]
+        if not units.same_kind(other, unit):
+            raise LogError(f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind")
+        signal = _complex(signal, units.convert(imaginary, other, unit))
+    return (turned(signal, plan), unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+
+
+def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:
+    result = np.empty(len(real), np.complex128)  # real + 1j * imaginary would lose the sign of a zero
+    result.real, result.imag = real, imaginary
+    return result
+
+
+def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, ...]) -> str | None:
+    word = stated(metadata, key)
+    if word is None or word.casefold() in words:
+        return word and word.casefold()
+    raise LogError(f"{head.path}, metadata {key!r}: found {word!r}, expected {_either(word, words)}")
+
+
+def _either(word: str, words: tuple[str, ...]) -> str:
+    return " or ".join(words) + units.did_you_mean(word, words)
+
+
+def _decrease(time: np.ndarray) -> int | None:
+    """The first row whose time lies below the one before."""
+    below = time[1:] < time[:-1]
+    return int(np.argmax(below)) + 1 if below.any() else None
+
+
+def _of_one_plate(logs: list[Log]) -> list[Log]:
+    named = [(log, plate) for log in logs if (plate := stated(log.metadata, "plate"))]
+    for log, plate in named[1:]:
+        if plate != named[0][1]:
+            first = f"{named[0][0].path} names the plate {named[0][1]!r}"
+            raise LogError(f"{first} and {log.path} the plate {plate!r}, expected logs of one plate")
+    return logs
+
+
+def _doubted(log: Log) -> Log:
+    """The log, with a note where its temperature is a room's in kelvin: it may be right, and moves k_T by far if it is not."""
+    if log.temperature is None or not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
+        return log
+    note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
+    return dataclasses.replace(log, notes=(*log.notes, note))
+
+
+def _in_common_units(logs: list[Log]) -> list[Log]:
+    """All responses in the first log's unit, and all drives in the first recorded drive's."""
+    responses = [_as_first(log, logs[0], "response") for log in logs]
+    driven = next((log for log in responses if log.drive is not None), None)
+    return [_as_first(log, driven, "drive") if driven and log.drive is not None else log for log in responses]
+
+
+def _as_first(log: Log, first: Log, what: str) -> Log:
+    unit, wanted = getattr(log, f"{what}_unit"), getattr(first, f"{what}_unit")
+    if unit == wanted:
+        return log
+    if "duty" in (unit, wanted) or not units.same_kind(unit, wanted):
+        raise LogError(f"{log.path}: found the {what} in {unit}, expected a unit such as {wanted} as in {first.path}")
+    values = units.convert(getattr(log, what), unit, wanted)
+    return dataclasses.replace(log, **{what: values, f"{what}_unit": wanted})

@@ -1,0 +1,440 @@
+r"""Mapping files: what the columns of another instrument's log mean, in TOML. A full example:
+
+    kind = "steady"                     # or "transient", "waveform"; left out: told from the columns
+    sampling = "settled"                # or "instant"; only for transient logs
+    amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak to peak)
+    quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y (or magnitude) show
+    phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it fall; else 1
+    phase_offset_deg = 90.0             # added to the phase, after the sign
+
+    delimiter = ";"                     # "\t" is a tab, " " any run of blanks; left out: seen from the header
+    decimal = ","                       # left out: seen from the first rows
+    comment = "%"                       # lines above the header that begin so are metadata; left out: "#", and a first % or !
+    header = true                       # false: the first line holds numbers already; left out: seen from it
+    skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
+    rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
+    split_by = "sweep"                  # a column (name or position): each of its values is one experiment
+
+    [columns]                           # name = "column", or position from 0, or table; number * scale + offset in unit
+    time = "time_unix_s"                # the unit may be the end of the column's own name ...
+    frequency = { column = "f", unit = "kHz" }                                # ... or be stated
+    x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
+    y = { column = 4, unit = "mV", scale = 10.0 }
+
+    [constants]                         # what was constant and is not in the file; peak, unless the unit says `V_rms`
+    voltage = "1 V"
+    temperature = "20 degC"
+
+    [metadata]                          # as in the metadata lines of a log
+    plate = "A7"
+    lockin_tau_s = 0.003
+
+The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
+wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
+carrier samples (`kind = "waveform"`) response, with voltage or drive. Rows may
+be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
+be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
+header stands again among the rows, `rows` are counted in each table.
+
+A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1` alone, where their
+phase rises through the resonance, or `amplitude = "rms"`, of the drive and response whose names do not say it.
+
+A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
+Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
+An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V drives, peak for peak and
+with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.)
+An admittance is a current of so many S, with `voltage = "1 V"` among the constants.
+Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
+"""
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.logs import units
+from sysid.logs.cells import Dialect, listed, to_number
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.stamps import is_long
+
+RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
+_NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
+_PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
+ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+_OPTIONS: dict[str, tuple[type, ...]] = {
+    "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
+    "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
+    "skip": (int,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
+}  # fmt: skip
+WORDS: dict[str, tuple[Any, ...]] = {
+    "kind": ("transient", "steady", "waveform"),
+    "sampling": ("instant", "settled"),
+    "amplitude": ("peak", "rms", "pp"),
+    "quantity": ("displacement", "velocity", "charge", "current", "impedance"),
+    "phase_sign": (1, -1),
+    "decimal": (".", ","),
+}
+_NUMBER = (int, float)
+_COLUMN_KEYS = {"column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,)}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a quantity comes from: (column's number or constant) * scale + offset, in `unit`."""
+
+    label: str
+    unit: str
+    amplitude: str = "peak"
+    column: int | None = None
+    constant: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+    dated: bool = False  # the column holds dates, read as seconds since the first
+    spare: bool = False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    written: str = ""  # the constant, as text
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one file becomes logs: the sources of the quantities, and what was said about the whole."""
+
+    sources: dict[str, Source]
+    metadata: dict[str, str]
+    split: int | None = None
+    rows: Any = None
+    quantity: str = "displacement"
+    phase_sign: int = 1
+    phase_offset: float = 0.0  # rad
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MappingFile:
+    """A mapping file, checked: every key is known, every value of its type."""
+
+    path: str
+    options: dict[str, Any]
+    dialect: Dialect = field(default_factory=Dialect)
+
+    def fail(self, key: str, message: str) -> LogError:
+        return LogError(f"{self.path}, {key}: {message}")
+
+    def _not_read(self, metadata: Mapping[str, str], sources: Mapping[str, Source]) -> list[str]:
+        """A note on each constant input of the metadata that [columns] and [constants] lack: they name all inputs there are."""
+        named = {key: units.parse_name(key) for key in metadata if units.is_key(key)}
+        lost = [key for key, name in named.items() if name and name.unit and is_absent(name.quantity, sources)]
+        return [f"metadata {key!r} is not used: {self.path} does not say it under [constants]" for key in lost]
+
+    @property
+    def names_columns(self) -> bool:
+        return "columns" in self.options
+
+    def metadata(self, head: Head) -> dict[str, str]:
+        """The metadata of one file, and what takes their place or stands beside them here."""
+        stated = {key: str(value) for key, value in self.options.get("metadata", {}).items()}
+        stated |= {key: str(self.options[key]) for key in ("kind", "sampling") if key in self.options}
+        ours = {key.casefold() for key in stated}
+        return {key: value for key, value in head.metadata.items() if key.casefold() not in ours} | stated
+
+    def plan(self, head: Head) -> Plan:
+        """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
+        columns = self.options.get("columns", {})
+        sources = {name: self._column(name, entry, head) for name, entry in columns.items()} | self._constants()
+        sources = self._of_one_volt(sources) if self.options.get("quantity") == "impedance" else sources
+        metadata = self.metadata(head)
+        notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
+        return self._told(Plan(sources, metadata, notes=notes), head)
+
+    def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
+        """The sources of an impedance, with the 1 V that drives a current of 1/Z; another drive, or another unit: LogError."""
+        for name in sources.keys() & {"x", "y", "magnitude"}:
+            source, key = sources[name], f"[columns] {name}"
+            if not units.is_of(source.unit, "ohm"):
+                raise self.fail(key, f"found the unit {source.unit!r} of an impedance, expected ohm, kohm or Mohm")
+            if source.amplitude != "peak":
+                raise self.fail(key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio")
+        volt = Source("[constants] voltage", "V", constant=1.0)
+        drives = [replace(sources[name], written="") for name in units.DRIVES if name in sources]
+        if other := next((drive for drive in drives if drive != volt), None):
+            raise self.fail("quantity", f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V")
+        return sources | {"voltage": volt}
+
+    def beside(self, plan: Plan, head: Head) -> Plan:
+        """The `plan` of a file by its own names, with all that is said here: a mapping file without [columns]."""
+        constants = self._constants()
+        for name in constants:
+            same = units.DRIVES if name in units.DRIVES else (name,)
+            if known := next((plan.sources[other] for other in same if other in plan.sources), None):
+                raise self.fail(f"[constants] {name}", f"found {known.label} in {head.path} too, expected it once")
+        if "quantity" in self.options and "response" not in plan.sources:
+            raise self.fail("quantity", "belongs to x and y, or to magnitude, in [columns], or to a waveform; found neither")
+        sources = {name: self._as_stated(name, source) for name, source in plan.sources.items()}
+        return self._told(replace(plan, sources=sources | constants), head)
+
+    def _as_stated(self, name: str, source: Source) -> Source:
+        """A source of a file's own names, as rms or peak to peak where that is said here and its name says nothing."""
+        _, unit, stated = units.split_unit(source.label)
+        silent = name in units.AMPLITUDES and source.column is not None and not (stated or units.split_amplitude(unit)[1])
+        return replace(source, amplitude=self.options.get("amplitude", source.amplitude)) if silent else source
+
+    def _told(self, plan: Plan, head: Head) -> Plan:
+        """The plan with the rows to use, how they are split, and how the phase is read, where there is one."""
+        split, given = self.options.get("split_by"), self.options
+        waveform, phased = "response" in plan.sources, bool(plan.sources.keys() & {"wd", "x", "phase"})
+        spare = [key for key in ("phase_sign", "phase_offset_deg")[: 1 if waveform else 2] if key in given and not phased]
+        why = "that of a waveform is known" if waveform else "an amplitude has no phase"
+        return replace(
+            plan,
+            split=plan.split if split is None else self._position("split_by", split, head),
+            rows=given.get("rows"),
+            quantity=given.get("quantity", "displacement"),
+            phase_sign=given.get("phase_sign", 1) if phased else 1,
+            phase_offset=math.radians(given.get("phase_offset_deg", 0.0)),
+            notes=(*plan.notes, *(f"{key} of {self.path} is not used: {why}" for key in spare)),
+        )
+
+    def _constants(self) -> dict[str, Source]:
+        return {name: self._constant(name, text) for name, text in self.options.get("constants", {}).items()}
+
+    def _position(self, key: str, column: str | int, head: Head) -> int:
+        if isinstance(column, str) and head.names.count(column) == 1:
+            return head.names.index(column)
+        if isinstance(column, int) and 0 <= column < len(head.names):
+            return column
+        if isinstance(column, int):
+            raise self.fail(key, f"found position {column}, expected 0 to {len(head.names) - 1} in {head.path}")
+        if column in head.names:
+            raise self.fail(key, f"{head.path} has several columns {column!r}, expected one; give its position")
+        named = [name for name in head.names if name]
+        hint = units.did_you_mean(column, named)
+        raise self.fail(key, f"{head.path} has no column {column!r}{hint}; it has {listed(named) or 'no header'}")
+
+    def _column(self, name: str, entry: dict[str, Any], head: Head) -> Source:
+        key = f"[columns] {name}"
+        index = self._position(key, entry["column"], head)
+        label = head.names[index] or f"column {index}"
+        unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
+        stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
+        amplitude = entry.get("amplitude") or amplitude or stated
+        dated = name == "time" and head.dated(index)
+        unit = "s" if dated else unit
+        dated = dated or (name == "time" and self.options.get("kind") == "waveform" and is_long(head.first(index)))
+        self._check_unit(key, name, unit)
+        return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)), dated)
+
+    def _constant(self, name: str, text: Any) -> Source:
+        key = f"[constants] {name}"
+        number, _, unit = str(text).strip().partition(" ")
+        if not math.isfinite(to_number(number)):
+            raise self.fail(key, f'found {text!r}, expected a number and a unit such as "20 degC"')
+        unit, amplitude = split_ending(unit.strip() or ("1" if name == "duty" else ""), True)
+        self._check_unit(key, name, unit)
+        return Source(key, unit, amplitude or "peak", constant=float(number), written=number)
+
+    def _check_unit(self, key: str, name: str, unit: str) -> None:
+        if unit == "?":
+            raise self.fail(key, 'found unit = "?", expected the unit')
+        if name == "phase" and unit not in ANGLES:
+            raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
+        if name == "phase" or (name in ("magnitude", "w") and is_decibel(unit)):
+            return
+        try:
+            units.check_unit(name, unit)
+        except ValueError as error:
+            raise self.fail(key, str(error)) from None
+
+    def _notes(self, sources: dict[str, Source]) -> tuple[str, ...]:
+        """What was taken for granted, so that it is never taken in silence."""
+        notes = []
+        columns = self.options.get("columns", {})
+        if "response" in sources:
+            assumed = f"the response is taken as a displacement: {self.path} does not say quantity"
+            return () if "quantity" in self.options else (assumed,)
+        for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
+            silent = name in columns and "amplitude" not in columns[name] and not sources[name].label.startswith("[")
+            unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
+            stated = "amplitude" in self.options or units.split_amplitude(unit)[1] or self.options.get("quantity") == "impedance"
+            if silent and not stated:
+                notes.append(f'{name} is taken as peak: {self.path} does not say amplitude = "peak", "rms" or "pp"')
+        if "x" in sources or "magnitude" in sources:
+            if "quantity" not in self.options:
+                notes.append(f"the signal is taken as a displacement: {self.path} does not say quantity")
+            known = "phase_sign" in self.options or self.options.get("quantity") == "impedance"
+            if not known and sources.keys() & {"x", "phase"}:
+                notes.append(f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign")
+        return tuple(notes)
+
+
+def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
+    """Whether nothing states an input, of which there is one drive."""
+    return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
+
+
+def load_mapping(path: str | Path) -> MappingFile:
+    """Read and check a mapping file. Raises LogError that names the key."""
+    try:
+        options = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise LogError(f"{path}: cannot be read as a mapping file (TOML): {error}") from None
+    mapping = MappingFile(str(path), options)
+    _check_keys(mapping, "", options, _OPTIONS)
+    for key in ("columns", "constants"):
+        _check_keys(mapping, f"[{key}] ", options.get(key, {}), dict.fromkeys(_NAMES, (str, int, float, dict)))
+    if "columns" in options:
+        options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options["columns"].items()}
+    _check_response(mapping, set(options.get("columns", {})), set(options.get("constants", {})))
+    _check_rows(mapping)
+    delimiter = options.get("delimiter")
+    if (delimiter is not None and not re.fullmatch(r"[ -~\t]", delimiter)) or delimiter in ('"', "."):
+        raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character such as ; or a tab")
+    if options.get("skip", 0) < 0:
+        raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
+    comment = (options["comment"],) if "comment" in options else None
+    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip")))
+    return MappingFile(str(path), options, dialect)
+
+
+def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:
+    """Row numbers that `rows` of a mapping file asks for, of `count` rows; None for all. Raises LogError."""
+    ranges = rows.get(value) if isinstance(rows, dict) else rows
+    if ranges is None:
+        return None
+    for edges in ranges:
+        if not 0 <= edges[0] < edges[1] <= count:
+            raise LogError(f"{where}: found rows = {edges!r}, expected [first, last] within 0 to {count}")
+    return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
+
+
+def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str) -> tuple[np.ndarray, str]:
+    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring says."""
+    complete = np.iscomplexobj(signal)
+    signal = turned(signal, plan) if complete else signal
+    if plan.quantity in ("displacement", "charge"):
+        return (1j * signal if complete else signal), unit
+    if plan.quantity == "impedance":
+        signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
+    if frequency is None:
+        what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
+        raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
+    time_integral = unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
+    return signal / (2 * np.pi * frequency), time_integral
+
+
+def is_analysed(plan: Plan) -> bool:
+    """Whether a response is a ratio as impedance analysers measure it, an impedance or an admittance."""
+    admittance = any(units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources)
+    return plan.quantity == "impedance" or (plan.quantity == "current" and admittance)
+
+
+def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
+    """1/Z in S of an impedance in ohm."""
+    if not impedance.all():
+        row = int(np.argmin(impedance != 0))
+        raise LogError(f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be inverted")
+    return 1 / impedance
+
+
+def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
+    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file says."""
+    signal = np.conj(signal) if plan.phase_sign < 0 else signal
+    return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
+
+
+def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
+    """Numbers of a source, as peak values in the returned unit; phases in rad."""
+    if source.scale != 1.0 or source.offset:
+        values = values * source.scale + source.offset
+    unit = source.unit
+    if is_decibel(unit):
+        values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
+    if unit in ANGLES and ANGLES[unit] != 1.0:
+        values = values * ANGLES[unit]
+    return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit
+
+
+def is_decibel(unit: str) -> bool:
+    """Whether a column in this unit is 20 log10 of an amplitude."""
+    return unit in ("dB", "dBm", "dBV")
+
+
+def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
+    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`, `X_V_rms`)."""
+    if is_unit:
+        unit, amplitude = units.split_amplitude(text)
+        return units.short(unit), amplitude
+    stem, unit, amplitude = units.split_unit(text)
+    if not unit:
+        stem, amplitude = units.split_amplitude(stem)
+        unit = stem.rpartition("_")[2] if "_" in stem else ""
+    unit, inner = units.split_amplitude(unit)
+    unit = units.short(unit)
+    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(unit):
+        return "", inner or amplitude  # the library would take S21_re for a temperature in degrees Réaumur
+    return unit, inner or amplitude
+
+
+def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:
+    for key, value in table.items():
+        if key not in known:
+            raise mapping.fail(f"{where}{key}", f"not a known key{units.did_you_mean(key, list(known))}")
+        if not isinstance(value, known[key]) or (isinstance(value, bool) and bool not in known[key]):
+            names = " or ".join(kind.__name__ for kind in known[key])
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected {names}")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected a finite number")
+        if key in WORDS and value not in WORDS[key]:
+            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, WORDS[key]))}")
+
+
+def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
+    table = entry if isinstance(entry, dict) else {"column": entry}
+    _check_keys(mapping, f"[columns] {name}.", table, _COLUMN_KEYS)
+    if "column" not in table:
+        raise mapping.fail(f"[columns] {name}", "found no column, expected its name or position")
+    if table.get("scale") == 0:
+        raise mapping.fail(f"[columns] {name}.scale", "found 0, expected a factor that keeps the column's numbers apart")
+    return table
+
+
+def _check_rows(mapping: MappingFile) -> None:
+    """Rows are [first, last], several of those, or either for each value of the split column; they become lists of several."""
+    stated = mapping.options.get("rows")
+    if isinstance(stated, dict) and "split_by" not in mapping.options:
+        raise mapping.fail("rows", "found rows of single experiments, expected split_by beside them")
+    for value, ranges in (stated if isinstance(stated, dict) else {None: stated} if stated is not None else {}).items():
+        several = [ranges] if isinstance(ranges, list) and all(type(edge) is int for edge in ranges) else ranges
+        pairs = isinstance(several, list) and all(isinstance(edges, list) and len(edges) == 2 for edges in several)
+        if not pairs or not all(type(edge) is int for edges in several for edge in edges):
+            raise mapping.fail("rows", f"found {ranges!r}, expected [first, last], or several such in a list")
+        stated = stated | {value: several} if value is not None else several
+    mapping.options["rows"] = stated
+
+
+def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]) -> None:
+    parts = {"wd", "wq", "w", "x", "y", "magnitude", "phase", "response"}
+    response = columns & parts
+    if constant := constants & parts:
+        raise mapping.fail(f"[constants] {min(constant)}", "found a response that is constant, expected a column")
+    waveform, named = mapping.options.get("kind") == "waveform", mapping.names_columns or not mapping.options
+    if waveform and named and (response != {"response"} or not columns & {"voltage", "drive"}):
+        found = ", ".join(sorted(columns)) or "no columns"
+        raise mapping.fail("[columns]", f"found {found} of a waveform, expected drive (or voltage) and response")
+    if waveform and "phase_sign" in mapping.options:
+        raise mapping.fail("phase_sign", "belongs to wd and wq, to x and y, or to phase; found a waveform, whose sign is known")
+    if not waveform and named and response not in map(set, RESPONSES):
+        expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
+        raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
+    if both := columns & constants:
+        raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
+    if len(drives := (columns | constants) & {*units.DRIVES}) > 1:
+        raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
+    if waveform and mapping.options.get("quantity") == "impedance":
+        raise mapping.fail("quantity", "found the impedance of a waveform, expected what its response shows")
+    if "quantity" in mapping.options and named and not response & {"x", "magnitude", "response"}:
+        raise mapping.fail("quantity", "belongs to x and y, to magnitude, or to a waveform; found a response that is one already")

@@ -1,0 +1,1 @@
+"""Starting points, and the minimum that they lead to: a `State`."""

@@ -1,0 +1,404 @@
+"""Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from sysid.minimum.images import images
+from sysid.minimum.search import Search
+from sysid.minimum.start import joint, local
+from sysid.model.likelihood import Groups, Residual, linearised
+from sysid.model.plant import LOW_Q, Plant
+from sysid.model.prior import FINGER, FLAT, NAMES, Prior
+from sysid.precision import seldom
+from sysid.trials import jitter
+from sysid.trials.experiment import group, split
+from sysid.trials.perturbed import Course
+from sysid.trials.renew import update
+from sysid.trials.trial import Trial, with_noise
+
+SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
+NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
+SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+MOST = 128  # steps of a search
+ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
+ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
+NONE = 1e-10  # of a sum of squares, below which a step is none
+ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
+DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
+LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
+STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
+STARTS = 4
+RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
+MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
+DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
+
+
+@dataclass(frozen=True)
+class State:
+    """A converged minimum: theta as `model.likelihood.basis` has it, its covariance, the logs' noise and nuisances."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    trials: tuple[Trial, ...]
+    models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
+    cost: float
+    volume: float  # of the logs' nuisances, as `model.likelihood.Residual` has it
+    converged: bool
+    low_q: bool  # with the ripple of the fast mode
+    alone: np.ndarray = field(repr=False)  # the covariance of the logs alone, without the prior
+    prior: Prior = field(default=FLAT, repr=False)
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of how much of the posterior is about this minimum, up to a constant of the logs (Laplace)."""
+        bounded = np.diag(self.covariance) > 0
+        return 0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1]) - self.volume - self.cost
+
+
+def shares(states: Sequence[State]) -> np.ndarray:
+    """(n,) of the posterior, about each of its minima."""
+    evidence = np.array([s.evidence for s in states])
+    weight = np.exp(evidence - evidence.max())
+    return weight / weight.sum()
+
+
+class _Look(NamedTuple):
+    """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
+    the directions, the gradient, and the residual. The prior is the last of the groups, and has no residual."""
+
+    cost: Array
+    grams: tuple[Array, ...]
+    gradients: tuple[Array, ...]
+    found: tuple[Residual, ...]
+
+
+class _Search(NamedTuple):
+    """A search under way: the best point so far and what was seen there, the point to look at next, the step to it."""
+
+    theta: Array
+    look: _Look
+    next: Array
+    step: Array
+    trust: Any  # of the trust region: its radius, one over the damping
+    looks: Array
+    done: Array
+
+
+@partial(jax.jit, static_argnames="layouts")  # traced once: for its shapes, and in the loop
+def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
+    def one(x, layout):
+        found, change = linearised(theta, x, layout)
+        jacobian = jax.vmap(change, in_axes=1)(directions)
+        return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
+
+    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
+    grams, gradients, found = zip(*parts, strict=True)
+    slope = precision @ (theta - mean)
+    cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
+    held, pull = directions.T @ precision @ directions, directions.T @ slope
+    return _Look(cost, (*grams, held[None]), (*gradients, pull[None]), found)
+
+
+def _summed(look: _Look) -> Any:
+    """Cost, gradient and J^T J of all logs, as optimistix takes them."""
+    import lineax
+    import optimistix
+
+    gram, gradient = (jnp.concatenate(parts).sum(axis=0) for parts in (look.grams, look.gradients))
+    hessian = lineax.MatrixLinearOperator(gram, lineax.positive_semidefinite_tag)
+    return optimistix.FunctionInfo.EvalGradHessian(look.cost, gradient, hessian)
+
+
+@seldom
+def _search(theta, directions, most, mean, precision, layouts, groups):
+    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
+    is seen there.
+
+    The damped Newton step and the trust region are those of optimistix; the loop about them is not, as its own has the plant
+    several times, and a program takes as long to compile and to load as it has equations. It is imported where a program is made:
+    one that is kept needs it no more.
+    """
+    import optimistix
+
+    descent: Any = optimistix.DampedNewtonDescent()
+    region: Any = optimistix.ClassicalTrustRegion()
+
+    def body(s: _Search) -> _Search:
+        new = _looked(s.next, directions, mean, precision, layouts, groups)
+        fall, first = s.look.cost - new.cost, s.looks == 0
+        radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
+        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
+        step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
+        size = jnp.max(jnp.abs(s.step))
+        still = taken & (size < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
+        done = (~first & (still | (size < SHORTEST))) | ~jnp.all(jnp.isfinite(step))
+        return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
+
+    shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))
+    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    rest = jnp.zeros(directions.shape[1])
+    trust = region.init(rest, _summed(blank))
+    begin = _Search(theta, blank, theta, rest, trust, jnp.zeros((), int), jnp.zeros((), bool))
+    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
+    return end.theta, end.look.grams, end.look.gradients, end.look.found
+
+
+@dataclass
+class _Steps:
+    """Gauss-Newton steps along `next` (None: a search instead), shortened where they lead away from the minimum, as they do where
+    a derivative vanishes on resonance: `left`, g^T (J^T J)^-1 g, which falls on the way to it, would rise."""
+
+    next: np.ndarray | None = None
+    left: float = np.inf  # where the next one begins
+    damping: float = 1.0
+    still: bool = False  # the noise hardly changed before it
+    measured: bool = False  # `left` is that of the noise with which the next one will be judged
+
+    def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
+        """Whether to begin once more where the last step began: it was too long, or the noise had changed before it, and `left`
+        is measured anew by a step of no length."""
+        if self.next is None:
+            return False
+        if not (np.any(self.next) or self.measured):
+            self._begin(left, newton, measured=True)
+            return True
+        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
+            return False
+        if self.left < NONE and not self.measured:  # that step was none: what is left now is what the new noise makes of it
+            self._begin(left, newton, measured=True)
+            return True
+        shrink = 0.25 if self.measured else 0.0
+        self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
+        return True
+
+    def kept(self, left: float, newton: np.ndarray | None, moved: float) -> None:
+        """Go on from here, where the noise has `moved`; `newton` is the whole step, None where it is too long to be trusted."""
+        self.still = moved < STILL
+        self._begin(left, newton, measured=False)
+
+    def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
+        self.next, self.left, self.measured = None if newton is None else self.damping * newton, left, measured
+
+
+@dataclass(frozen=True)
+class Minimiser:
+    """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are taken from."""
+
+    reference: tuple[float, float]
+    free: tuple[str, ...]
+    prior: Prior = FLAT
+
+    def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
+        """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
+        self._prepare(trials)
+        search = Search(trials, (self._frequency, self.reference[1]))
+        points, score, cost = self._starts(search, start)
+        level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
+        trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
+        untouched = np.zeros((len(points), len(FINGER)))
+        starts = np.column_stack([_log_gains(search, points), points, untouched])
+        rounds = 4 if any(t.begun for t in trials) else 1  # what an amplitude began with is found with the plant
+        found = [self.refine(trials, starts[0], rounds)]
+        reached = search.score(found[0].theta[None, 1:4], cost)[0]
+        # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
+        found += [
+            self.refine(trials, theta, rounds)
+            for theta, short in zip(starts[1:], score[1:], strict=True)
+            if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
+        ]
+        found.sort(key=lambda s: s.cost)
+        latest, drifts = found[:1], "k_T" in self.free
+        for _ in range(2):  # an image of an image is on the other side of two drives
+            begins = [begin for s in latest for begin in images(s.trials, s.theta, self.reference, drifts)]
+            latest = [self.refine(*begin, rounds) for begin in begins]
+            latest = [s for s in latest if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
+            found += latest
+        found.sort(key=lambda s: s.cost)
+        # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
+        return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+
+    def _prepare(self, trials: tuple[Trial, ...]) -> None:
+        """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
+        theta = np.zeros(len(NAMES))
+        _search.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
+
+    def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one.
+
+        `known`: rounds in which the noise of the trials was found; 0: it is looked for from nothing.
+        """
+        if not any(t.resonant and not t.steady for t in trials):
+            return self._descend(trials, theta, False, rounds, known)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known)
+        q = self._q(state.theta)
+        if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
+            return state
+        other = self._descend(trials, state.theta, not state.low_q, rounds, known)
+        return min(state, other, key=lambda s: (not s.converged, s.cost))
+
+    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int) -> State:
+        """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
+
+        Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
+        """
+        steps, last, converged, unmoved, begin = _Steps(), np.inf, False, False, theta
+        if all(t.silent for t in trials):
+            return self._unbounded(trials, begin, low_q)
+        k = known
+        for _ in range(2 * rounds):
+            before, directions = (theta, trials), self._directions(theta)
+            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
+            if not unmoved:  # else what was seen stands
+                groups, members = group(trials, self.reference, low_q=low_q)
+                theta, grams, gradients, found = self._seen(groups, first, directions, most)
+            if _ran_away(theta, begin):
+                return self._unbounded(trials, begin, low_q)
+            gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
+            left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
+            whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
+            if steps.taken_back(left, whole):
+                theta, trials = before
+                continue
+            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+            trials, models, cost, moved = update(trials, members, found, courses, round_=k)
+            cost += float(self.prior.cost(theta))
+            steps.kept(left, whole, moved)
+            change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
+            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
+            if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
+                break
+        if known:
+            of_logs = zip(trials, models, courses, strict=True)
+            trials = tuple(t.knowing(jitter=jitter.found(t, *seen)) for t, *seen in of_logs)
+        efficient = [trials[i].noise.told for logs in members for i in logs]  # padding stands behind each group's logs
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
+        count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
+        shares = (count, np.array(efficient)[:, None, None] * held)
+        told = _informed(*shares, inverse)
+        alone = directions @ _invert(told) @ directions.T
+        flat = not np.any(self.prior.precision)
+        covariance = alone if flat else directions @ _invert(told + self._held(directions)) @ directions.T
+        volume = _volume(found, members)
+        return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
+
+    def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
+        """What `_search` finds from theta, in numpy."""
+        return jax.tree.map(np.asarray, _search(*self._arguments(groups, theta, directions, most)))
+
+    def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
+        return theta, directions, np.asarray(most), *self.prior, *split(groups)
+
+    def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
+        """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
+        groups, members = group(trials, self.reference, low_q=low_q)
+        directions = self._directions(theta)
+        *_, found = self._seen(groups, theta, directions, 0)
+        courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+        trials, models, cost, _ = update(trials, members, found, courses, round_=0)
+        held = np.eye(directions.shape[1]) / RUNAWAY**2
+        alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))
+        cost = cost if np.isfinite(cost) else 0.0
+        return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
+
+    def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (n, 3), what each falls short by, and the least residual sum of each log."""
+        if start is not None:
+            f0 = 0.0 if start.f0 is None else start.f0 - self.reference[0]
+            k_T = start.k_T or 0.0
+            shift = f0 + k_T * (self.reference[1] - start.reference_temperature)
+            points = np.array([[np.log(start.tau), shift, k_T]])
+            return points, np.zeros(1), search.sums(points)[0]
+        best, cost = local(search, np.random.default_rng(0))
+        points, score = joint(search, best, cost, "k_T" in self.free)
+        return *_spread(points, score), cost
+
+    def _distinct(self, found: list[State]) -> list[State]:
+        """The minima that `found` lead to, each once, as many as are modes."""
+        states: list[State] = []
+        for first in found:
+            if any(not self._apart(first, other) for other in states):
+                continue
+            state = self.refine(first.trials, first.theta, known=1)
+            if all(self._apart(state, other) for other in states):
+                states.append(state)
+        states.sort(key=lambda s: s.cost)
+        return [s for s in states if s.cost <= states[0].cost + MODES]
+
+    def _apart(self, state: State, other: State) -> bool:
+        index = [NAMES.index(n) for n in self.free]
+        step = (state.theta - other.theta)[index]
+        spread = np.sqrt(np.diag(state.covariance)[index] + np.diag(other.covariance)[index])
+        return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
+
+    def _directions(self, theta: np.ndarray) -> np.ndarray:
+        """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the
+        plate's own damping, a half bandwidth."""
+        half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
+        size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
+        return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
+
+    def _held(self, directions: np.ndarray) -> np.ndarray:
+        """What the prior informs of along the directions."""
+        return directions.T @ self.prior.precision @ directions
+
+    @property
+    def _frequency(self) -> float:
+        return self.reference[0] if np.isfinite(self.reference[0]) else 0.0
+
+    def _q(self, theta: np.ndarray) -> float:
+        return float(np.pi * max(self.reference[0] + theta[2], 1e-300) * np.exp(theta[1]))
+
+
+def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
+    kept: list[int] = []
+    for i, p in enumerate(points):
+        half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
+        scale = np.array([0.7, 0.5 * half_bandwidth, 0.1 * half_bandwidth])
+        if all(np.any(np.abs(p - points[k]) > scale) for k in kept):
+            kept.append(i)
+        if len(kept) == STARTS:
+            break
+    return points[kept], score[kept]
+
+
+def _log_gains(search: Search, points: np.ndarray) -> list[float]:
+    """Log of the median gain of the driven logs at each point."""
+    driven = np.array([t.driven for t in search.trials])
+    gains = [row[driven & np.isfinite(row) & (row > 0)] for row in search(points)[1]]
+    return [float(np.log(np.median(g))) if len(g) else 0.0 for g in gains]
+
+
+def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
+    return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
+
+
+def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:
+    """Of the nuisances of all logs; behind each group's logs stands its padding."""
+    return float(sum(np.sum(x.volume[: len(logs)]) for x, logs in zip(found, members, strict=True)))
+
+
+def _invert(gram: np.ndarray) -> np.ndarray:
+    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    gram = gram + ROUNDING * np.max(np.diag(gram)) * np.eye(len(gram))
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
+    inverse = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    return inverse / np.outer(size, size)
+
+
+def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Information of all logs (logs, p, p), each less the share of its residual that the plant's parameters have taken.
+
+    The noise is that of the largest likelihood, S/freedom; a log whose leverage is tr(gram inverse) has that many fewer.
+    """
+    leverage = np.einsum("lpq,pq->l", grams, inverse)
+    left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)
+    return np.einsum("l,lpq->pq", left, grams)

@@ -1,0 +1,146 @@
+"""What amplitudes alone tell of a resonance: a likelihood that is curved along f0.
+
+    |W| = G V/sqrt(1 + x^2),   x = 2 pi (f - f0) tau
+
+An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood: near x = 0 no normal has its
+shape. At x = 0 J^T J says nothing of f0, and takes what noise leaves of its derivative for information on the others. So the
+ridge is followed: all else is fitted anew with f0 held here and there, until the cost has risen by DEEP; each place is one normal
+of a mixture.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.minimum.images import as_settled
+from sysid.minimum.minimise import Minimiser, State
+from sysid.model.prior import NAMES, Prior
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
+
+F0 = NAMES.index("f0")
+VAGUE = 0.25  # half bandwidths of standard deviation of f0, to first order, from which on it is none
+BENT = 2.0  # of these standard deviations, from which half of h on they are far too small
+RISE = 2.0  # of the cost: two standard deviations
+NEAR, FAR = 0.02, 8.0  # half bandwidths from which and to which it is looked for
+GAINED = 0.1  # of the cost, within which a minimum at the f0 of a state is the state
+WELL = 5.0  # of the cost, below a ridge that goes as far as that: there is more of the posterior on it
+HALVINGS = 4  # of the interval in which it rises so far
+HELD = 1e-4  # half bandwidths to which f0 is held
+STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
+DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations
+MOST = 40  # places on one side of a minimum
+
+
+def bent(minimiser: Minimiser, state: State) -> bool:
+    """Whether all that the logs tell of f0 are amplitudes at one frequency each."""
+    if "f0" not in minimiser.free or "k_T" in minimiser.free:
+        return False
+    told = [t for t in state.trials if t.resonant and t.driven]
+    return bool(told) and all(t.log.amplitude_only and np.ptp(t.log.frequency) == 0 for t in told)
+
+
+def unfolded(minimiser: Minimiser, state: State) -> State:
+    """The state with a covariance as wide as the likelihood, where f0 is vague on a ridge that is bent:
+
+        std f0 = h/2,   covariance = that with f0 held + (std/h)^2 s s^T + 2 (std/h)^4 d d^T
+
+    s: by what theta moves until h and, the other way, -h, as x; d: until both, as x^2. h: where the cost has risen by RISE (a
+    fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of x^2 is 2 std^4 if x is normal), at most
+    FAR: an amplitude that had settled and then rings down is the same at any x.
+    """
+    first, begun = float(np.sqrt(state.covariance[F0, F0])), _begun(state)
+    told = first < VAGUE * _half(state)
+    if not bent(minimiser, state) or (told and not begun):
+        return state
+    middle = _held(minimiser, state, state.theta[F0], state.theta)
+    h, (above, below) = _rises(minimiser, state, middle.cost)
+    # On a ridge a step may be long and gain nothing: what is left to gain tells better.
+    state = replace(state, converged=state.converged or abs(state.cost - middle.cost) < GAINED)
+    if told and 0.5 * h < BENT * first:
+        return state
+    along, across = 0.5 * (above - below), 0.5 * (above + below) - middle.theta
+    if begun and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
+        along[0] = 0.5 * np.log1p(FAR**2)
+    covariance = middle.covariance + np.outer(along, along) / 4 + np.outer(across, across) / 8
+    return replace(state, covariance=covariance, alone=covariance)
+
+
+def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
+    """The places on the ridges through the minima: states with f0 held, and covariances that reach to the places beside them."""
+    least = min(s.cost for s in modes)
+    ridges: list[list[State]] = []
+    for mode in modes:
+        if any(ridge[0].theta[F0] <= mode.theta[F0] <= ridge[-1].theta[F0] for ridge in ridges):
+            continue
+        middle = _held(minimiser, mode, mode.theta[F0], mode.theta)
+        risen = _rises(minimiser, mode, middle.cost)
+        step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0])
+        sides = [_followed(minimiser, mode, sign * step, least) for sign in (-1, 1)]
+        places = [*sides[0][::-1], middle, *sides[1]]
+        tangents = np.gradient([s.theta for s in places], step, axis=0)
+        wide = (s.covariance + step**2 * np.outer(v, v) for s, v in zip(places, tangents, strict=True))
+        ridges.append([replace(s, covariance=c) for s, c in zip(places, wide, strict=True)])
+    return [s for ridge in ridges for s in ridge]
+
+
+def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> list[State]:
+    """The places on one side of a minimum."""
+    places = [mode]
+    while len(places) <= MOST and places[-1].cost < least + DEEP:
+        places.append(_held(minimiser, mode, mode.theta[F0] + len(places) * step, places[-1].theta))
+    return places[1:]
+
+
+def _begun(state: State) -> list[Trial]:
+    """Amplitudes that are driven at their first row, whose start has a phase that is not seen."""
+    return [t for t in state.trials if t.begun]
+
+
+def _half(state: State) -> float:
+    """Half bandwidth, Hz."""
+    return float(1 / (2 * np.pi * np.exp(state.theta[1])))
+
+
+def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
+    """The minimum with f0 held, near a theta; with the noise that a mode begins with, so that costs compare."""
+    precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
+    precision[F0, F0], mean[F0] = (HELD * _half(mode)) ** -2, f0
+    both = minimiser.prior.precision + precision
+    pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
+    prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
+    held, begun = replace(minimiser, prior=prior), _begun(mode)
+    found = held.refine(mode.trials, mean, rounds=1)
+    if not begun or found.cost < mode.cost + RISE:
+        return found
+    # As well with the gain that a settled response has there.
+    sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
+    other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), rounds=1)
+    return min(found, other, key=lambda s: s.cost)
+
+
+def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
+    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, or to FAR; and theta above and below. Where
+    the start's phase is not seen there are minima beside minima: then each side has to rise."""
+
+    def both(off: float) -> tuple[float, list[np.ndarray]]:
+        sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
+        cost = (min if _begun(mode) else np.mean)([s.cost for s in sides])
+        return float(cost) - least, [s.theta for s in sides]
+
+    far = FAR * _half(mode)
+    if _begun(mode) and (furthest := both(far))[0] < WELL:
+        return far, furthest[1]
+    low, high = 0.0, NEAR / FAR * far
+    while (found := both(high))[0] < RISE:
+        if high == far:
+            return far, found[1]
+        low, high = high, min(2 * high, far)
+    for _ in range(HALVINGS):
+        between = both(0.5 * (low + high))
+        if between[0] < RISE:
+            low = 0.5 * (low + high)
+        else:
+            high, found = 0.5 * (low + high), between
+    return high, found[1]

@@ -1,0 +1,1 @@
+"""The posterior at every rung of `accuracy`, and which record would tell most."""

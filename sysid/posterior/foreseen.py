@@ -1,0 +1,119 @@
+"""What a controller would promise if the plate were known so well: the posterior that is foreseen, and the design for it.
+
+After an experiment the posterior is near a normal about the same mean, of a covariance that its information shrinks. Draws of
+it stand for the posterior, a controller is designed for them, and its promise read. All experiments share the same even draws, so
+that promises differ by the experiments alone. What a margin lacks of that of a plate known exactly is foreseen to 15 % of what it
+lacks before; the latter moves with the estimate of tau, by which the bandwidth is chosen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.model.prior import NAMES
+from sysid.posterior.mixture import Mixture
+from sysid.verdict.fitted import Fit
+from sysid.verdict.identify import limits, seconds
+from sysid.verdict.result import NORMAL95, Parameter
+
+EVEN = 512  # draws, of which a design takes 400
+MOVED = 1.01  # by which a promise must change: the worst of so few plants is not known much better
+Design = Callable[[Any], Any]
+
+
+class Quantity(NamedTuple):
+    """A promised quantity: its name in a sentence, the field of the promise, its unit, its value without a controller."""
+
+    said: str
+    field: str
+    unit: str
+    without: float
+
+
+PROMISES = {"margin": Quantity("disk margin", "disk", "1", 0.0), "settling": Quantity("settling time", "settling", "s", np.inf)}
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """A posterior as `controller.design` reads one: `draws` (EVEN,) of each of PLANT that is determined, f0 at the fit's
+    reference temperature; means and standard deviations."""
+
+    fit: Fit
+    draws: dict[str, np.ndarray] = field(repr=False)
+    known: dict[str, Parameter]
+
+    @classmethod
+    def of(cls, fit: Fit, covariance: np.ndarray) -> "Foreseen":
+        """`covariance` (6, 6) of theta, about the fit's best minimum."""
+        theta, at = fit.modes[0].theta, fit.reference_temperature
+        z = Mixture(np.zeros((1, 6)), np.linalg.cholesky(covariance)[None], np.ones(1)).spread(EVEN, np.random.default_rng(0))
+        x = dict(zip(NAMES, (theta + z).T, strict=True))
+        away = 0.0 if at is None else at - fit.reference[1]
+        values = {
+            "G": np.exp(x["G"]),
+            "tau": np.exp(x["tau"]),
+            "f0": fit.reference[0] + x["f0"] + away * x["k_T"],
+            "k_T": x["k_T"],
+        }
+        most = limits(*np.exp(theta[:2]))
+        known = {n: _known(v, most[n], fit.units[n]) for n, v in values.items()}
+        return cls(fit, {n: v for n, v in values.items() if known[n].determined}, known)
+
+    def summary(self) -> dict[str, Parameter]:
+        """Mean, standard deviation and 95 % interval of each parameter, or that it is not determined."""
+        return self.known
+
+
+def _known(values: np.ndarray, most: float, unit: str) -> Parameter:
+    mean, std = float(np.mean(values)), float(np.std(values))
+    if std > most:
+        return Parameter(None, None, None, unit, False, "cannot be told yet")
+    return Parameter(mean, std, (mean - NORMAL95 * std, mean + NORMAL95 * std), unit, True)
+
+
+def promised(fit: Fit, covariance: np.ndarray, design: Design, quantity: Quantity) -> float:
+    """What `design` promises when theta is known with this covariance (6, 6). Raises ValueError when it refuses."""
+    return float(getattr(design(Foreseen.of(fit, covariance)).promise, quantity.field))
+
+
+@dataclass(frozen=True)
+class Raised:
+    """An experiment with what is promised of the closed loop `before` and `after` it, its seconds at the bench, and what would be
+    promised of a plate that is known exactly (`best`). `parameter`: "margin" (1) or "settling" (s)."""
+
+    experiment: Any
+    parameter: str
+    before: float
+    after: float
+    best: float
+    seconds: float
+
+    def __str__(self) -> str:
+        quantity = PROMISES[self.parameter]
+        before, after, best = (f"{x:.3g}" if quantity.unit == "1" else seconds(x) for x in (self.before, self.after, self.best))
+        before = "no controller" if self.before == quantity.without else before
+        promise = f"{quantity.said} promised from {before} to {after} (a plate known exactly: {best})"
+        return f"{self.experiment}: {promise}, in {self.seconds:.3g} s"
+
+    @property
+    def unit(self) -> str:
+        return PROMISES[self.parameter].unit
+
+    @property
+    def rate(self) -> float:
+        """What the margin, or 1/settling (1/s), gains per second."""
+        after, before = (self.after, self.before) if self.parameter == "margin" else (1 / self.after, 1 / self.before)
+        return (after - before) / self.seconds
+
+    @property
+    def settles(self) -> bool:
+        """Whether there is a controller afterwards."""
+        return self.after != PROMISES[self.parameter].without
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether the promise gets better by more than what it is known to."""
+        worse, better = (self.before, self.after) if self.parameter == "margin" else (self.after, self.before)
+        return better > MOVED * worse

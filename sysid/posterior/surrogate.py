@@ -1,0 +1,159 @@
+"""The posterior's density at a fraction of its price: each log's sum of squares as a polynomial, checked against the exact one.
+
+Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. From the points of a design, where
+they are evaluated, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, m the monomials at z and M those at the design's
+points; so its sum of squares is w K w^T with K_ij = Re r_i^* r_j, whatever the number of rows. Points further than FAR are
+evaluated exactly, and where the polynomial is not FAITHFUL at other points, all are.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations_with_replacement
+from math import comb
+from time import perf_counter
+
+import jax
+import numpy as np
+
+from sysid.minimum.minimise import State
+from sysid.model.likelihood import Groups, density, residual
+from sysid.model.prior import NAMES
+from sysid.precision import compiled
+from sysid.trials.experiment import group, split
+
+FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
+CHECKS = 32  # points at which the polynomial is compared; it is made from twice as many as it has coefficients
+FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
+BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
+LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for
+MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred points of them are a gigabyte
+
+
+@compiled
+def _rows(thetas, layouts, groups):
+    """Whitened residual rows (n, logs, N) of each group, and volumes (n, logs), at the points `thetas` (n, 6)."""
+
+    def of(theta, x, layout):
+        found = residual(theta, x, layout)
+        return found.rows, found.volume
+
+    def one(theta):
+        return tuple(jax.vmap(lambda x, y=y: of(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True))
+
+    return jax.vmap(one)(thetas)
+
+
+def prepare(state: State, reference: tuple[float, float]) -> None:
+    """Let the program of the density about a minimum be made, beside what goes on here."""
+
+    def arguments() -> Sequence:
+        groups, _ = group(state.trials, reference, low_q=state.low_q)
+        return np.zeros((_batch(groups), len(NAMES))), *split(groups)
+
+    _rows.prepare(arguments)
+
+
+def _batch(groups: Groups) -> int:
+    """Points that are evaluated together."""
+    return int(np.clip(LARGEST // max(layout.rows for layout, _ in groups), 1, BATCH))
+
+
+class Density:
+    """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 6) of them.
+
+    `smooth`: whether the polynomial is used; `error` its largest deviation where it was checked. `pace`: seconds that a point
+    takes which is evaluated exactly. After `until` (perf_counter) no further one is: TimeoutError.
+    """
+
+    def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf):
+        self.theta, self.smooth, self.error, self.until, self.pace = theta, smooth, 0.0, until, 0.0
+        self.groups, self.batch = groups, _batch(groups)
+        self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
+        self.volumes: list[np.ndarray] = []  # (coefficients, logs) of each group
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        if self.smooth and not self.forms:
+            self._build(z.shape[1])
+        if not self.smooth:
+            return self._exact(z)
+        far = np.linalg.norm(z, axis=1) > FAR
+        value = self._polynomial(z)
+        if np.any(far):
+            value[far] = self._exact(z[far])
+        return value
+
+    def _build(self, p: int) -> None:
+        """The polynomial, unless it misses the exact density somewhere."""
+        design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
+        n, z = len(design), np.concatenate([design, checks])
+        products, volumes = self._products(z)
+        weights = np.linalg.pinv(_monomials(design))
+        self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
+        self.volumes = [weights @ v[:n] for v in volumes]
+        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes])
+        self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
+        self.smooth = bool(self.error <= FAITHFUL)
+
+    def _polynomial(self, z: np.ndarray) -> np.ndarray:
+        m = _monomials(z)
+        pairs = (m[:, :, None] * m[:, None, :]).reshape(len(m), -1)
+        return self._of([pairs @ form.reshape(len(form), -1).T for form in self.forms], [m @ v for v in self.volumes])
+
+    def _exact(self, z: np.ndarray) -> np.ndarray:
+        squares = [[(np.einsum("nlk,nlk->nl", r, r), v) for r, v in rows] for rows in self._batches(z, self.groups)]
+        found = [[np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True)] for parts in zip(*squares, strict=True)]
+        return self._of(*zip(*found, strict=True))
+
+    def _products(self, z: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p); and volumes
+        (n, logs)."""
+        products: list[list[np.ndarray]] = [[] for _ in self.groups]
+        volumes: list[list[np.ndarray]] = [[] for _ in self.groups]
+        for index, groups in self._few():
+            for i, parts in zip(index, zip(*self._batches(z, groups), strict=True), strict=True):
+                rows, volume = (np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True))
+                products[i] += [r @ r.T for r in np.moveaxis(rows, 1, 0)]
+                volumes[i].append(volume)
+        return [np.stack(x) for x in products], [np.concatenate(v, axis=1) for v in volumes]
+
+    def _few(self) -> Iterator[tuple[Sequence[int], Groups]]:
+        """Positions of groups and these: all, or one log at a time where there are MANY rows."""
+        if sum(x.response.size for _, x in self.groups) <= MANY:
+            yield range(len(self.groups)), self.groups
+            return
+        for i, (layout, x) in enumerate(self.groups):
+            for k in range(len(x.response)):
+                yield (i,), ((layout, jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], x)),)
+
+    def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
+        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side; and
+        volumes (n, logs)."""
+        layouts, arrays = split(groups)
+        full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
+        for part in full.reshape(-1, self.batch, full.shape[1]):
+            if (begun := perf_counter()) > self.until:
+                raise TimeoutError
+            found = [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
+            self.pace = (perf_counter() - begun) / self.batch  # the last is right: the first also loads the program
+            yield found
+
+    def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
+        return _finite(density(squares, volumes, [x for _, x in self.groups], np))
+
+
+def _finite(value: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(value), value, -np.inf)
+
+
+def _points(pairs: int, p: int, seed: int) -> np.ndarray:
+    """(2 pairs, p) points, each with the opposite one, at all distances up to FAR in random directions."""
+    towards = np.random.default_rng(seed).standard_normal((pairs, p))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    z = FAR * np.sqrt((np.arange(pairs) + 0.5) / pairs)[:, None] * towards
+    return np.concatenate([z, -z])
+
+
+def _monomials(z: np.ndarray) -> np.ndarray:
+    """(n, coefficients) of a cubic in z (n, p)."""
+    n, p = z.shape
+    powers = [c for degree in range(4) for c in combinations_with_replacement(range(p), degree)]
+    return np.stack([np.prod(z[:, c] / FAR, axis=1) if c else np.ones(n) for c in powers], axis=1)

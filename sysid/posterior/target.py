@@ -1,0 +1,124 @@
+"""The posterior density of a fit, in coordinates that make it nearly standard normal; counted and timed as it is evaluated."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from time import perf_counter
+
+import numpy as np
+from scipy.special import ndtri
+
+from sysid.minimum.minimise import Minimiser, State, shares
+from sysid.minimum.ridge import along, bent
+from sysid.model.prior import NAMES, POSITIVE
+from sysid.posterior.mixture import Mixture
+from sysid.posterior.surrogate import Density
+from sysid.trials.experiment import group
+from sysid.trials.extra import asked
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
+from sysid.verdict.fitted import Fit
+from sysid.verdict.identify import limits
+
+QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
+
+
+class Target:
+    """log p(z) up to a constant, theta = best + triangle z over the parameters `names` that the data bound at all.
+
+    `every_row`: of the files, where the fit took the means of neighbouring rows. `evaluations` counts points, most of which are
+    those of `posterior.surrogate` where there is one minimum; `pace` is the seconds that one takes once the programs are there.
+    """
+
+    def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf):
+        self.fit, self.names = fit, _bounded(fit)
+        best = fit.modes[0]
+        self.index = [NAMES.index(n) for n in self.names]
+        covariance = best.covariance[np.ix_(self.index, self.index)]
+        if not fit.result.bounded:  # a broad look at what is left, not an interval
+            most = [1.0 if n in POSITIVE else np.inf for n in self.names]  # of a logarithm
+            covariance = np.diag(np.minimum(np.diag(covariance), most))
+        self.triangle = np.linalg.cholesky(covariance)
+        carry = np.eye(len(NAMES))  # f0 is reported at another temperature than the fit's own
+        carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
+        self._carried = carry[self.index]
+        self._along = self._carried[:, self.index] @ self.triangle
+        trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
+        groups, _ = group(trials, fit.reference, low_q=best.low_q)
+        smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
+        self.density, self.rows = Density(self.theta, groups, smooth, until), sum(len(t.log) for t in trials)
+        self.evaluations, self._warm, self._seconds = 0, 0, 0.0
+
+    def _whole(self, trial: Trial) -> Trial:
+        """The trial over every row of the file."""
+        whole, best = trial.uncondensed(), self.fit.modes[0]
+        course = Course(whole, whole.hold(self.fit.reference), best.theta)
+        return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
+
+    def theta(self, z: np.ndarray) -> np.ndarray:
+        """(n, 6) parameters of the fit at z (n, p)."""
+        full = np.tile(self.fit.modes[0].theta, (len(z), 1))
+        full[:, self.index] += z @ self.triangle.T
+        return full
+
+    def parameters(self, z: np.ndarray) -> dict[str, np.ndarray]:
+        """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
+        return self._named(self.fit.modes[0].theta @ self._carried.T + z @ self._along.T)
+
+    def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Of the normal approximation: of each parameter even quantiles, and their weights."""
+        normal = self.normal()
+        centres = self.fit.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
+        widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
+        even = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
+        x = (centres[:, None] + even[:, None] * widths[:, None]).reshape(-1, len(self.names))
+        weight = np.repeat(normal.weights / QUANTILES, QUANTILES)
+        return {name: (values, weight) for name, values in self._named(x).items()}
+
+    def _named(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Of the numbers of theta the parameters."""
+        f0 = self.fit.reference[0]
+        return {n: np.exp(v) if n in ("G", "tau") else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
+
+    @cached_property
+    def _places(self) -> Sequence[State]:
+        """The minima; of ridges that are bent, the places along them."""
+        fit = self.fit
+        minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
+        return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
+
+    def normal(self) -> Mixture:
+        """The normal approximation about each minimum, or along each ridge."""
+        fit, p = self.fit, len(self.index)
+        if not fit.result.bounded:
+            return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
+        best, index, places = fit.modes[0], self.index, self._places
+        centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
+        scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in places]
+        weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
+        return Mixture(np.array(centres), np.array(scales), weights / weights.sum())
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        """(n,) log density at z (n, p); -inf where it is not finite."""
+        begun = perf_counter()
+        value = self.density(z) - self.fit.modes[0].prior.cost(self.theta(z))
+        if self.evaluations:  # the first call also loads programs
+            self._seconds, self._warm = self._seconds + perf_counter() - begun, self._warm + len(z)
+        self.evaluations += len(z)
+        return value
+
+    @property
+    def pace(self) -> float:
+        """Seconds per point of the evaluations so far, the first call aside."""
+        while not self._warm:
+            self(np.zeros((self.density.batch, len(self.index))))
+        return self._seconds / self._warm
+
+
+def _bounded(fit: Fit) -> tuple[str, ...]:
+    """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
+    state = fit.modes[0]
+    widest = limits(1.0, np.exp(state.theta[1])) | {"tau": limits(1.0, 1.0)["tau"]}
+    std = np.sqrt(np.diag(state.covariance))
+    kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
+    return kept or ("tau",)

@@ -1,0 +1,1 @@
+"""A `Trial`: one log as it is read, its noise, and what the bench added, as they are known so far."""

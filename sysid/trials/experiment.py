@@ -1,0 +1,134 @@
+"""From trials to the arrays that the likelihood takes: padding, groups of one layout."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from sysid.model.likelihood import OWN, Experiment, Groups, Layout
+from sysid.rows.hold import Hold
+from sysid.trials.trial import Trial, freedom
+from sysid.trials.whitening import joined, whitened
+
+
+def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False) -> tuple[Groups, list[list[int]]]:
+    """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
+
+    `low_q`: with the fast mode's ripple.
+    """
+    rows = _sizes([len(t.log) + SPARE + t.smoothing[1] for t in trials], [t.steady for t in trials])
+    most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
+    intervals = FEW if most <= FEW else bucket(most, 64)
+    swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
+    stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
+    for i, trial in enumerate(trials):
+        size = (rows[i], rows[i] if trial.steady else intervals)
+        layout, x = _experiment(trial, trial.hold(reference), size, low_q, swept)
+        stacks.setdefault(layout, []).append((i, x))
+    groups, members = [], []
+    for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
+        xs = [x for _, x in stack]
+        blank = xs[0]._replace(now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(()))
+        xs += [blank] * (bucket(len(xs)) - len(xs))
+        stacked = [np.array(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
+        inputs = len(Hold._fields)
+        groups.append((layout, Experiment(Hold(*stacked[:inputs]), *stacked[inputs:])))
+        members.append([i for i, _ in stack])
+    return tuple(groups), members
+
+
+def split(groups: Groups) -> tuple[tuple[Layout, ...], tuple[Experiment, ...]]:
+    """The groups' layouts, which say what program they need, and what that is given."""
+    return tuple(layout for layout, _ in groups), tuple(x for _, x in groups)
+
+
+def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
+    """Rows that each log is padded to: as many as the longest of its kind has, unless that is over twice its own."""
+    pairs = list(zip(lengths, kinds, strict=True))
+    return [bucket(max(m for m, other in pairs if other == kind and m <= 2 * n), 64) for n, kind in pairs]
+
+
+def bucket(n: int, least: int = 1) -> int:
+    """The next of four sizes per octave, 8, 10, 12, 14, 16, ..., so that logs of new lengths find a compiled program."""
+    step = 1 << max((max(n, least) - 1).bit_length() - 3, 0)
+    return max(-(-n // step) * step, least)
+
+
+def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
+    values = np.asarray(values)
+    return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
+
+
+COLUMNS = 3  # offset, feedthrough or background, slope, and one more for each pole of a filter: absent ones are zero
+SPARE = COLUMNS + OWN  # rows of the priors
+KNOWN = 1e6  # degrees of freedom of a level that is known: sums of squares S of a log beside it make exp(-S/2)
+FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
+
+
+def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool) -> tuple[Layout, Experiment]:
+    (rows, intervals), noise, keep = size, trial.noise, trial.noise.order
+    amplitude = not trial.signed
+    own_gain = trial.steady and trial.log.drive is None
+    moving = bool(not trial.steady and trial.resonant)
+    carrier = moving and trial.log.theta is not None
+    late = not (trial.steady or carrier)
+    both, order = moving and low_q and not carrier, trial.smoothing[1]
+    apart, toward = bool(noise.levels), trial.turn / (abs(trial.turn) or 1.0)
+    extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
+    split = apart or (late and swept and not amplitude) or bool(extra)
+    flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
+    now, before = noise.whitening()
+    y = trial.log.response[noise.used] if amplitude else np.asarray(trial.log.response[noise.used], complex)
+    y = _pad(whitened(y, now, before), rows)
+    bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
+    channels = (y.real, y.imag) if apart else (y,)
+    return Layout(*flags, rows, intervals), Experiment(
+        hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
+        response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
+        now=_pad(now, rows),
+        before=_pad(before, rows),
+        basis=joined(bases),
+        tightness=np.asarray(1 / trial.looseness),
+        freedom=np.asarray(noise.told * freedom(trial) if noise.rounded is None else KNOWN),
+        rounding=np.asarray(trial.rounding),
+        rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
+        lateness=np.asarray(trial.lateness / trial.looseness),
+        toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
+        start=np.asarray(complex(trial.start) / trial.started),
+        floor=np.asarray(trial.lift),
+        late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
+        start_free=np.asarray(trial.start_free * trial.started),
+        floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
+        extra=np.array(extra, complex).reshape(len(extra), rows),
+        tied=_tied(trial, hold),
+    )
+
+
+def _tied(trial: Trial, hold: Hold) -> np.ndarray:
+    """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros if it has none."""
+    if not (trial.tied and "thermometer" in trial.extra):
+        return np.zeros(3)
+    return np.array([trial.resonance, np.mean(hold.warming[hold.interval]), 1 / trial.extra["thermometer"].prior])
+
+
+def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    found = np.zeros((columns, rows))
+    found[: basis.shape[1], : len(basis)] = basis.T
+    return found
+
+
+def padded(hold: Hold, keep: np.ndarray, held: np.ndarray | slice, rows: int, intervals: int) -> Hold:
+    """The rows `keep` and the intervals `held`, padded to so many of each."""
+    return Hold(
+        duration=_pad(hold.duration[held], intervals),
+        drive=_pad(hold.drive[held], intervals),
+        omega=_pad(hold.omega[held], intervals, np.nan),
+        offset=_pad(hold.offset[held], intervals),
+        warming=_pad(hold.warming[held], intervals),
+        contact=_pad(hold.contact[held], intervals),
+        interval=_pad(hold.interval[keep], rows),
+        elapsed=_pad(hold.elapsed[keep], rows),
+        spread=_pad(hold.spread[keep], rows),
+        turn=_pad(hold.turn[held], intervals),
+        begun=_pad(hold.begun[held], intervals),
+        smoothing=np.asarray(hold.smoothing or 1.0),
+    )

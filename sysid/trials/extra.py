@@ -1,0 +1,95 @@
+"""What else the bench may have done to a d/q log: one number nu each, times a shape that depends on the plate.
+
+    drift         Hz     the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
+    lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
+    gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
+    thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
+
+All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `trials.perturbed`: to first order,
+so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round. Where the
+thermometer's error is fitted the log has a resonance of its own, about which its shape is taken: only the error's prior ties that
+to f0 and k_T, which may go as far as it lets them.
+The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
+The thermometer's error is fitted where it moves the resonance by as much as the logs could tell. A baseline that goes on with the
+time, on request as well, does not depend on the plate: it is one of `Trial.shapes`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Extra, Trial
+
+EXTRA = ("drift", "lag", "gain", "baseline")
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
+STRIDE = 0.5  # half bandwidths, of which a response to first order tells
+SHARE = 0.1  # of the log's duration, and of the gain
+TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
+
+
+def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
+    """Those that are asked for, of those that the log can hold, by name."""
+    if set(UNITS).isdisjoint(trial.nuisances):
+        return {}
+    return {name: extra for name, extra in possible(trial, course, beside).items() if name in trial.nuisances}
+
+
+def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
+    """The trial with the shapes that are asked for. With its thermometer's error its resonance is its own, that of theta first,
+    and moves by what `numbers` (E,) of the course's columns add to it to first order: far away it is come to step by step."""
+    if set(UNITS).isdisjoint(new.nuisances):
+        return new
+    trial, (f0, k_T) = course.trial, course.theta[2:4]
+    if "thermometer" in trial.nuisances:
+        own, most = f0 + k_T * course.warming if trial.resonance is None else trial.resonance, STRIDE / (2 * np.pi * course.tau)
+        more = 0.0
+        if trial.tied:
+            size = k_T * trial.extra["thermometer"].prior / trial.looseness
+            more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
+        new = replace(new, resonance=own + float(np.clip(more, -most, most)))
+        course = replace(course, trial=new)
+    return replace(new, extra=asked(new, course, (new.start, -new.late)))
+
+
+def with_thermometers(trials: Sequence[Trial], k_T: float, k_T_std: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
+    """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it.
+    By the largest k_T that the logs allow: where it is not known, it may be small by chance."""
+    found, said, largest = [], [], abs(k_T) + 2 * k_T_std
+    for trial in trials:
+        error = trial.log.bench.get("temperature_std_degC", 0.0)
+        share = largest * error / f0_std
+        fitted = share > TOLD and trial.signed and trial.driven
+        found.append(replace(trial, nuisances=(*trial.nuisances, "thermometer")) if fitted else trial)
+        if share > UNTOLD and not fitted:
+            said.append(
+                f"{trial.log.name}: its thermometer may be {error:.2g} degC off, which would move f0 by {share:.2g} of its"
+                " standard deviations, and is not in them; record wd and wq with their drive, or more rows"
+            )
+    return tuple(found), said
+
+
+def possible(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
+    """Those that the log can hold, by name; `beside`: start and lateness, as `Course.changed` has them."""
+    if not (trial.signed and trial.driven):
+        return {}
+    found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course, beside)}
+    return {name: extra for name, extra in found.items() if np.any(extra.shape)}
+
+
+def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> Iterator[tuple[str, np.ndarray, float]]:
+    log, tau = trial.log, course.tau
+    turning, held = 2j * np.pi * np.ones(len(log)), np.ones(len(course.hold.drive))
+    along = np.arange(len(log)) if log.time is None else log.time - log.time[0]
+    sorted_by_frequency = trial.steady and trial.whole is not None  # the means of a long sweep
+    if trial.resonant and along[-1] > 0 and not sorted_by_frequency:
+        yield "drift", course.along((2 * along / along[-1] - 1) * turning, *beside), 1 / (2 * np.pi * tau)
+    if trial.resonant and log.temperature is not None and log.time is not None and log.time[-1] > log.time[0]:
+        stamps, first = np.unique(log.time, return_index=True)
+        rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
+        yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
+    yield "gain", course.forced, SHARE
+    error = log.bench.get("temperature_std_degC", 0.0)
+    if trial.resonant and error:
+        yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

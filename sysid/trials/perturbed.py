@@ -1,0 +1,190 @@
+"""The course of a log at theta, and what a small change of the physics adds to it: the shapes of `verdict.terms`.
+
+All is the model of the fit, `model.plant.respond`, in plain numpy, which has nothing to compile. Near theta the slow mode obeys
+Z' = s Z + b V. A change of the physics that adds epsilon c(t) to s adds epsilon dZ to the response,
+
+    dZ = (Z[s + epsilon c] - Z[s - epsilon c]) / (2 epsilon),
+
+c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on; the derivatives by tau, f0 and k_T
+are such changes too. What goes on from row to row is held from each to the next at its value halfway.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sysid.model import rice
+from sysid.model.plant import Response, respond, steady
+from sysid.rows.hold import Hold, cut, read_at
+from sysid.trials.trial import Trial
+
+LEAST = 1e-9  # of a shape: less is rounding
+STEP = 1e-4  # of 1/tau, of a difference: its square is what that is off by, and what it loses is four digits of sixteen
+FAR = 1e150  # rad/s, of a carrier so fast that the slow mode is all there is
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The course of one log at theta, as `model.likelihood.basis` has it, per unit rotation; arrays over its rows (n,). Of low Q
+    too the fast mode has settled: how it rings hangs on the carrier's phase, of which much may be wrong."""
+
+    trial: Trial
+    hold: Hold = field(repr=False)
+    theta: np.ndarray
+
+    @cached_property
+    def gain(self) -> float:
+        """G; 1 for a log whose own gain is free."""
+        return 1.0 if self.trial.log.drive is None else float(np.exp(self.theta[0]))
+
+    @cached_property
+    def tau(self) -> float:
+        return float(np.exp(self.theta[1]))
+
+    @cached_property
+    def damped(self) -> np.ndarray:
+        """(M,) by what a finger multiplies the damping."""
+        return 1 + self.theta[4] * self.hold.contact
+
+    @cached_property
+    def detuning(self) -> np.ndarray:
+        """(M,) omega0 - omega of each interval, rad/s; none where no frequency is recorded."""
+        hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
+        if self.trial.tied:
+            shift = self.trial.resonance - drift * self.warming
+        found = 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
+        return np.where(np.isfinite(hold.omega), found, 0.0)
+
+    @property
+    def warming(self) -> float:
+        """The mean of the rows', degC above the reference, as it was read."""
+        return float(np.mean(self.hold.warming[self.hold.interval]))
+
+    @property
+    def warmer(self) -> float:
+        """degC, by which a plate whose resonance is the log's own is warmer than was read."""
+        drift = self.theta[3]
+        return (self.trial.resonance - self.theta[2]) / drift - self.warming if self.trial.tied and drift else 0.0
+
+    @property
+    def pole(self) -> np.ndarray:
+        """Slow pole of a slowly varying envelope at each row."""
+        return (-self.damped / self.tau + 1j * self.detuning)[self.hold.interval]
+
+    @property
+    def push(self) -> np.ndarray:
+        """b V over the step that ends at each row."""
+        return self.gain / self.tau * self.hold.drive[self.hold.interval]
+
+    @cached_property
+    def response(self) -> Response:
+        return self.at(np.zeros(len(self.hold.drive)))
+
+    @property
+    def forced(self) -> np.ndarray:
+        """Response to the drive from rest."""
+        return self.response.forced
+
+    @property
+    def free(self) -> np.ndarray:
+        """Decay of a unit start at the beginning of the first interval; of one more settled response, where the log began so."""
+        return self.response.free
+
+    @property
+    def rate(self) -> np.ndarray:
+        """Rate of change of `forced`, 1/s."""
+        return self.response.rate
+
+    @cached_property
+    def envelope(self) -> "Course":
+        """Without what is not of the slowly varying envelope, of order 1/Q."""
+        return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)))
+
+    def later(self, delay: float) -> np.ndarray:
+        """`forced`, later by `delay` (s), or earlier."""
+        log = self.trial.log
+        return replace(self, hold=read_at(self.hold, log.time, log.bench.get("delay_s", 0.0) + delay)).forced
+
+    def behind(self, taus: np.ndarray, order: int) -> np.ndarray:
+        """(n, K) `forced` behind `order` poles of a lock-in's filter, of each of the time constants (K,), whatever is stated."""
+        return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
+
+    def driven(self, drive: np.ndarray) -> np.ndarray:
+        """Response to another drive (M,), V."""
+        return replace(self, hold=self.hold._replace(drive=drive)).forced
+
+    def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None) -> Response:
+        """The response of each row (n,), or (n, K), with `rates` (M,), or (M, K), rad/s, added to the slow pole. `filter`: time
+        constant and number of poles of one that is not the stated one."""
+        trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
+        own = [v if rates.ndim == 1 else v[:, None] for v in (self.damped / self.tau, self.detuning, hold.drive / self.tau)]
+        if rates.ndim > 1:
+            hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+        tau, detuning = 1 / (own[0] - rates.real), own[1] + rates.imag
+        omega = np.where(np.isfinite(hold.omega), hold.omega, FAR)
+        hold = hold._replace(omega=omega, drive=own[2] * tau, smoothing=smoothing)
+        if trial.steady:
+            forced = self.gain * (hold.drive * steady(tau, detuning, omega, np))[hold.interval]
+            return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
+        carrier = trial.resonant and trial.log.theta is not None
+        found = respond(tau, detuning, hold, False, carrier, trial.begun, order, xp=np)
+        free = self.gain * found.free if trial.begun else found.free
+        return Response(self.gain * found.forced, self.gain * found.rate, free)
+
+    def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """(n,), or (n, K), what `rates` (M,), or (M, K), rad/s, on the slow pole add to forced + start free + late rate."""
+        each = rates if rates.ndim > 1 else rates[:, None]
+        size = np.max(np.abs(each), axis=0) * self.tau
+        step = STEP / np.where(size > 0, size, 1.0)
+        found = self.at(np.concatenate([step * each, -step * each], axis=1))
+        above, below = np.split(found.forced + start * found.free + late * found.rate, 2, axis=1)
+        return ((above - below) / (2 * step)).reshape(len(above), *rates.shape[1:])
+
+    def along(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """`changed` of what goes on from row to row, (n,)."""
+        if self.trial.steady:
+            return self.changed(rates)
+        row = self.towards
+        return self.by_row.changed(0.5 * (rates[np.maximum(row - 1, 0)] + rates[row]), start, late)
+
+    @cached_property
+    def by_row(self) -> "Course":
+        """The same, with intervals (M') that end at the rows as well."""
+        return replace(self, hold=self._cut[0])
+
+    @property
+    def towards(self) -> np.ndarray:
+        """(M') the row that each interval of `by_row` leads to."""
+        return self._cut[1]
+
+    @cached_property
+    def _cut(self) -> tuple[Hold, np.ndarray]:
+        return cut(self.hold)
+
+    def design(self) -> np.ndarray:
+        """(n, K) what the fit can make of this log, to first order: plant and nuisances, with coefficients of the log's kind."""
+        trial, plate = self.trial, self.forced + self.trial.start * self.free
+        shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
+        if not trial.steady:
+            shapes += [self.rate, *([self.free] if trial.start_free else [])]
+        if trial.signed:
+            return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
+        towards = rice.towards(plate, trial.lift)
+        made = [towards * s * turn for s in shapes for turn in (1, 1j)]
+        # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
+        return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)
+
+    def derivatives(self, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
+        """(n, 6) of forced + start free + late rate by the numbers of theta."""
+        hold, tau = self.hold, self.tau
+        turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
+        rates = (self.damped / tau, turning, turning * hold.warming, -hold.contact / tau, turning * hold.contact)
+        found = np.zeros((len(self.forced), 1 + len(rates)), complex)
+        some = [k for k, x in enumerate(rates) if np.any(x)]
+        found[:, 1 + np.array(some)] = self.changed(np.stack([rates[k] for k in some], axis=1).astype(complex), start, late)
+        pushed = self.forced + late * self.rate + (start * self.free if self.trial.begun else 0.0)  # in proportion to b V
+        found[:, 0] = 0.0 if self.trial.log.drive is None else pushed
+        found[:, 1] -= pushed
+        return found

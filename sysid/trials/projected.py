@@ -1,0 +1,44 @@
+"""Amplitudes of coloured noise: what of it they show, and how much less they tell than if it were their own.
+
+A demodulator's filter colours the noise of Wd + j Wq, n(t), an Ornstein-Uhlenbeck process; an amplitude shows Re n e^{-j phi},
+what lies along the response, whose phase phi turns through a resonance. Two rows then share
+
+    exp(-|t - t'|/noise_time) cos(phi - phi')
+
+and not the first factor alone, for which the fit takes it. Its estimates are those of generalized least squares with weights
+W of another covariance than the noise has, S: they have no bias, and the covariance (White, Econometrica 50, 1, 1982)
+
+    (J^T W J)^-1 J^T W S W J (J^T W J)^-1        instead of (J^T W J)^-1
+"""
+
+import numpy as np
+
+from sysid.model.plant import accumulated
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial
+from sysid.trials.whitening import whitened
+
+
+def efficiency(trial: Trial, course: Course) -> float:
+    """Information about the plant that a log of amplitudes holds over what is stated of it: the least of its parameters, at most
+    1."""
+    noise, used = trial.noise, trial.noise.used
+    now, before = noise.whitening()
+    made = course.design()[used].T
+    made = made[np.any(made != 0, axis=1)]
+    white = whitened(made / np.linalg.norm(made, axis=1, keepdims=True), now, before)
+    unweighted = now * white
+    unweighted[:, :-1] -= (before * white)[:, 1:]  # W J
+    plate = (course.forced + trial.start * course.free)[used]
+    seen = unweighted * np.exp(-1j * np.angle(plate)) * (noise.std / noise.weight[used])
+    inverse = np.linalg.pinv(white @ white.T, hermitian=True)
+    steps = -np.diff(noise.clock[used], prepend=noise.clock[used][0]) / noise.time
+    spread = inverse @ (seen.conj() @ np.array([shared(steps, v) for v in seen]).T).real @ inverse
+    return float(min(1.0, np.min(np.diag(inverse) / np.diag(spread))))
+
+
+def shared(steps: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The covariance of an Ornstein-Uhlenbeck process of variance 1 times v (n,); `steps` to each row, in correlation times."""
+    memory = np.exp(steps)
+    backward = accumulated(np.append(0.0, memory[:0:-1]), v[::-1])[::-1]
+    return accumulated(memory, v) + backward - v

@@ -1,0 +1,91 @@
+"""What is known of each log, anew at the present theta: its noise, its nuisances, its cost."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.rows import rounding
+from sysid.trials.extra import renewed
+from sysid.trials.perturbed import Course
+from sysid.trials.residuals import HELD, heard
+from sysid.trials.trial import Trial, freedom, freedoms, numbers_left
+from sysid.trials.whitening import Noise
+
+
+def update(trials, members, found, courses: Sequence[Course], round_: int):
+    """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
+    relative move."""
+    updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
+    for logs, detail in zip(members, found, strict=True):
+        for k, i in enumerate(logs):
+            driven = np.empty_like(detail.driven[k][: len(trials[i].log)])
+            driven[trials[i].noise.order] = detail.driven[k][: len(driven)]
+            models[i] = trials[i].completed(driven)
+            turn = complex(detail.turn[k])
+            start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
+            own = start, float(detail.floor[k]), float(detail.late[k])
+            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
+            new = renewed(new, courses[i], detail.extra[k]).floored(driven, models[i])
+            cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
+            moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
+            updated[i] = new
+    return tuple(updated), tuple(models), cost, moved
+
+
+def _moved(noise: Noise, new: Noise) -> float:
+    """The largest relative change of a level or a correlation time."""
+    if len(noise.parts) != len(new.parts) or noise.left_out != new.left_out:
+        return 1.0
+    pairs = list(zip(noise.parts, new.parts, strict=True))
+    levels = [abs(b.std / a.std - 1) for a, b in pairs]
+    times = [abs(b.time - a.time) / (b.time or 1.0) for a, b in pairs]
+    return float(max(levels + times))
+
+
+def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
+    """By how much a resonance of the log's own has moved, in errors of its thermometer; 1 where it has become that."""
+    if not trial.tied:
+        return float(new.tied)
+    return abs(new.resonance - trial.resonance) / (abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny)
+
+
+def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
+    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
+    parts = replace(trial.noise, tail=None).parts
+    channels = (1 if trial.log.amplitude_only else 2) / len(parts)
+    shrink = sum(0.5 * np.sum(np.log1p(-(p.memory() ** 2))) - np.sum(np.log(p.weight[p.used])) for p in parts)
+    dof = freedom(trial)
+    if trial.noise.rounded is not None:  # rows that share a rounding error count as one, and the level is known
+        shrink -= sum(np.sum(np.log(p.rounded[p.used])) for p in parts)
+        least = [rounding.least(step) or p.std for step, p in zip(trial.steps, parts, strict=True)]
+        level = numbers_left(trial) / len(parts) * np.sum(np.log(least))
+        level += sum(n * np.log(p.std / low) for n, p, low in zip(freedoms(trial), parts, least, strict=True))
+        return float(0.5 * (total - dof) + level + channels * shrink + _cost_of_outliers(trial, model))
+    level = dof / len(parts) * sum(np.log(p.std) for p in parts)
+    return float(0.5 * dof * np.log(total / dof + trial.rounding) + level + channels * shrink + _cost_of_outliers(trial, model))
+
+
+def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
+    """Of the rows that are left out, whose noise is normal with a level of its own."""
+    outliers = trial.noise.left_out - trial.lost
+    if not outliers:
+        return 0.0
+    left = np.abs((trial.log.response - model) * trial.noise.weight)[~trial.noise.kept & trial.there]
+    channels = 1 if trial.log.amplitude_only else 2
+    return 0.5 * outliers * channels * float(np.log(np.mean(left**2) / channels))
+
+
+def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
+    """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
+    new = heard(trial, model.real if trial.log.amplitude_only else model, course, floor, round_)
+    late = late * trial.lateness / trial.looseness
+    if trial.signed:
+        return replace(new, start=start, late=late)
+    if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
+        share = 1 / (round_ - HELD + 1)
+        start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
+    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
+    free = new.floor_free and not trial.steady and floor > 0
+    held = (1 - new.noise.share) * new.noise.std**2 if trial.steady else 1e-6 * new.noise.std**2
+    return replace(new, start=start, late=late, floor=floor if free else held, floor_free=bool(free))

@@ -1,0 +1,283 @@
+"""The noise of a log, and which of its rows are outliers, anew from the residual that a fit leaves of it.
+
+Round after round the noise follows the fit and the fit the noise: what could circle is held after some of them.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.model import rice
+from sysid.model.span import times
+from sysid.rows import rounding
+from sysid.trials.noise import SURE, WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
+from sysid.trials.perturbed import Course
+from sysid.trials.projected import efficiency
+from sysid.trials.trial import Trial, freedom, freedoms, with_noise
+from sysid.trials.whitening import joined
+
+MUCH = 0.3  # of a log
+COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
+HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
+EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
+FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
+ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
+WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
+SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
+
+
+def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
+    """The trial with the noise that its residual shows; `floor`: of an amplitude log."""
+    decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
+    trial = trial if decaying else _with_spread(trial, model, floor, round_)
+    new = _with_rounding(trial, model, round_) if any(trial.steps) else None
+    new = new or _with_noise_of(trial.knowing(rounded=None, own=None), model, course.design, round_)
+    new = _with_spread(new, model, floor, round_) if decaying else new
+    if new.noise.time > 0 and not new.signed:
+        return new.knowing(efficiency=efficiency(new, course))
+    return new
+
+
+def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
+    """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
+    least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
+    share = _share(trial, model, size, least, round_)
+    if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
+        return trial
+    if share == 0 and np.all(least == 1):
+        return trial if trial.noise.spread is None else trial.knowing(share=share, spread=None)
+    return trial.knowing(share=share, spread=np.sqrt((1 - share) * least**2 + share * size**2))
+
+
+def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
+    """(n,) noise of each row over that of a strong response: Rice's, which of a transient it need not be; there it is if likelier
+    than even noise."""
+    even = np.ones(len(model))
+    if trial.signed or floor <= 0 or (trial.log.relative_noise and not trial.steady):
+        return even
+    least = rice.spread(model / np.sqrt(floor))
+    if trial.steady:
+        return least
+    there = trial.there
+    left, own = (trial.residual(model) * np.sqrt(trial.noise.count))[there], least[there]
+    gained = -0.5 * len(left) * np.log(np.mean((left / own) ** 2) / np.mean(left**2)) - np.sum(np.log(own))
+    return least if gained > 0 else even
+
+
+def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray, round_: int) -> float:
+    """What part of the noise's variance is proportional to the response, as the residual shows."""
+    known = trial.log.relative_noise
+    if not trial.steady and not known and (trial.noise.time > 0 or trial.noise.left_out > trial.lost):
+        return 0.0  # of a colour few rows are independent, and of those at rest fewer
+    if not trial.steady and not trial.noise.share and round_ > EARLY:
+        return 0.0
+    scatters = trial.undriven_sweep or _is_noise(trial, model)  # one periodogram by half of itself
+    if (known and not trial.steady) or not 0 < round_ < HELD or not scatters:
+        return trial.noise.share
+    there = trial.there
+    left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]
+    if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):
+        return 0.0  # at rest there is less of rounding than of noise
+    return proportional(left, size[there], least[there], known)
+
+
+class _Residual(NamedTuple):
+    """What a fit leaves of the rows of a log that hold a signal, in units of their weights; arrays are of these rows.
+
+    `trial` is the log without what is known of its outliers. Of the rows, `used` are those that are not left out.
+    """
+
+    trial: Trial
+    rows: np.ndarray
+    clock: np.ndarray
+    left: np.ndarray
+    design: Callable[[], np.ndarray]  # (n, K) of all rows, what the fit can make of them
+    used: slice | np.ndarray = slice(None)
+
+    @classmethod
+    def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
+        plain = trial.knowing(tail=None, kept=trial.there)
+        rows = np.arange(len(trial.log))[plain.noise.used]
+        left = times(joined([p.weight for p in plain.noise.parts]), trial.log.response - model)[rows]
+        return cls(plain, rows, trial.noise.clock[rows], left, design)
+
+    def without(self, regular: np.ndarray) -> "_Residual":
+        """Only with the rows that are no outliers."""
+        used = np.flatnonzero(regular)
+        kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
+        return self._replace(trial=self.trial.knowing(kept=kept), used=used)
+
+    def shapes(self) -> np.ndarray:
+        return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
+
+    def level(self, ratio: float, time: float | None, worth: float = WORTH) -> tuple[float, float]:
+        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held;
+        `worth`: what colour must gain."""
+        even = _scaled(self.left, ratio)[self.used]
+        return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
+
+    def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray]:
+        """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
+        even = _scaled(self.left, ratio)
+        weight, told = tails(independent(even, self.clock, time))
+        regular = spikes(even, self.clock) if told < 1 else None
+        return weight, told, np.ones(len(even), bool) if regular is None else regular
+
+    def apart(self, weight: np.ndarray, time: float) -> float:
+        """Noise of q over that of d."""
+        if time > 0:
+            return apart_in_colour(self.left[self.used], self.clock[self.used])
+        return apart(self.left, weight)
+
+    def levels(self, weight: np.ndarray, before: tuple[Level, ...], round_: int) -> tuple[Level, ...]:
+        """Of d and of q, in which the fit can make complex multiples of its shapes; weighted rows are of white noise."""
+        left, counted = (np.sqrt(weight) * self.left)[self.used], 0.5 * freedom(self.trial)
+        held, clock = before if round_ > SETTLED else (), self.clock[self.used]
+        shapes = None if held or np.any(weight != 1) else self.shapes()
+        found = []
+        for k, (channel, turn) in enumerate(((left.real, 1.0), (left.imag, -1j))):
+            if shapes is None:
+                std, time = estimate(channel, clock, counted, time=held[k].time if held else 0.0)
+            else:
+                made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
+                std, time = estimate(channel, clock, counted, partial(np.asarray, made))
+                time = _halfway(time, before[k].time) if before and round_ > WHOLE else time
+            found.append(Level(std, time))
+        return tuple(found)
+
+
+def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
+    """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
+    in each round between the first and HELD; correlation times stay after SETTLED."""
+    trial = trial if round_ else trial.knowing(kept=trial.there, levels=(), tail=None)
+    known = trial.noise
+    found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
+    held = known.time if round_ > SETTLED else None
+    ratio = known.levels[1].std / known.levels[0].std if known.levels else 1.0
+    std, time = found.level(ratio, held)
+    weight, told, regular = np.ones(len(found.left)), 1.0, known.kept[found.rows]
+    if chosen:
+        weight, told, regular = found.outliers(ratio, time)
+    elif known.tail is not None:
+        weight, told = known.tail[found.rows], known.efficiency
+    if not np.all(regular):
+        found = found.without(regular)
+        std, time = found.level(ratio, held)
+    if time > 0 or found.trial.noise.left_out > found.trial.lost:
+        weight, told = np.ones(len(found.left)), 1.0
+    plain = time == 0 and told == 1 and ratio == 1 and not known.share and found.trial.noise.left_out == found.trial.lost
+    if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
+        std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
+    time = _halfway(time, known.time) if round_ > WHOLE else time
+    if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
+        ratio = found.apart(weight, time)
+        if ratio != 1 and told < 1:
+            weight, told = tails(_scaled(found.left, ratio))
+    if told < 1:
+        std = float(np.sqrt(np.sum(weight * np.abs(found.left) ** 2) / freedom(found.trial)))
+    levels = () if ratio == 1 else found.levels(weight, known.levels, round_)
+    if levels:
+        std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
+    new = with_noise(found.trial, std, time, levels).knowing(efficiency=told)
+    if told == 1:
+        return new
+    tail = np.ones(len(trial.log))
+    tail[found.rows] = weight
+    return new.knowing(tail=tail)
+
+
+class _Channel(NamedTuple):
+    """What a fit leaves of one channel (n,) in units of the weights but those of its rounding; its modelled rows, the step of its
+    recorder; which rows share their rounding error, as `rounding.spread` has it."""
+
+    left: np.ndarray
+    model: np.ndarray
+    step: float
+    spread: np.ndarray
+    own: np.ndarray
+    time: float  # of its colour, as known so far
+
+    @classmethod
+    def of(cls, trial: Trial, left: np.ndarray, model: np.ndarray) -> list["_Channel"]:
+        """Of d and q, or the one."""
+        d_q = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
+        if trial.noise.rounded is None:
+            return [cls(*pair, step, *2 * (np.ones(len(left)),), 0.0) for pair, step in zip(d_q, trial.steps, strict=True)]
+        known = zip(d_q, trial.steps, trial.noise.parts, strict=True)
+        return [cls(*pair, step, p.rounded, p.own, p.time) for pair, step, p in known]
+
+
+def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
+    """The trial with noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
+    (`rows.rounding`); else None. Which rows do is held after HELD rounds."""
+    if round_ >= HELD and trial.noise.rounded is None:
+        return None
+    plain = trial.knowing(levels=(), rounded=None, own=None, tail=None, kept=trial.there)
+    channels = _Channel.of(trial, trial.residual(model) * plain.noise.weight, model)
+    tail, told = np.ones(len(model)), 1.0
+    if round_ and trial.noise.tail is not None:
+        tail, told = trial.noise.tail, trial.noise.efficiency
+    stds = _levels_beside(plain, channels, tail)
+    for _ in range(ROUNDS if round_ < HELD else 0):
+        shares = [rounding.spread(c.model, c.step, std, trial.noise.count) for c, std in zip(channels, stds, strict=True)]
+        channels = [c._replace(spread=s, own=own) for c, (s, own) in zip(channels, shares, strict=True)]
+        stds = _levels_beside(plain, channels, tail)
+    if np.mean([c.own[plain.noise.used] for c in channels]) > 1 - rounding.LITTLE:
+        return None
+    if 0 < round_ < HELD:
+        scaled = joined([c.left[plain.noise.used] / std for c, std in zip(channels, stds, strict=True)])
+        tail, told = np.ones(len(model)), 1.0
+        if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
+            tail[plain.noise.used], told = tails(scaled)
+    levels = [Level(std, 0.0) for std in stds]
+    if told == 1:
+        counts = freedoms(_sharing(plain, channels))
+        levels = [_coloured(plain, c, n, trial.noise.rounded is None, round_) for c, n in zip(channels, counts, strict=True)]
+    new = _sharing(plain, channels).knowing(tail=None if told == 1 else tail, efficiency=told)
+    std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
+    return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
+
+
+def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
+    """The trial whose rows share their rounding errors so; of d and q, with levels to be found."""
+    levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
+    rounded, own = joined([c.spread for c in channels]), joined([c.own for c in channels])
+    return plain.knowing(levels=levels, rounded=rounded, own=own)
+
+
+def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:
+    """Standard deviation of each channel's noise, rows weighted by `tail`, never below that of its rounding."""
+    counts = freedoms(_sharing(plain, channels))
+    powers = [float(np.sum(tail * (c.left / c.spread) ** 2)) for c in channels]
+    return [max(float(np.sqrt(p / n)), rounding.least(c.step)) for c, p, n in zip(channels, powers, counts, strict=True)]
+
+
+def _coloured(plain: Trial, channel: _Channel, count: float, first: bool, round_: int) -> Level:
+    """Level of a channel's noise of `count` degrees of freedom, with the colour that rows show which share no rounding error: one
+    of each that do."""
+    used = plain.noise.used
+    left, clock = channel.left[used], plain.noise.clock[used]
+    alone = np.flatnonzero(np.diff(np.floor(np.cumsum(channel.own[used])), prepend=-1.0))
+    time = channel.time
+    if round_ <= SETTLED:
+        time = estimate(left[alone], clock[alone], float(len(alone)))[1]
+        time = time if first or round_ <= WHOLE else _halfway(time, channel.time)
+    std, time = estimate(left / channel.spread[used], clock, count, time=time)
+    return Level(max(std, rounding.least(channel.step)), time)
+
+
+def _is_noise(trial: Trial, model: np.ndarray) -> bool:
+    """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
+    return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
+
+
+def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
+    """With the noise of q, `ratio` times that of d, as large as that of d."""
+    return left if ratio == 1 else left.real + 1j * left.imag / ratio
+
+
+def _halfway(time: float, before: float) -> float:
+    """The fit follows the noise and the noise the fit: half steps do not circle."""
+    return float(np.sqrt(time * before)) if time > 0 and before > 0 else time

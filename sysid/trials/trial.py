@@ -1,0 +1,397 @@
+"""One log, how it is read, and the present knowledge of its noise (`trials.whitening`) and of what the bench added to it."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.model import rice
+from sysid.model.plant import smoothed
+from sysid.rows import rounding
+from sysid.rows.condense import OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.rows.hold import Hold
+from sysid.trials.noise import Level
+from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
+
+NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
+LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
+LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
+DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
+UNKNOWN = 0.05  # of the largest response: a noise level of which nothing is known yet
+FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
+SLOPED = 8  # points of a sweep, of which plant, rotation, feedthrough and slope take half
+DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
+
+
+class Extra(NamedTuple):
+    """What one unit of `trials.extra` adds to the response, (n,), not turned by the demodulator; the standard deviation of the
+    number."""
+
+    shape: np.ndarray
+    prior: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One log, how it is read, and the present knowledge of its noise and of what the bench added."""
+
+    log: Log  # condensed where it is long
+    kind: str  # "transient" | "steady"
+    inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
+    there: np.ndarray = field(repr=False)  # rows that hold a signal
+    noise: Noise  # as it is known at present
+    nuisances: tuple[str, ...] = NUISANCES
+    spacing: float = 0.0  # s, from row to row of the file
+    gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
+    dark: int = 0  # rows of the file that hold no signal
+    spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
+    most: int = 0  # rows, if condensed no more than a filter asks for
+    rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
+    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
+    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
+    # What the bench added, as it is known at present.
+    start: complex = 0.0  # in the plate's frame
+    floor: float = 0.0  # of an amplitude log, response squared
+    floor_free: bool = True  # until the data want it below zero
+    late: float = 0.0  # s, by which the response is late
+    resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
+    under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of `floor` adds to an undriven sweep
+    narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
+    extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
+    turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
+
+    @classmethod
+    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
+        """A log as it is read at first: nothing known of its noise."""
+        read = prepare(log, kind)
+        steps = np.zeros(0) if log.time is None else np.diff(log.time)
+        spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
+        rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
+        share = DECIBEL[kind] if log.relative_noise else 0.0
+        level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
+        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread)
+        return cls(
+            read.log,
+            kind,
+            read.inputs,
+            read.there,
+            noise,
+            nuisances,
+            spacing,
+            gap=read.gap,
+            dark=read.dark,
+            spoilt=read.spoilt,
+            most=read.most,
+            rectified=rectified,
+            whole=log if len(read.log) < len(log) else None,
+            steps=() if log.relative_noise else rounding.steps(log.response),
+        )
+
+    def uncondensed(self) -> "Trial":
+        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows. Each row
+        shares its rounding error as the means about it do."""
+        if self.whole is None:
+            return self
+        read = prepare(self.whole, self.kind, len(self.whole))
+        rows = 1.0 if read.log.time is not None else len(read.log) / len(self.log)  # times are in rows where none is recorded
+        noise = self.noise.of_rows(read.log, read.count, read.there, rows)
+        swept = self.steady and self.resonant
+        now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
+        order = np.argsort(now, kind="stable")
+        spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
+        if spreads:
+            noise = replace(noise, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
+        under = None if self.under is None else np.interp(at, now[order], self.under[order])
+        return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
+
+    def knowing(self, **noise: Any) -> "Trial":
+        """The trial with this known of its noise."""
+        return replace(self, noise=replace(self.noise, **noise))
+
+    @property
+    def steady(self) -> bool:
+        return self.kind == "steady"
+
+    @cached_property
+    def scale(self) -> float:
+        """Largest magnitude of the response."""
+        return _scale(self.log.response)
+
+    @property
+    def undriven_sweep(self) -> bool:
+        """Amplitudes over frequency without a drive, as the spectrum of a plate that its own noise moves: they scatter as they
+        are large, by half if none are averaged."""
+        return self.steady and self.resonant and not self.signed and self.log.drive is None
+
+    @property
+    def lift(self) -> float:
+        """Square of the noise that lifts a mean amplitude (`model.rice`), as known so far; nothing where the gain is its own."""
+        if self.steady and self.log.drive is None:
+            return FLOOR * self.scale**2
+        return self.floor or (1e-3 * self.scale) ** 2
+
+    @property
+    def rounding(self) -> float:
+        """Square of the noise that float64 makes over the log's; 1 where rounding makes it, and its level is known."""
+        return 1.0 if self.noise.rounded is not None else (FLOOR * self.scale / self.noise.std) ** 2
+
+    @cached_property
+    def silent(self) -> bool:
+        """The response is the same in every row."""
+        return bool(np.all(self.log.response == self.log.response[0]))
+
+    @cached_property
+    def driven(self) -> bool:
+        """A drive is recorded and not zero throughout."""
+        return self.log.drive is not None and bool(np.any(self.log.drive != 0))
+
+    @property
+    def resonant(self) -> bool:
+        """An excitation frequency is recorded."""
+        return self.log.frequency is not None
+
+    @cached_property
+    def touched(self) -> bool:
+        """A finger's force is recorded."""
+        return bool(np.any(self.inputs.contact))
+
+    @cached_property
+    def signed(self) -> bool:
+        """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
+        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
+
+    @property
+    def channels(self) -> int:
+        """2 for d/q rows, 1 for real ones."""
+        return 2 if np.iscomplexobj(self.log.response) else 1
+
+    @cached_property
+    def one_level(self) -> bool:
+        """A transient whose inputs never change."""
+        return not self.steady and one_level(self.log)
+
+    @cached_property
+    def from_rest(self) -> bool:
+        """A transient of one level that is read as a step at the first row."""
+        return not self.steady and from_rest(self.log)
+
+    @property
+    def since_change(self) -> np.ndarray:
+        """Seconds since the inputs of each row of a transient last changed."""
+        hold = self.inputs
+        return np.where(hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf)
+
+    @property
+    def changes(self) -> int:
+        """How often the inputs of a transient change."""
+        return len(self.inputs.drive) - 1
+
+    @cached_property
+    def start_free(self) -> bool:
+        """The state at the first row is to be found."""
+        if self.steady or self.from_rest or "start" not in self.nuisances:
+            return False
+        return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
+
+    @cached_property
+    def begun(self) -> bool:
+        """An amplitude that is driven at its first row, by more than an offset: its start is counted from the settled response,
+        and in units of it."""
+        if not self.start_free or self.signed or not self.driven or self.inputs.drive[0] == 0:
+            return False
+        first = np.abs(self.log.response[self.inputs.interval == 0])
+        return bool(np.median(first[-5:]) > DIED * first[0])
+
+    @cached_property
+    def at_one_frequency(self) -> bool:
+        """Settled d/q points at one frequency: of their response and a feedthrough they show the sum."""
+        if not (self.steady and self.signed and self.driven and "background" in self.nuisances):
+            return False
+        return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
+
+    @property
+    def lost(self) -> int:
+        """How many of them hold no signal, or were spoilt; the others are outliers."""
+        return int(np.sum(~self.there))
+
+    def residual(self, model: np.ndarray) -> np.ndarray:
+        """(n,) recorded - modelled; zero where there is no signal."""
+        left = self.log.response - (model.real if self.log.amplitude_only else model)
+        return np.where(self.there, left, 0.0)
+
+    @cached_property
+    def shapes(self) -> dict[str, np.ndarray]:
+        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; a
+        baseline (per s) that goes on with the time; what the lock-in's filter still holds of what was before a log that begins
+        amid a drive."""
+        if self.under is not None:
+            return {"floor": self.under}
+        if not self.signed or (not self.driven and self.steady and not self.resonant):
+            return {}
+        drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
+        offset, background = "offset" in self.nuisances, "background" in self.nuisances
+        shapes: dict[str, np.ndarray] = {}
+        if self.steady:
+            if background and self.resonant and np.ptp(self.log.frequency) > 0:
+                shapes["feedthrough"] = drive
+                if n >= SLOPED:
+                    shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
+            if background and self.at_one_frequency and "feedthrough" in self.narrow:
+                shapes["feedthrough"] = drive
+            if offset and np.ptp(drive) > 0:
+                shapes["offset"] = np.ones(n)
+        else:
+            # Driven at a frequency, what an offset of a step from rest does to G a feedthrough does as well.
+            if offset and not (self.from_rest and self.resonant):
+                shapes["offset"] = np.ones(n)
+            if background and (np.ptp(drive) > 0 or not offset):
+                shapes["feedthrough"] = self._filtered()
+            if "baseline" in self.nuisances:
+                shapes["baseline"] = self.log.time - self.log.time[0]
+            if self.start_free and drive[0]:
+                shapes |= self._remembered()
+        return {name: shape for name, shape in shapes.items() if np.any(shape)}
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """The known shapes that the bench adds, (K, n), each at most 1."""
+        columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
+        return np.array(columns).reshape(len(columns), len(self.log))
+
+    def _filtered(self) -> np.ndarray:
+        """What the lock-in's filter makes of the drive itself, (n,), at whose first level it had settled."""
+        (tau, order), drive = self.smoothing, self.inputs.drive
+        if not order:
+            return drive[self.inputs.interval]
+        hold = self.inputs._replace(smoothing=tau, spread=np.zeros(len(self.log)))
+        step = (drive - drive[0]).astype(complex)
+        still = np.zeros_like(step)  # a plate that nothing pushes, whatever its pole
+        return drive[0] + smoothed(still - 1.0, still, step, hold, order, None, np).forced.real
+
+    def _remembered(self) -> dict[str, np.ndarray]:
+        """How the states of the lock-in's filter at the first row die away, (n,) each: e^-x x^k for each of its poles."""
+        tau, order = self.smoothing
+        x = (self.log.time - self.log.time[0]) / tau if order else self.log.time
+        return {f"memory{k}": np.exp(-x) * x**k for k in range(order)}
+
+    @property
+    def extra_columns(self) -> dict[str, np.ndarray]:
+        """Shapes (n,) of what else may have been done to the log, each of a number whose prior is as wide as `looseness`."""
+        return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
+
+    @property
+    def tied(self) -> bool:
+        """Its resonance is its own, and tied to those of the other logs by the error of its thermometer alone."""
+        return self.resonance is not None and "thermometer" in self.nuisances
+
+    @property
+    def looseness(self) -> float:
+        """Standard deviation of the prior of what the bench adds: ten times the response."""
+        return 10.0 * self.scale
+
+    @cached_property
+    def smoothing(self) -> tuple[float, int]:
+        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated and matters."""
+        tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
+        return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
+
+    @cached_property
+    def lateness(self) -> float:
+        """Standard deviation (s) of how late the response may be: a row, the gap in which an input changed, or a radian of the
+        carrier, where that is longer. 0 where it is known or nothing depends on it."""
+        if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
+            return 0.0
+        row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
+        usual = float(np.hypot(row, self._radian))
+        return min(usual, self.narrow.get("lateness", np.inf))
+
+    @cached_property
+    def sideways(self) -> float:
+        """The same of its imaginary part, over `lateness`. A trigger and a filter have none, and the carrier's phase no more than
+        a radian; which over a sweep tells G and tau several times better. In a step it tells nothing, and 1 is faster."""
+        swept = self.resonant and not self.log.amplitude_only and np.ptp(self.log.frequency) > 0
+        return min(self._radian / self.lateness, 1.0) if swept and self.lateness else 1.0
+
+    @property
+    def _radian(self) -> float:
+        """Of the carrier, in s."""
+        highest = float(np.max(self.log.frequency)) if self.resonant else 0.0
+        return 1 / (2 * np.pi * highest) if highest else 0.0
+
+    def prior(self, shape: str) -> float:
+        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
+        return min(self.looseness, self.narrow.get(shape, np.inf))
+
+    @property
+    def started(self) -> float:
+        """Standard deviation of the start's prior over `looseness`; one settled response, where it is counted in those."""
+        return (1.0 if self.begun else self.prior("start")) / self.looseness
+
+    @cached_property
+    def spans(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each part: orthonormal basis (n + K, K) of the whitened columns of the used rows, with each one's prior, and the
+        triangle R of it."""
+        columns = self.columns[:, self.noise.used]
+        prior = np.diag([1 / self.prior(name) for name in self.shapes])
+        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.noise.parts]
+
+    def completed(self, driven: np.ndarray) -> np.ndarray:
+        """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
+        if not len(self.columns):
+            return driven
+        white = whitened((self.log.response - driven)[self.noise.used], *self.noise.whitening())
+        channels = (white.real, white.imag) if self.noise.levels else (white,)
+        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
+        return driven + joined(found) @ self.columns
+
+    def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
+        """An undriven sweep with the floor that it shows, its modelled rows (n,) beside those of the plate alone.
+
+        A floor is a sensor's noise, whose power adds to the plate's. Of w^2 = |W|^2 + floor the rise w - |W| is the floor times
+        a shape, which is that of the floor found with the shape before.
+        """
+        if not self.undriven_sweep or "background" not in self.nuisances:
+            return self
+        size, before = np.abs(plate), self.under
+        floor = 0.0 if before is None else float((model.real - size) @ before / (before @ before))
+        return replace(self, floor=floor, under=1 / (np.sqrt(size**2 + max(floor, self.lift)) + size))
+
+    def hold(self, reference: tuple[float, float]) -> Hold:
+        """The log's inputs, as offsets from `reference` (Hz, degC)."""
+        warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
+        offset = np.nan_to_num(reference[0] + self.inputs.offset)
+        begun = self.begun * np.eye(1, len(offset))[0]
+        return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
+
+
+def freedom(trial: Trial) -> float:
+    """Degrees of freedom of a log's residual, at least 1."""
+    return sum(freedoms(trial)) if trial.noise.rounded is not None else float(max(numbers_left(trial), 1))
+
+
+def freedoms(trial: Trial) -> tuple[float, ...]:
+    """Of each part, at least 1: rows that share a rounding error count as one."""
+    parts = trial.noise.parts
+    alike = [0.0 if p.own is None else float(np.sum(1 - p.own[p.used])) for p in parts]
+    return tuple(max(numbers_left(trial) / len(parts) - shared, 1.0) for shared in alike)
+
+
+def numbers_left(trial: Trial) -> int:
+    """Real numbers in a log less those of its nuisances."""
+    columns, late = len(trial.columns), trial.lateness > 0
+    if trial.log.amplitude_only:
+        return len(trial.log) - trial.noise.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
+    columns += len(trial.extra_columns)
+    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
+    return 2 * (len(trial.log) - trial.noise.left_out) - taken
+
+
+def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
+    """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
+    return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
+
+
+def _scale(response: np.ndarray) -> float:
+    return float(np.max(np.abs(response))) or 1.0

@@ -1,0 +1,156 @@
+"""The noise of one log as it is known at present, and how rows are whitened by it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.model.span import times
+from sysid.trials.noise import Level
+
+
+class Jitter(NamedTuple):
+    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside white noise of
+    `level` per channel; and the share of a log's information that it leaves."""
+
+    std: float
+    time: float
+    level: float
+    left: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """An Ornstein-Uhlenbeck process over the rows of one log, and by what each row's noise differs from it. Arrays are (n,)."""
+
+    clock: np.ndarray = field(repr=False)  # what orders it, as `clock_of` has it
+    count: np.ndarray = field(repr=False)  # rows of the file that each row is the mean of
+    kept: np.ndarray = field(repr=False)  # rows with a signal that are no outliers of coloured noise
+    std: float  # per channel
+    time: float = 0.0  # correlation time in the unit of `clock`; 0: white
+    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `std` is then its root mean square
+    share: float = 0.0  # of its variance at the largest response, which is proportional to the response
+    spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
+    own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
+    tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
+    efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
+    jitter: Jitter | None = None  # of its phase
+
+    @property
+    def told(self) -> float:
+        """`efficiency`, less what the noise of the phase takes."""
+        return self.efficiency * (self.jitter.left if self.jitter else 1.0)
+
+    @property
+    def coloured(self) -> bool:
+        """Neighbouring rows of a channel share some of it."""
+        return any(p.time for p in self.parts)
+
+    @property
+    def parts(self) -> tuple["Noise", ...]:
+        """Of each channel, d and q, where they differ; else itself."""
+        parts = tuple(replace(self, std=x.std, time=x.time, levels=()) for x in self.levels) or (self,)
+        if self.rounded is None or self.own is None or not self.levels:
+            return parts
+        pairs = ((self.rounded.real, self.own.real), (self.rounded.imag, self.own.imag))
+        return tuple(replace(p, rounded=r, own=own) for p, (r, own) in zip(parts, pairs, strict=True))
+
+    @property
+    def used(self) -> np.ndarray:
+        """The rows that are not left out."""
+        return np.flatnonzero(self.kept)
+
+    @property
+    def order(self) -> np.ndarray:
+        """The rows as an experiment has them, those that are left out last."""
+        return np.argsort(~self.kept, kind="stable")
+
+    @property
+    def left_out(self) -> int:
+        """How many rows are."""
+        return int(np.sum(~self.kept))
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise goes with it."""
+        weight = np.sqrt(self.count)
+        if self.time > 0 and np.any(self.count > 1):
+            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
+            x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.time, 1e-4)
+            weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
+        weight = weight if self.spread is None else weight / self.spread
+        if self.rounded is not None and not np.iscomplexobj(self.rounded):  # of d and q it is that of `parts`
+            weight = weight / self.rounded
+        return weight if self.tail is None else weight * np.sqrt(self.tail)
+
+    def memory(self) -> np.ndarray:
+        """Correlation of the noise of each used row with the one before."""
+        clock = self.clock[self.used]
+        if self.time <= 0:
+            return np.zeros(len(clock))
+        rho = np.exp(-np.diff(clock) / self.time)
+        return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
+
+    def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """(a, b) of `whitened`, of the used rows, in units of the noise (OU, any time grid): complex where d and q have their
+        own. `coloured`: False to leave what neighbours share."""
+        if self.levels:
+            now, before = zip(*(p.whitening(coloured) for p in self.parts), strict=True)
+            return joined(now), joined(before)
+        weight = self.weight[self.used] / self.std
+        memory = self.memory() if coloured else np.zeros(len(weight))
+        left = np.sqrt(1 - memory**2)
+        return weight / left, memory * np.roll(weight, 1) / left
+
+    def at(self, std: float, time: float, levels: tuple[Level, ...], least: float) -> "Noise":
+        """With a level, never below the `least`, and a correlation time, and with those of d and q."""
+        levels = levels if all(x.std > least for x in levels) else ()
+        new = replace(self, std=max(std, least), time=time if std > least else 0.0, levels=levels)
+        apart = np.iscomplexobj(self.rounded)  # which rows share their rounding is of d and of q
+        return replace(new, rounded=None, own=None) if apart and not levels else new
+
+    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float) -> "Noise":
+        """The same process over other rows of the log, with nothing known of single ones. `scale`: of the clock."""
+        levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
+        spread, told = uneven(self.share, log.response), self.efficiency if self.tail is None else 1.0
+        process = (self.std, scale * self.time, levels, self.share)
+        return Noise(clock_of(log), count, kept, *process, spread, efficiency=told, jitter=self.jitter)
+
+
+def clock_of(log: Log) -> np.ndarray:
+    """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
+    if log.time is None:
+        return np.arange(len(log), dtype=float)
+    if np.all(np.diff(log.time) > 0):
+        return np.asarray(log.time)
+    stamps, first, count = np.unique(log.time, return_index=True, return_counts=True)
+    if len(stamps) == 1:
+        return np.arange(len(log), dtype=float)
+    end = np.append(stamps[1:], 2 * stamps[-1] - stamps[-2])
+    within = np.arange(len(log)) - np.repeat(first, count)
+    return np.repeat(stamps, count) + within * np.repeat((end - stamps) / count, count)
+
+
+def uneven(share: float, response: np.ndarray) -> np.ndarray | None:
+    """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response; None
+    where it has none."""
+    if not share:
+        return None
+    size = np.abs(response)
+    return np.sqrt(1 - share + share * np.minimum(size / (np.max(size) or 1.0), 1.0) ** 2)
+
+
+def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """One array of those of each part: that of q is its imaginary part."""
+    return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
+
+
+def whitened(v: np.ndarray, now: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """now_k v_k - before_k v_(k-1) of rows (..., n); the first has none before it."""
+    found = times(now, v)
+    found[..., 1:] -= times(before[1:], v[..., :-1])
+    return found

@@ -1,0 +1,166 @@
+"""What the minima amount to: the plant, what the logs leave open, and whether the model describes them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.minimum.minimise import Minimiser, State
+from sysid.model.plant import Plant
+from sysid.model.prior import FINGER, NAMES, PLANT
+from sysid.trials.trial import Trial
+from sysid.verdict import identify, lone, wording
+from sysid.verdict.determined import alone, informed, parameter, usable
+from sysid.verdict.fitted import Fit, beside
+from sysid.verdict.late import timed
+from sysid.verdict.leaning import leaning
+from sysid.verdict.misfit import Found, misfits
+from sysid.verdict.odd import odd_one
+from sysid.verdict.result import Result
+
+BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
+NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
+CONTRADICTS = 3.0  # standard deviations between what the logs tell and what is stated beforehand
+SHARES = 0.9  # of the error that the logs alone leave of a parameter: below, the prior speaks too
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of the logs: the parameters that are free, and the priors that are stated of them."""
+
+    minimiser: Minimiser
+    trials: tuple[Trial, ...]  # as they were read at first
+    stated: dict[str, tuple[float, float]]
+    reference_temperature: float  # degC, at which f0 is told if k_T is
+    warnings: tuple[str, ...]  # what had to be assumed
+
+
+def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -> Fit:
+    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`."""
+    best, free = states[0], question.minimiser.free
+    fit = _fit(question, states)
+    fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
+    wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
+    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
+    turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
+    believed = _believed(fit, question.reference_temperature)
+    parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
+    result = fit.result
+    if result is Result.successful and not usable(parameters, best.trials):
+        result = Result.undetermined
+    if wrong and (result is not Result.undetermined or any(parameters[n].determined for n in PLANT)):
+        result = Result.misfit  # a value from logs that the model does not describe is none
+    aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
+    warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *turned, *believed)
+    return replace(fit, parameters=parameters, result=result, warnings=warnings)
+
+
+def _fit(question: Question, states: Sequence[State]) -> Fit:
+    """The plant and its covariance, as if the model described the logs."""
+    best, free, reference = states[0], question.minimiser.free, question.minimiser.reference
+    G, tau = np.exp(best.theta[:2])
+    index = [NAMES.index(n) for n in free]
+    # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
+    drifts = "k_T" in free and np.sqrt(best.alone[3, 3]) <= identify.limits(G, tau)["k_T"]
+    drifts = drifts and not identify.within_errors(best.trials)
+    warm = any(t.log.temperature is not None for t in best.trials)
+    at = question.reference_temperature if drifts else (reference[1] if warm else None)
+    carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0])
+    carry[2, 3] = at - reference[1] if drifts else 0.0
+    values = dict(zip(NAMES, best.theta, strict=True))
+    values |= {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3]}
+    known = {n: float(values[n]) if n in free else None for n in PLANT}
+    return Fit(
+        plant=Plant(**known, reference_temperature=question.reference_temperature if at is None else at),
+        parameters={},
+        names=free,
+        covariance=(carry @ best.covariance @ carry.T)[np.ix_(index, index)],
+        result=Result.successful if best.converged or identify.hopeless(best.trials, free) else Result.not_converged,
+        reference_temperature=at,
+        logs=beside(best),
+        warnings=(),
+        units=_units(best.trials[0].log),
+        modes=tuple(states),
+        reference=reference,
+        priors=question.stated,
+    )
+
+
+def _judged(question: Question, best: State, at: float | None, hangs: bool) -> tuple[list[str], list[str]]:
+    """Sentences on what the model does not describe, which make the fit a misfit; and on what is only a warning. `at` (degC):
+    where f0 is told. `hangs`: G does, on how late the response is."""
+    reference, free = question.minimiser.reference, question.minimiser.free
+    found, unseen = misfits(best, reference, free, at)
+    found = timed(_likeliest(found), best, reference, free)
+    wrong, doubts = _described(best, found, FINGER[0] in free)
+    if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
+        return [said], []
+    if (wrong or doubts) and (ranges := [f"{t.log.name}: {said}" for t in best.trials if (said := wording.ranged(t))]):
+        return ranges, []
+    between = found and (found[0].name in BETWEEN or found[0].log is None)
+    if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):
+        wrong, doubts = [said], []
+    doubts = doubts if wrong else [*doubts, *unseen]
+    if hangs and not identify.hopeless(best.trials, free):
+        doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
+    if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
+        doubts = [*doubts, carried]
+    return wrong, doubts
+
+
+def _likeliest(found: Sequence[Found]) -> list[Found]:
+    """What is worth less may be a shadow of what is worth more."""
+    return [f for f in found if f.worth >= found[0].worth - NEARLY]
+
+
+def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[str], list[str]]:
+    """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
+    finger does is fitted."""
+    harmful = any(f.harmful and f.certain for f in found)
+    named = {f.log for f in found} if harmful else set()
+    said, doubts = [], []
+    for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
+        if trial.silent:
+            continue
+        model = model.real if trial.log.amplitude_only else model
+        what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
+        if not what and not named & {i, None}:
+            what, doubt = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
+            doubts += [f"{trial.log.name}: {doubt}"] if doubt else []
+        said += [f"{trial.log.name}: {what}"] if what else []
+    if harmful:
+        likely = {f.name: f.sentence for f in reversed(found)}
+        return [*said, "; or else ".join(reversed(likely.values()))], []
+    return said, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in found[:1])]
+
+
+def _unharmed(found: Found) -> str:
+    """Why what the logs hold is no more than a warning."""
+    if not found.harmful:
+        return "no parameter leaves its interval"
+    moved = f"move {found.farthest} by {found.moves[found.farthest]:+.2g} of its standard deviations"
+    return f"perhaps: one good fit in a hundred looks so by chance; it would {moved}"
+
+
+def _believed(fit: Fit, reference_temperature: float) -> list[str]:
+    """Sentences on where what was stated beforehand speaks, and where the logs contradict it."""
+    said = []
+    for name, (value, std) in fit.priors.items():
+        found, error = alone(fit, name, reference_temperature)
+        unit = fit.units[name]
+        apart = abs(found - value) / np.hypot(error, std)
+        if apart > CONTRADICTS:
+            said.append(
+                f"{name}: the logs alone say {found:.7g} ± {error:.2g} {unit}, {apart:.2g} standard deviations from what is"
+                f" stated beforehand, {value:.7g} ± {std:.2g}; check which is wrong"
+            )
+        elif 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
+            known = f"{value:.7g} ± {std:.2g} {unit}"
+            said.append(f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}")
+    return said
+
+
+def _units(log: Log) -> dict[str, str]:
+    gain = log.response_unit if log.drive is None else f"{log.response_unit}/{log.drive_unit}"
+    return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "finger_damping": "1", "finger_detuning": "Hz"}

@@ -1,0 +1,107 @@
+"""Which parameters a fit determines, with which error, and why not the others."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.minimum.minimise import shares
+from sysid.model.prior import NAMES, POSITIVE
+from sysid.trials.trial import Trial
+from sysid.verdict import identify
+from sysid.verdict.fitted import Fit
+from sysid.verdict.result import NORMAL95, Parameter
+
+
+def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
+    """Whether tau is determined, and G where a drive was recorded."""
+    return parameters["tau"].determined and (parameters["G"].determined or all(t.log.drive is None for t in trials))
+
+
+def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
+    """The estimate of one parameter, or why there is none."""
+    if informed(fit, name, value, std):
+        if fit.flank is not None and fit.flank.undetermined:
+            return Parameter(None, None, None, fit.units[name], False, f"cannot tell, because {fit.flank.said()}")
+        if name in fit.lone:
+            return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
+        ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
+        return Parameter(value, std, ci95, fit.units[name], True)
+    state = fit.modes[0]
+    modes = _modes(fit, name) if state.converged else ()
+    said = identify.why(name, state.trials, np.exp(state.theta[1]), fit.names, len(modes) if state.converged else 1)
+    if not state.converged:
+        said = f"{said} (the fit did not converge)"
+    elif name in fit.priors and not _told(fit, name):
+        said = f"{said} (what is stated of it beforehand is not what the logs tell)"
+    return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def informed(fit: Fit, name: str, value: float, std: float) -> bool:
+    """Whether the logs say what a parameter is, to its limit and in one way, if it is a peak that they show."""
+    told = fit.modes[0].converged and _told(fit, name) and np.isfinite(value)
+    return bool(told and std <= _limit(fit, name) and not _modes(fit, name))
+
+
+def _told(fit: Fit, name: str) -> bool:
+    """Whether the logs alone tell it."""
+    return name in fit.names and (not fit.priors or alone(fit, name)[1] <= _limit(fit, name)) and _shown(fit, name)
+
+
+def _limit(fit: Fit, name: str) -> float:
+    """The largest error of what is determined: where tau is vague, a half bandwidth is as narrow as it may be."""
+    state = fit.modes[0]
+    G, tau = np.exp(state.theta[:2])
+    vague = float(np.sqrt(state.covariance[1, 1]))
+    if vague > identify.RELATIVE and name in ("f0", "k_T"):
+        tau = tau * np.exp(min(2 * vague, 10.0))
+    return identify.limits(G, tau)[name]
+
+
+def _shown(fit: Fit, name: str) -> bool:
+    """Whether the logs show more than what chance makes of a few readings, or of noise with a tau that is anything."""
+    state = fit.modes[0]
+    if not fit.priors and identify.hopeless(state.trials, fit.names):
+        return False
+    if identify.ambiguous(name, state.trials, fit.names) or (name == "k_T" and identify.within_errors(state.trials)):
+        return False
+    known = name not in ("f0", "k_T") or np.sqrt(state.covariance[1, 1]) <= identify.RELATIVE
+    return known or not identify.buried(state.trials)
+
+
+def alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
+    """What the logs alone make of a parameter, to first order, and its standard deviation; f0 at `at` (degC), else where it is
+    reported."""
+    state, row, k = fit.modes[0], np.zeros(len(NAMES)), NAMES.index(name)
+    row[k] = 1.0
+    if name == "f0":
+        at = fit.reference_temperature if at is None else at
+        row[NAMES.index("k_T")] = 0.0 if at is None else at - fit.reference[1]
+    value = float(row @ (state.theta + state.alone @ state.prior.slope(state.theta)))
+    std = float(np.sqrt(row @ state.alone @ row))
+    if name in POSITIVE:
+        return float(np.exp(value)), float(np.exp(state.theta[k])) * std
+    return value + (fit.reference[0] if name == "f0" else 0.0), std
+
+
+def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
+    found = []
+    for state in fit.modes:
+        k, value = NAMES.index(name), float(state.theta[NAMES.index(name)])
+        std = float(np.sqrt(state.covariance[k, k]))
+        if k < 2:
+            value, std = np.exp(value), np.exp(value) * std
+        elif name == "f0":
+            value += fit.reference[0]
+        found.append((float(value), float(std)))
+    return found
+
+
+def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
+    """The values of separate minima and their weights; none where this parameter is the same in all of them."""
+    if name not in fit.names or len(fit.modes) == 1:
+        return ()
+    found = _mode_values(fit, name)
+    if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
+        return ()
+    weights = shares(fit.modes)
+    return tuple({"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weights, strict=True))

@@ -1,0 +1,101 @@
+"""A fit: the plant that explains the logs, and each log beside its model."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.minimum.minimise import State
+from sysid.model.plant import Plant
+from sysid.model.prior import NAMES
+from sysid.rows.condense import taken
+from sysid.trials.noise import Level
+from sysid.verdict import wording
+from sysid.verdict.flank import Flank, seen
+from sysid.verdict.result import Parameter, Result
+
+
+@dataclass(frozen=True)
+class FittedLog:
+    """One log and what the fit makes of it; arrays are in the order of the log's rows."""
+
+    log: Log  # means of neighbouring rows where the file is long
+    kind: str
+    rows: int  # of the file
+    response: np.ndarray = field(repr=False)  # modelled
+    residual: np.ndarray = field(repr=False)  # recorded - modelled
+    nrmse_percent: float
+    noise_std: float
+    noise_time: float  # correlation time of the noise, s (rows where no time is recorded); 0: white
+    description: str
+    noise: str  # what it was taken for, in words
+    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The plant that explains the logs. `covariance` is over `names`, in the units of `units`."""
+
+    plant: Plant
+    parameters: dict[str, Parameter]
+    names: tuple[str, ...]
+    covariance: np.ndarray = field(repr=False)
+    result: Result
+    reference_temperature: float | None
+    logs: tuple[FittedLog, ...]
+    warnings: tuple[str, ...]
+    units: dict[str, str] = field(repr=False)
+    modes: tuple[State, ...] = field(repr=False)  # the best first
+    reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
+    priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
+    lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
+
+    def estimate(self, name: str) -> tuple[float, float]:
+        """What the best minimum makes of a parameter, and its standard deviation; NaN and infinity where it is not fitted."""
+        if name not in self.names:
+            return float("nan"), float("inf")
+        k = self.names.index(name)
+        value = getattr(self.plant, name, self.modes[0].theta[NAMES.index(name)])
+        return float(value), float(np.sqrt(self.covariance[k, k]))
+
+    @cached_property
+    def flank(self) -> Flank | None:
+        """What the logs show of the resonance, where its peak lies outside of all that was driven."""
+        return seen(self.modes[0], self.reference)
+
+    @property
+    def cost(self) -> float:
+        """Negative log-likelihood, noise levels and nuisances eliminated, up to a constant of the logs."""
+        return self.modes[0].cost
+
+
+def beside(state: State) -> tuple[FittedLog, ...]:
+    """Each log beside its model."""
+    fitted = []
+    for trial, model in zip(state.trials, state.models, strict=True):
+        rows = np.flatnonzero(trial.there)
+        log = taken(trial.log, rows) if trial.lost else trial.log
+        model = (model.real if log.amplitude_only else model)[rows]
+        left = log.response - model
+        fitted.append(
+            FittedLog(
+                log=log,
+                kind=trial.kind,
+                rows=len(trial.whole or trial.log),
+                response=model,
+                residual=left,
+                nrmse_percent=_percent(left, log.response - np.mean(log.response)),
+                noise_std=trial.noise.std,
+                noise_time=trial.noise.time,
+                description=wording.describe(trial),
+                noise=wording.noise(trial),
+                levels=trial.noise.levels,
+            )
+        )
+    return tuple(fitted)
+
+
+def _percent(left: np.ndarray, moved: np.ndarray) -> float:
+    """Of what a response moves, the share that is left; NaN for one that does not."""
+    return 100 * float(np.linalg.norm(left) / np.linalg.norm(moved)) if np.any(moved) else float("nan")

@@ -1,0 +1,65 @@
+"""A resonance outside of all frequencies at which it was driven: what settled points then tell of it.
+
+At x half bandwidths beside its resonance a plate answers with 1/sqrt(1 + x^2) of its peak, and its phase has arctan(1/x) left to
+turn. Of the flank beyond that a background, a second resonance or another physics make what G, tau and f0 make. A transient is
+another matter: its beat is the difference of drive and resonance, however far they lie apart.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.minimum.minimise import State
+from sysid.model.prior import NAMES
+from sysid.rows.dwell import dwells
+from sysid.trials.trial import Trial
+
+BESIDE = 1.0  # half bandwidths, from which it is said: the points show less than half of the peak's power
+TAIL = 3.0  # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
+
+
+class Flank(NamedTuple):
+    """By how much a resonance lies above (below: negative) all frequencies that were driven, in Hz and in half bandwidths; the
+    lowest and the highest of these; whether the logs hold settled points `alone`."""
+
+    beyond: float
+    halves: float
+    lowest: float
+    highest: float
+    alone: bool
+
+    @property
+    def undetermined(self) -> bool:
+        """No more than the tail of the resonance was seen."""
+        return self.alone and abs(self.halves) > TAIL
+
+    def said(self) -> str:
+        """In words."""
+        side, edge = ("above", self.highest) if self.beyond > 0 else ("below", self.lowest)
+        return (
+            f"the best resonance lies {abs(self.beyond):.3g} Hz, {abs(self.halves):.2g} half bandwidths, {side} all frequencies"
+            f" that were driven ({self.lowest:.7g} to {self.highest:.7g} Hz): they show its flank, and not its peak; sweep on"
+            f" from {edge:.7g} Hz, through it"
+        )
+
+
+def seen(state: State, reference: tuple[float, float]) -> Flank | None:
+    """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at its own temperature;
+    None where it does not, or where a transient has a frequency: its beat tells f0."""
+    theta, tau = dict(zip(NAMES, state.theta, strict=True)), float(np.exp(state.theta[1]))
+    resonant = [t for t in state.trials if t.resonant]
+    if not resonant or not all(_settled(t, tau) for t in resonant):
+        return None
+    driven = np.concatenate([t.log.frequency for t in resonant])
+    warm = [(0.0 if t.log.temperature is None else t.log.temperature - reference[1]) + np.zeros(len(t.log)) for t in resonant]
+    above = reference[0] + theta["f0"] + theta["k_T"] * np.concatenate(warm) - driven
+    nearest = float(above[np.argmin(np.abs(above))])
+    halves = 2 * np.pi * tau * nearest
+    if abs(halves) <= BESIDE or np.any(np.sign(above) != np.sign(nearest)):
+        return None
+    return Flank(nearest, halves, driven.min(), driven.max(), all(_settled(t, tau) for t in state.trials))
+
+
+def _settled(trial: Trial, tau: float) -> bool:
+    """Whether a log shows settled points and nothing of how they settled."""
+    return trial.steady or dwells(trial.log, tau)

@@ -1,0 +1,107 @@
+"""A value that one reading decides: nothing in the logs shows whether that reading is right.
+
+Of points that lie many half bandwidths apart one at most shows the peak, and tau and G are what makes the model go through it:
+its residual is nothing, whatever it reads, so that its noise is that of the other rows only by assumption, and a spike, a point
+that had not settled or a line that is no Lorentzian look like another tau. What independent rows tell without the rows R of one
+reading is known from the fit of all (Cook & Weisberg, Residuals and Influence in Regression, 1982, 2.2): with the whitened
+Jacobian X of everything that is fitted and C = (X'X)^-1,
+
+    C(-R) = C + C X_R' (1 - H_R)^-1 X_R C,        H_R = X_R C X_R'
+
+A value is decided by a reading when without it the variance would be DECIDES times as large, and too large to be determined.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.minimum.minimise import State
+from sysid.model.prior import NAMES
+from sysid.trials.trial import Trial
+from sysid.verdict import identify
+from sysid.verdict.view import View
+
+# Of two readings that tell alike one leaves twice the variance. At ten times the others hold a tenth of what is known, and
+# contradict a reading that is wrong only from ten of the stated errors on, three of theirs.
+DECIDES = 10.0
+LEAST = 1e-12  # of 1 - H_R, less than which is rounding: the reading alone holds something up
+ACROSS = 1.0  # half bandwidths on both sides of f0, across which ten points show the peak
+
+
+def resting(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> dict[str, str]:
+    """Why a parameter of `free` is not determined though its interval is narrow: one reading decides it. `at` (degC): where f0 is
+    reported."""
+    told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
+    if not told or not state.converged or all(t.silent for t in state.trials):
+        return {}
+    views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
+    shown = np.stack([_along(n, reference, at) for n in told])
+    grown = _without_one(views, shown, [NAMES.index(n) for n in free])
+    said = {}
+    for k, name in enumerate(told):
+        i = int(np.argmax([np.max(g[:, k], initial=1.0) for g in grown]))
+        row = int(np.argmax(grown[i][:, k])) if len(grown[i]) else 0
+        ratio = float(np.max(grown[i][:, k], initial=1.0))
+        if ratio > DECIDES and np.sqrt(ratio) * _error(state, name, reference, at) > _limit(state, name):
+            trial = state.trials[i]
+            said[name] = _said(name, trial, int(np.arange(len(trial.log))[trial.noise.used][row]), state, reference)
+    return said
+
+
+def _without_one(views: Sequence[View], shown: np.ndarray, index: Sequence[int]) -> list[np.ndarray]:
+    """Of each log (n, k): by what the variance of each of `shown` (k, 6), combinations of theta, of which `index` is free, grows
+    without one reading; 1 of a mean of several."""
+    jacobians = [v.jacobian[:, index] for v in views]
+    gram = sum(j.T @ j for j in jacobians)
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    half = vectors / np.sqrt(np.where(values > LEAST, values, np.inf)) / size[:, None]  # C = half half'
+    along = half.T @ shown[:, index].T
+    return [_of_one(v, j @ half, along) for v, j in zip(views, jacobians, strict=True)]
+
+
+def _of_one(view: View, white: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """(n, k) of one log. Its Jacobian, less what its nuisances make of it, is `white` (rows, p), of parameters of unit variance;
+    `along` (p, k): the sums of these that are shown."""
+    n, channels = view.n, 2 if np.iscomplexobj(view.residual) else 1
+    rows = np.arange(n)[:, None] + n * np.arange(channels)  # of each reading
+    hat = np.concatenate([view.basis, white], axis=1)[rows]
+    values, vectors = np.linalg.eigh(np.eye(channels) - hat @ hat.transpose(0, 2, 1))
+    pulls = vectors.transpose(0, 2, 1) @ (white[rows] @ along)
+    grown = 1 + np.sum(pulls**2 / np.maximum(values, LEAST)[:, :, None], axis=1) / np.maximum(np.sum(along**2, axis=0), 1e-300)
+    return np.where(view.trial.noise.count[view.trial.noise.used][:, None] > 1, 1.0, grown)
+
+
+def _along(name: str, reference: tuple[float, float], at: float | None) -> np.ndarray:
+    """(6,) the parameter as it is reported, to first order in theta (of G and tau the logarithm)."""
+    row = np.eye(len(NAMES))[NAMES.index(name)]
+    if name == "f0" and at is not None:
+        row[NAMES.index("k_T")] = at - reference[1]
+    return row
+
+
+def _error(state: State, name: str, reference: tuple[float, float], at: float | None) -> float:
+    """Standard deviation of the parameter as it is reported; of G and tau relative."""
+    row = _along(name, reference, at)
+    return float(np.sqrt(row @ state.alone @ row))
+
+
+def _limit(state: State, name: str) -> float:
+    """Largest such one with which it is determined."""
+    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, float(np.exp(state.theta[1])))[name]
+
+
+def _said(name: str, trial: Trial, row: int, state: State, reference: tuple[float, float]) -> str:
+    """The sentence: which reading it is, by its row in the log, and what to record."""
+    log, tau = trial.log, float(np.exp(state.theta[1]))
+    swept = trial.resonant and log.frequency is not None and np.ptp(log.frequency) > 0
+    what = "several readings like it"
+    if name in ("G", "tau", "f0") and trial.steady and swept:
+        f0, beside = reference[0] + state.theta[NAMES.index("f0")], ACROSS / (2 * np.pi * tau)
+        what = f"ten points or more from {f0 - beside:.7g} to {f0 + beside:.7g} Hz, across the peak"
+    elif not trial.steady:
+        what = f"ten rows or more in one tau, {identify.seconds(tau)}"
+    where = f"at {log.frequency[row]:.7g} Hz" if trial.steady and swept else f"of row {row} (counted from 0)"
+    where = where if trial.steady or log.time is None else f"at {log.time[row]:.6g} s"
+    alone = f"one reading decides it, that {where} in {log.name}, and no other would show a fault in it"
+    return f"cannot tell, because {alone}; record {what}"

@@ -1,0 +1,62 @@
+"""Of logs that one plant does not explain: the one that contradicts the others, and in what.
+
+A log that the model describes by itself, beside others that it describes together, holds nothing that the model leaves out: it is
+of another plate, at another temperature, or in other units. That asks for less than an effect that would explain it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.minimum.minimise import Minimiser, State
+from sysid.trials.trial import Trial
+from sysid.verdict.misfit import misfits
+from sysid.verdict.terms import own, times
+from sysid.verdict.wording import clipped, touched
+
+APART = 5.0  # standard deviations by which a log has to contradict the others: once in a million
+
+
+def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> str | None:
+    """A sentence on the log that the fit of all leaves most of, where it and the others are each described well; else None."""
+    if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
+        return None
+    i = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
+    others = (*trials[:i], *trials[i + 1 :])
+    alone, rest = (minimiser.minima(some)[0] for some in ((trials[i],), others))
+    if not (_described(minimiser, alone) and _described(minimiser, rest)):
+        return None
+    warm = float(np.mean(trials[i].hold(minimiser.reference).warming))
+    said = {"G": ("G", times_of), "tau": ("tau", times_of), "f0": ("the resonance", lambda x: f"{x:+.4g} Hz off that")}
+    apart = {n: _apart(alone, rest, k, warm) for k, n in enumerate(said) if n in minimiser.free}
+    name = max(apart, key=lambda n: abs(apart[n][0]) / apart[n][1])
+    value, error = apart[name]
+    if abs(value) < APART * error:
+        return None
+    what, about = said[name]
+    return own(trials[i].log.name, what, about(value))
+
+
+def times_of(x: float) -> str:
+    """A factor by its logarithm."""
+    return times(float(np.expm1(x)) if x > 0 else x)
+
+
+def _left(trial: Trial, model: np.ndarray) -> float:
+    """Root mean square of what the model leaves of a log, over what its neighbouring rows do not share."""
+    left = trial.residual(model)
+    if len(left) < 3:
+        return 0.0
+    return float(np.sqrt(2 * np.mean(np.abs(left) ** 2) / max(np.mean(np.abs(np.diff(left)) ** 2), 1e-300)))
+
+
+def _described(minimiser: Minimiser, state: State) -> bool:
+    found, _ = misfits(state, minimiser.reference, minimiser.free, None)
+    return state.converged and not any(f.certain for f in found)
+
+
+def _apart(alone: State, rest: State, k: int, warm: float) -> tuple[float, float]:
+    """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of that."""
+    row = np.eye(len(alone.theta))[k]
+    row[3] = warm if k == 2 else 0.0
+    return float(row @ (alone.theta - rest.theta)), float(np.sqrt(row @ (alone.covariance + rest.covariance) @ row))

@@ -1,0 +1,51 @@
+"""One term that a log may hold beside what the model has: a shape to first order and a sentence."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sysid.verdict.view import View
+
+
+@dataclass(frozen=True)
+class Term:
+    """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex or real."""
+
+    name: str
+    shapes: dict[int, np.ndarray] = field(repr=False)
+    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that sign or size makes no sense
+    log: int | None = None  # the one log that it is about
+    freedom: int = 1  # numbers that it has, its place on a grid among them
+    beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
+    squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
+    unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
+    expected: bool = False  # what every plate has a little of: not one of many things that chance may look like
+    parts: tuple["Term", ...] = field(default=(), repr=False)  # of one log each, in place of shapes of its own
+
+
+def together(terms: Sequence[Term], views: Sequence[View]) -> Iterator[Term]:
+    """The same thing in several logs at once, in each by what it has: where all are off alike, none contradicts the rest."""
+    alike: dict[tuple[str, int], list[Term]] = {}
+    met: Counter[tuple[str, int]] = Counter()
+    for t in terms:
+        if t.log is not None:
+            alike.setdefault((t.name, met[t.name, t.log]), []).append(t)
+            met[t.name, t.log] += 1
+    return (_all(parts, views) for parts in alike.values() if len(parts) > 1)
+
+
+def _all(parts: Sequence[Term], views: Sequence[View]) -> Term:
+    ends = np.cumsum([next(iter(t.shapes.values())).shape[1] for t in parts])
+
+    def say(value: np.ndarray, _: View) -> str | None:
+        said = [t.say(v, views[t.log or 0]) for t, v in zip(parts, np.split(value, ends[:-1]), strict=True)]
+        return None if None in said else f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
+
+    return Term(parts[0].name, {}, say, parts[0].log, freedom=sum(t.freedom for t in parts), parts=tuple(parts))
+
+
+def of_one(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
+    """A term of one real number in one log, of the given sign (0: either)."""
+    return Term(name, {i: shape[:, None]}, lambda value, _: sentence if value[0] * sign >= 0 else None, i)

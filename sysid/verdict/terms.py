@@ -1,0 +1,364 @@
+"""What a log may hold that the model leaves out: one more term each, as a shape to first order and a sentence."""
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
+
+import numpy as np
+
+from sysid.model.plant import accumulated
+from sysid.model.prior import FINGER
+from sysid.rows.hold import contact, force_of
+from sysid.trials.extra import possible
+from sysid.trials.trial import LEAST_WARMING
+from sysid.verdict.moments import moments
+from sysid.verdict.term import Term, of_one
+from sysid.verdict.view import View
+
+SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
+BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+ABSURD = 100.0  # half bandwidths, of which a shape to first order says nothing
+HIDDEN = (
+    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
+    " would move {{}}; sweep back as well, or record the temperature of every row"
+)
+SHIFTED = (
+    "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
+    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
+    " row to row), or let every point settle"
+)
+CURVED = "f0 curved over temperature"
+OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
+OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
+THROUGH = (
+    "{0}: a feedthrough of {1:.2g} % of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1:.2g} % {5};"
+    " state delay_s (0 if nothing is late)"
+)
+
+
+def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
+    """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
+    return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)))
+
+
+def _of_one(i: int, view: View) -> Iterator[Term]:
+    """What one log may hold for itself."""
+    trial = view.trial
+    if not trial.driven and not trial.steady:
+        return
+    name, size = trial.log.name, np.abs(view.model)
+    for power in (2, 6):
+        said = f"{name}: {{}} is compressed at its largest: saturated; record it again within the range"
+        yield of_one(i, "saturation", size**power * view.model, said.format("the response"), -1)
+        if not trial.log.amplitude_only:
+            each = view.model.real ** (power + 1) + 1j * view.model.imag ** (power + 1)
+            yield of_one(i, "saturation", each, said.format("a channel"), -1)
+    if trial.resonant:
+        yield from _second_resonance(i, view)
+        yield from chain(_drift(i, view), _lag(i, view))
+    elif trial.driven and not trial.steady and not trial.log.amplitude_only:
+        yield _off_resonance(i, view)
+    if trial.steady:
+        yield from chain(_too_fast(i, view), _background(i, view))
+    else:
+        yield from chain(_creeping(i, view), moments(i, view))
+
+
+def _second_resonance(i: int, view: View) -> Iterator[Term]:
+    c = view.course
+    half_bandwidth = 1 / (2 * np.pi * c.tau)
+    one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
+    out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
+    places = np.append(-BESIDE, BESIDE)
+    others = c.at(np.tile(2j * np.pi * half_bandwidth * places, (len(c.hold.drive), 1))).forced
+    for beside, shape in zip(places, others.T, strict=True):
+        shapes = view.observed(np.stack([shape, 1j * shape])).T
+        size = np.max(np.abs(shape)) / max(np.max(np.abs(view.plate)), 1e-300)
+
+        def say(value: np.ndarray, view: View, beside: float = beside, size: float = size) -> str:
+            share = 100 * size * np.hypot(*value)
+            return (
+                f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
+                f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; {out}"
+            )
+
+        yield Term("second resonance", {i: shapes}, say, i, freedom=3)
+
+
+def _off_resonance(i: int, view: View) -> Term:
+    """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is taken to be. By x half
+    bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by about x^2."""
+    name, x = view.trial.log.name, 2 * np.pi * view.course.tau
+
+    def say(value: np.ndarray, _: View) -> str:
+        return (
+            f"{name}: it was driven about {abs(value[0]):.2g} Hz off the resonance, and no frequency is recorded; add a"
+            " frequency_* column, or its value as metadata"
+        )
+
+    return Term("off resonance", {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T}, say, i, squared=("tau", x**2))
+
+
+def _drift(i: int, view: View) -> Iterator[Term]:
+    """A resonance that moves in proportion to the time, or to the heat that the plate has made since the first row."""
+    c, log = view.course, view.trial.log
+    order = np.arange(len(log)) if log.time is None else log.time
+    heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
+    warmed = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
+    swept = float(np.ptp(log.frequency))  # Hz; moved by most of it, the resonance has left the sweep
+    for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
+        if np.ptp(along) == 0:
+            continue
+        shape = view.along(2j * np.pi * along / np.ptp(along))
+
+        def say(value: np.ndarray, _: View, why: str = why) -> str | None:
+            if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
+                return None
+            warm = "read its temperature in finer steps, on the plate" if warmed else "record the temperature of every row"
+            return (
+                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; {warm}, wait until it is"
+                " constant, or fit a drift (--effects=+drift)"
+            )
+
+        unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
+        yield Term("drift", {i: shape[:, None]}, say, i, unseen=unseen)
+
+
+def _lag(i: int, view: View) -> Iterator[Term]:
+    """A temperature that its sensor tells late."""
+    name, warm = view.trial.log.name, view.trial.log.temperature
+    if warm is None or np.ptp(warm) < LEAST_WARMING or "lag" in view.trial.extra:
+        return
+    lag = possible(view.trial, view.course, view.beside).get("lag")
+    if lag is None:
+        return
+
+    def say(value: np.ndarray, _: View) -> str | None:
+        return (
+            f"{name}: the temperature that is recorded lags the plate's by about {value[0]:.2g} s; warm it more slowly, wait"
+            " until it is constant, or fit the lag (--effects=+lag)"
+        )
+
+    yield Term("lag", {i: view.observed(lag.shape[None]).T}, say, i)
+
+
+def _slow_one_way(view: View) -> bool:
+    """A sweep in one direction that lasts long, at a temperature that is not recorded or does not change."""
+    log = view.trial.log
+    if not one_way(view) or (log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING):
+        return False
+    return bool(log.time[-1] - log.time[0] > SLOW * view.course.tau)
+
+
+def one_way(view: View) -> bool:
+    """A sweep with its times whose frequency only rises, or only falls."""
+    if view.trial.steady or not view.trial.resonant or len(view.trial.log) < 8:
+        return False
+    turns = np.sign(np.diff(view.trial.log.frequency))
+    return bool(np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0)))
+
+
+def _too_fast(i: int, view: View) -> Iterator[Term]:
+    """Settled points that had not settled: after a dwell d each, Z_k = S_k + (Z_(k-1) - S_k) e^{a_k d}, S what it settles at."""
+    log, c = view.trial.log, view.course
+    if log.frequency is None or len(log) < 8 or np.mean(np.sign(np.diff(log.frequency))) ** 2 < 0.5:
+        return
+    for dwell in (0.5, 1.0, 2.0, 4.0):
+        decay = np.exp(c.pole * c.tau * dwell)
+        left = accumulated(decay[1:], -decay[1:] * np.diff(view.plate))
+        said = (
+            f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
+            " each frequency, or record the time of every row and say kind: transient"
+        )
+        yield of_one(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
+
+
+def _background(i: int, view: View) -> Iterator[Term]:
+    """What lies in parallel to the resonance or behind it, over a sweep: a cable's delay, a background that bends."""
+    log = view.trial.log
+    if log.frequency is None or np.ptp(log.frequency) == 0 or not view.trial.signed:
+        return
+    x = (log.frequency - np.mean(log.frequency)) / np.ptp(log.frequency)
+
+    def late(value: np.ndarray, _: View) -> str:
+        seconds, stated = -value[0] / (2 * np.pi * np.ptp(log.frequency)), log.bench.get("delay_s", 0.0)
+        if stated:
+            said = f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states"
+            return f"{log.name}: {said}; {OF_PHASE}"
+        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
+
+    def bent(value: np.ndarray, _: View) -> str:
+        return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
+
+    yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
+    shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
+    yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
+
+
+def _creeping(i: int, view: View) -> Iterator[Term]:
+    """An output offset of a transient that goes on in proportion to the time."""
+    log = view.trial.log
+    if not view.trial.signed or "baseline" in view.trial.nuisances or len(log) < 8 or log.time[-1] == log.time[0]:
+        return
+    along = ((log.time - log.time[0]) / (log.time[-1] - log.time[0]) + 0j)[:, None]
+    shapes = along if log.amplitude_only else np.concatenate([along, 1j * along], axis=1)
+
+    def say(value: np.ndarray, view: View) -> str:
+        share = 100 * float(np.hypot(*value) if len(value) > 1 else abs(value[0])) / view.trial.scale
+        said = f"its output offset drifts by {share:.2g} % of the response from the first row to the last"
+        return f"{log.name}: {said}; record a shorter log, wait until it is constant, or fit it (--effects=+baseline)"
+
+    yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
+
+
+def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
+    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
+    reported `away` (degC) from the logs' mean temperature."""
+    resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
+    top = max((float(np.max(np.abs(v.plate))) for v in resonant.values()), default=0.0)
+    if top > 0:
+        moved = {i: _either(v, np.abs(v.plate / top) ** 2) for i, v in resonant.items()}
+        unit = views[0].trial.log.response_unit
+
+        def softer(value: np.ndarray, view: View) -> str:
+            hz, slower = value[1] / (2 * np.pi), -value[0] * view.course.tau
+            about = f"by about {hz:+.2g} Hz in f0 and {100 * slower:+.2g} % in 1/tau at {top:.2g} {unit}"
+            return f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
+
+        def bent(value: np.ndarray, _: View) -> str:
+            about = f"by about {value[0] / (2 * np.pi):+.2g} Hz in f0 at {top:.2g} {unit}"
+            return f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
+
+        yield Term("amplitude", moved, softer, freedom=2)
+        # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0 by several of its
+        # errors. Of settled points in even noise that is all that looks so; of a transient a drift or a lateness does, elsewhere
+        # noise of long memory, or one whose weights follow the residual.
+        if all(v.trial.steady and not v.trial.noise.coloured and not v.trial.noise.share for v in resonant.values()):
+            yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
+    levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
+    if _of_several_sizes(levels):
+        driven = {i: (v, v.course.hold.drive) for i, v in enumerate(views) if v.trial.log.drive is not None}
+        cubed = {i: v.observed(v.course.driven(drive * (drive / levels.max()) ** 2)[None]).T for i, (v, drive) in driven.items()}
+        yield Term("drive", cubed, _out_of_proportion)
+    touched = {i: v for i, v in enumerate(views) if v.trial.touched}
+    if touched and FINGER[0] in free:
+        power = {i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np) for i, v in touched.items()}
+        grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
+        yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
+    yield from _curved(views, away, free)
+    warm = [float(np.mean(v.course.hold.warming)) for v in views]
+    if np.ptp(warm) > 1.0:
+        for k, symbol in enumerate(("G", "tau")):
+            shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
+            yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
+
+
+def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
+    """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told, where three
+    temperatures or more show it; in half bandwidths at the warmest, so that more than a first order tells of is seen."""
+    warm = {i: v.course.hold.warming[v.course.hold.interval] - away for i, v in enumerate(views) if v.trial.resonant}
+    if "k_T" not in free or len(warm) < 1:
+        return
+    told = np.concatenate([w if np.ptp(w) > LEAST_WARMING else w[:1] for w in warm.values()])
+    if len(np.unique(np.round(told / LEAST_WARMING))) < 3:
+        return
+
+    def say(value: np.ndarray, _: View) -> str:
+        return (
+            f"f0 does not go straight with the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit logs of a"
+            " narrower range of temperatures, about that of use, or record some nearer to it"
+        )
+
+    yield Term(CURVED, {i: views[i].along(2j * np.pi * w**2)[:, None] for i, w in warm.items()}, say)
+
+
+def _of_several_sizes(levels: np.ndarray) -> bool:
+    """Whether the cubes of these drives are more than a number times them, a tenth of all: not so of on and off, or of + and -,
+    however they were measured."""
+    cubes = levels**3
+    left = cubes - levels * (levels @ cubes) / max(levels @ levels, 1e-300)
+    return bool(np.linalg.norm(left) > 0.1 * np.linalg.norm(cubes))
+
+
+ANOTHER_LAW = (
+    "what the finger does grows with its force by another law than the contact area's that is fitted, so that finger_damping"
+    " holds at no force; fit logs of a single force with logs of none"
+)
+
+
+def _out_of_proportion(value: np.ndarray, _: View) -> str:
+    return (
+        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that"
+        " clips, or a duty ratio whose voltage is not stated; state the voltage itself"
+    )
+
+
+def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: (
+        f"{symbol} changes with the temperature, by {100 * value[0]:+.2g} % per degC; fit logs of one temperature, or hold it"
+    )
+
+
+def _either(view: View, rates: np.ndarray) -> np.ndarray:
+    """(n, 2): what damping and frequency that change by `rates` (n,), rad/s, add."""
+    return np.stack([view.along(rates + 0j), view.along(1j * rates)], axis=1)
+
+
+def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+    """What one log would have for itself if it contradicts the others. Of two logs either may be the one to believe."""
+    if len(views) < 2:
+        return
+
+    def doubted(parameter: str) -> tuple[str, float] | None:
+        return (parameter, 1.0) if len(views) == 2 else None
+
+    for i, v in enumerate(views):
+        name, columns = v.trial.log.name, v.derivatives
+        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"))
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"))
+        if "f0" in free:
+            yield Term("resonance", {i: columns[:, 2:3]}, _elsewhere(v, "k_T" in free), i, beside=doubted("f0"))
+
+
+def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
+    def say(value: np.ndarray, _: View) -> str | None:
+        if value[0] <= 0:
+            return None
+        return (
+            f"{name}: G and tau are both lower than in the other logs, by about the factor {np.exp(-value[0]):.2g}: a finger, or"
+            " something else that damps, was left on the plate; leave this log out"
+        )
+
+    return say
+
+
+def times(x: float) -> str:
+    """A factor to first order: 1 + x, and never below 0."""
+    return f"{1 + x if x > 0 else np.exp(x):.4g} times that"
+
+
+def own(name: str, what: str, about: str) -> str:
+    """Of a log that contradicts the others in `what`, by `about` so much."""
+    return (
+        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor and its temperature, or"
+        f" leave it out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
+    )
+
+
+def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: own(name, what, put(float(value[0])))
+
+
+def _elsewhere(view: View, warmed: bool) -> Callable[[np.ndarray, View], str]:
+    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that: `warmed`, k_T is
+    fitted."""
+    name, k_T = view.trial.log.name, float(view.course.theta[3])
+
+    def say(value: np.ndarray, _: View) -> str:
+        said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
+        off = value[0] / k_T if warmed and k_T else np.inf
+        if view.trial.log.temperature is None or abs(off) > OFF:
+            return said
+        return f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how far that may be"
+
+    return say

@@ -1,0 +1,195 @@
+"""One log at the fit, linear about it, as misfits, comparisons and plans look at it: rows, and what the bench may have added."""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.minimum.minimise import State
+from sysid.model import rice
+from sysid.model.span import REAL, orthonormal
+from sysid.trials.noise import log_likelihood
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial, freedom
+from sysid.trials.whitening import whitened
+
+ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as little
+
+
+class Column(NamedTuple):
+    """What the bench may add to a log: `shape` (n,), the standard deviation of its coefficient's `prior`, its `value` here."""
+
+    name: str
+    shape: np.ndarray
+    prior: float
+    value: float
+
+
+class View:
+    """One log at the fit: its residual and derivatives, less all that its nuisances can make of them, as real rows.
+
+    `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
+    whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
+    `n` rows are used. `coloured`: those of correlated noise are made independent. What the fit takes for the thermometer's error,
+    in its standard deviations, is in the rows of its prior: there is what else could explain it.
+    """
+
+    def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
+        self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
+        size = abs(trial.turn)
+        self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
+        self._whitening = trial.noise.whitening(coloured=coloured)
+        self.n = len(self._whitening[0])
+        self.course = Course(trial, trial.hold(reference), state.theta)
+        self.model = model.real if trial.log.amplitude_only else model
+        self.residual = trial.residual(self.model)
+        self.columns = self._in_dq() if trial.signed else self._in_amplitude()
+        self.priors = len(self.columns)
+
+    @cached_property
+    def basis(self) -> np.ndarray:
+        """Orthonormal, of the bench's columns."""
+        if not self.columns:
+            return np.zeros((len(self.rows(self.residual, 0)), 0))
+        return orthonormal(self.weighted(self.columns), ALIKE)
+
+    @cached_property
+    def recorded(self) -> np.ndarray:
+        """Rows of the residual, and what the fit takes for the thermometer's error among those of the priors."""
+        rows = self.rows(self.residual)
+        rows[self.pulled] = [-self.columns[k].value / self.columns[k].prior for k in self.pulled]
+        return rows
+
+    @cached_property
+    def pulled(self) -> list[int]:
+        """Rows, counted from the end, of the thermometer's error."""
+        return [k - self.priors for k, c in enumerate(self.columns) if self.trial.tied and c.name == "thermometer_d"]
+
+    @cached_property
+    def r(self) -> np.ndarray:
+        """The same, less what the nuisances can make of them."""
+        return self.recorded - (self.recorded @ self.basis) @ self.basis.T
+
+    @cached_property
+    def derivatives(self) -> np.ndarray:
+        """(n, 6) of the log by the numbers of theta."""
+        return self.own * self.observed(self.course.derivatives(*self.beside).T).T
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """Rows of the derivatives, less what the nuisances can make of them."""
+        return self.off(self.derivatives.T).T
+
+    def _in_amplitude(self) -> list[Column]:
+        """What the bench may add to amplitudes, linear about the fit."""
+        trial, c, loose = self.trial, self.course, self.trial.looseness
+        start, self.late = trial.start if trial.start_free else 0.0, trial.late
+        late = -trial.late * (trial.lateness > 0)
+        self.beside = start, late
+        self.plate = self.own * (c.forced + start * c.free + late * c.rate)
+        size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
+        shape, wide = c.free / size, size * trial.started * loose
+        columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
+        columns = columns if trial.start_free else []
+        columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
+        columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
+        if trial.log.drive is None:
+            columns.append(Column("gain", np.abs(c.forced), loose, self.own))
+        under = rice.by_floor(self.plate, trial.lift) if not trial.steady else trial.under
+        return columns if under is None else [*columns, Column("floor", under, loose**2, trial.floor)]
+
+    def _in_dq(self) -> list[Column]:
+        """What it may add to Wd and Wq."""
+        trial, c, loose = self.trial, self.course, self.trial.looseness
+        forced = self.turn * self.own * c.forced
+        shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
+        shapes |= {"start": c.free} if trial.start_free else {}
+        # In the plate's own frame: its real part is how late the response is.
+        shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
+        shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
+        parts = (("d", 1.0), ("q", 1j))[: trial.channels]
+        columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
+        sideways = {"late_q": trial.sideways} | {f"{name}_q": REAL for name in trial.extra_columns}
+        columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
+        target = self.rows(trial.log.response - forced, len(columns))
+        there = np.zeros(len(columns))  # of each, what the plate already has: a thermometer's error
+        if trial.tied:
+            k, pull = 2 * list(shapes).index("thermometer"), c.warmer / trial.extra["thermometer"].prior
+            target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
+        found = self._fitted(columns, target) + there
+        columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
+        value = dict(zip(shapes, found.reshape(len(shapes), len(parts)) @ [by for _, by in parts], strict=True))
+        self.bench = sum((v * shapes[name] for name, v in value.items()), np.zeros_like(forced))
+        self.plate = (forced + value.get("start", 0.0) * c.free) / self.turn
+        self.beside = value.get("start", 0j) / self.turn / self.own, 0.0  # where much is wrong, lateness more than all
+        self.late = float(value.get("late", 0j).real) * trial.lateness / loose
+        if np.iscomplexobj(trial.log.response) and ("rotation" in trial.nuisances or trial.log.drive is None):
+            columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
+        if trial.log.drive is None:
+            columns.append(Column("gain", forced / self.own, np.inf, self.own))
+        return columns
+
+    def along(self, rates: np.ndarray) -> np.ndarray:
+        """(n,) what `rates` (n,), rad/s, added to the slow pole add to the log."""
+        return self.observed(self.own * self.course.along(rates, *self.beside)[None])[0]
+
+    def observed(self, shapes: np.ndarray) -> np.ndarray:
+        """(m, n) shapes of the plate's part as they show in the log."""
+        if self.trial.signed:
+            return self.turn * shapes
+        return (rice.towards(self.plate, self.trial.lift) * shapes).real
+
+    def weighted(self, columns: list[Column]) -> np.ndarray:
+        """Columns as real, weighted rows, with a row for each one's prior."""
+        rows = self.rows(np.stack([c.shape for c in columns]), len(columns)).T
+        rows[len(rows) - len(columns) :] = np.diag([1 / c.prior for c in columns])
+        return rows
+
+    def _fitted(self, columns: list[Column], target: np.ndarray) -> np.ndarray:
+        """Least-squares coefficients of the columns in `target`, rows with those of their priors."""
+        if not columns:
+            return np.zeros(0)
+        rows = self.weighted(columns)
+        size = _sizes(rows)
+        return np.linalg.lstsq(rows / size, target, rcond=1e-12)[0] / size
+
+    def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
+        """Of the columns' coefficients, with the plant's parameters of the covariance `plant` of theta, or held."""
+        a = self.weighted(self.columns)
+        size = _sizes(a)
+        found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
+        if plant is not None:
+            by_theta = found @ (a / size).T @ self.rows(self.derivatives.T).T
+            found = found + by_theta @ plant @ by_theta.T
+        return found / np.outer(size, size)
+
+    def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
+        """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
+        v = whitened(shape[..., self.trial.noise.used], *self._whitening)
+        channels = [v.real, v.imag] if np.iscomplexobj(self.residual) else [v.real]
+        return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
+
+    def off(self, shape: np.ndarray) -> np.ndarray:
+        """Rows of shapes (..., n), less what the bench's columns can make of them."""
+        rows = self.rows(shape)
+        return rows - (rows @ self.basis) @ self.basis.T
+
+    def likelihood(self, rows: np.ndarray) -> float:
+        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and its thermometer's."""
+        return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
+
+    def _noisy(self, rows: np.ndarray) -> float:
+        noise = self.trial.noise
+        if noise.rounded is not None and not noise.coloured:  # whose level is known
+            return -0.5 * float(rows @ rows)
+        n, clock, dof = self.n, noise.clock[noise.used], freedom(self.trial)
+        if noise.levels:
+            return sum(log_likelihood(v, clock, 0.5 * dof) for v in (rows[:n], rows[n : 2 * n]))
+        left = rows[:n] + 1j * rows[n : 2 * n] if np.iscomplexobj(self.residual) else rows[:n]
+        return log_likelihood(left, clock, dof)
+
+
+def _sizes(columns: np.ndarray) -> np.ndarray:
+    """Of each column; 1 of one that is zero throughout and has no prior, as the turn of a response that vanished."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size > 0, size, 1.0)

@@ -1,0 +1,346 @@
+"""A log in words: what it was taken for, and what of it is odd enough to be said."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.minimum.guess import phase_falls
+from sysid.model.span import times
+from sysid.rows.condense import OFFSET_UNITS
+from sysid.rows.hold import FULL_TOUCH, force_of
+from sysid.trials.trial import LEAST_WARMING, Trial
+from sysid.trials.whitening import Noise, joined, whitened
+from sysid.verdict.identify import FINER, seconds
+
+NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
+STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
+SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
+NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
+NAMED = 8  # rows that were spoilt
+GROWS = 2.0  # times its beginning, which a plate that rings freely never is
+LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
+LAGS = (1, 2, 3)  # rows, and by chance no more than
+CHANCE = 3.0  # standard deviations
+FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
+LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau on one level
+MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
+HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
+BESIDE = 3  # rows on each side, by which it is judged what a response does anyway
+AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
+CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
+
+
+def assumptions(trial: Trial) -> list[str]:
+    """What had to be taken for granted to read a log at all, and what of it could not be read."""
+    log, found = trial.log, []
+    if trial.dark:
+        gone = f"{trial.dark} of {len(trial.whole or log)} rows read exactly zero, or what the row before them reads"
+        found.append(f"{gone}, amid a response that moves: the signal was lost; they are left out")
+    if trial.spoilt:
+        found.append(_spoilt(trial))
+    if not trial.steady and (shared := stamps_shared(trial)):
+        found.append(
+            f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are taken as rows of one"
+            " moment; record the time with more digits"
+        )
+    if trial.from_rest and log.response_unit not in OFFSET_UNITS:
+        rest = "taken as at rest, with no output offset, before its first row"
+        alone = "taken as at rest before its first row, which alone tells an output offset from G: record rows before the step"
+        found.append(f"no row shows the response without drive; {rest if trial.resonant else alone}")
+    elif trial.from_rest:
+        found.append("taken as settled, with the drive at zero, before its first row")
+    if not trial.signed and trial.driven:
+        other = "the resonance" if trial.resonant else "a late trigger and the gain"
+        found.append(f"amplitude only: a feedthrough of the drive cannot be told from {other} and is taken as zero")
+    if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
+        drive = "no drive is recorded" if log.drive is None else "the drive is zero in every row"
+        found.append(
+            f"{drive}, and the response grows: taken as one that rings freely, which does not; add a voltage_* or drive_* column,"
+            " with the step"
+        )
+    if trial.rectified:
+        found.append("its rows at rest are of noise without a sign: taken as an amplitude, with no output offset")
+    if not trial.resonant and not trial.steady:
+        found.append("no frequency is recorded; taken as driven at resonance (first-order model)")
+    return found
+
+
+def _spoilt(trial: Trial) -> str:
+    """Which rows were, by number as far as these are few."""
+    rows, many = [str(row) for row in trial.spoilt[:NAMED]], len(trial.spoilt) > 1
+    named = ", ".join(rows) + (f" and {len(trial.spoilt) - NAMED} others" if len(trial.spoilt) > NAMED else "")
+    off = f"far off what the rows beside {'them' if many else 'it'} say, by more than all that the rest of the log shows"
+    return f"row{'s' if many else ''} {named} (counted from 0): {off}; left out, as a recorder's or a sensor's fault"
+
+
+def _grows(size: np.ndarray) -> bool:
+    """Whether a response is larger at its end than at its beginning."""
+    part = max(len(size) // 10, 1)
+    return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
+
+
+def stamps_shared(trial: Trial) -> int:
+    """How many rows have the time stamp of the row before, those that are left out aside."""
+    time = trial.log.time if trial.whole is None else trial.whole.time
+    if time is None:
+        return 0
+    time = time[trial.there] if trial.whole is None else time
+    return int(np.count_nonzero(time[1:] == time[:-1]))
+
+
+SAY_SO = "say so by a mapping file (--columns) of the line phase_sign = -1"
+
+
+def sampled(trial: Trial, stated: str | None) -> str | None:
+    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
+    said = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
+    if stated is not None or trial.log.time is None:
+        return None
+    if trial.steady:
+        return f"{said} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
+    if trial.log.sampling == "settled":
+        return f"{said} settled, as rows of the same inputs then agree"
+    return f"{said} instant" if trial.changes > 0.1 * len(trial.log) else None
+
+
+def hangs_on_lateness(error: float) -> str:
+    """For a G whose relative `error` is that of not knowing how late the response is."""
+    return (
+        f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"
+        " record a sweep beside it, or state delay_s (0 if nothing is late)"
+    )
+
+
+def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, errors: np.ndarray) -> list[str]:
+    """Sentences where the `errors` of theta are mostly those of the thermometers, of which nothing but the readings is known, as
+    errors `without` them are smaller; and where k_T hangs on one that is not the same in all of a log."""
+    wide = [name for k, name in ((2, "f0"), (3, "k_T")) if errors[k] > MOSTLY * without[k] > 0]
+    off = {log.name: log.bench.get("temperature_std_degC", 0.0) for log in unstated}
+    warmed = {log.name: np.ptp(log.temperature) for log in unstated if log.temperature is not None}
+    found = [
+        f"{name}: its thermometer may be {off[name]:.2g} degC off in a part of the rows, which moves k_T by"
+        f" {abs(k_T) * off[name] / warming / errors[3]:.2g} of its standard deviations and is not in them; read it in finer steps"
+        for name, warming in warmed.items()
+        if warming > LEAST_WARMING and abs(k_T) * off[name] > HANGS * errors[3] * warming
+    ]
+    if wide and any(off.values()):
+        found.append(
+            f"the error of {' and of '.join(wide)} is mostly that of the thermometer, up to {max(off.values()):.2g} degC by how"
+            " its readings are written and flicker; state temperature_std_degC where it is known better, or record temperatures"
+            " farther apart"
+        )
+    return found + _of_set_points(unstated, abs(k_T), errors[2])
+
+
+def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[str]:
+    """A sentence on temperatures that `rows.thermometer` took for exact, where they would decide f0 if they had been read."""
+    exact = [(log.temperature, log.temperature_digit) for log in unstated if log.bench.get("temperature_std_degC") == 0]
+    kept = [(float(t[0]), digit) for t, digit in exact if t is not None and np.ptp(t) == 0]
+    digit = max((digit for _, digit in kept), default=0.0)
+    if len(dict(kept)) < 2 or k_T * digit < error * np.sqrt(12):
+        return []
+    return [
+        f"whole degrees are taken for set points that were kept exactly; read to {digit:g} degC they leave f0 open by"
+        f" {k_T * digit / np.sqrt(12):.2g} Hz: state temperature_std_degC"
+    ]
+
+
+def describe(trial: Trial) -> str:
+    """What a log was taken for, in a few words."""
+    log = trial.log
+    shape = "settled points" if trial.steady else "transient"
+    if log.frequency is not None and np.ptp(log.frequency) > 0:
+        shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
+    elif not trial.steady and not trial.driven:
+        shape += ", undriven"
+    elif not trial.steady:
+        changes = np.count_nonzero(np.diff(trial.inputs.drive))
+        shape += f", drive changes {'once' if changes == 1 else f'{changes} times'}" if changes else ", one level"
+    shape += f", a finger of up to {np.max(np.abs(log.force)):.2g} N" if trial.touched else ""
+    shape += ", amplitude only" if log.amplitude_only and trial.resonant else "" if trial.resonant else ", at resonance"
+    return shape if log.temperature is None else f"{shape}, {log.temperature.mean():.1f} degC"
+
+
+def noise(trial: Trial) -> str:
+    """What the noise of a log was taken for, in a few words."""
+    unit, known = trial.log.response_unit, trial.noise
+    colours = [_colour(trial, p) for p in known.parts]
+    said = colours[0]
+    if len(colours) == 2:
+        apart = [f"{p.std:.3g} {unit} in {channel}" for p, channel in zip(known.parts, "dq", strict=True)]
+        if colours[0] == colours[1]:
+            said = f"{', '.join(apart)}, {colours[0]}"
+        else:
+            said = ", ".join(f"{level}, {colour}" for level, colour in zip(apart, colours, strict=True))
+    if known.share:
+        largest = f"{100 * known.std * np.sqrt(known.share) / trial.scale:.2g} % of the response"
+        least = f" and {known.std * np.sqrt(1 - known.share):.2g} {unit}" if known.share < NEARLY_ALL else ""
+        said = f"{said}, {largest}{least}"
+    if known.jitter is not None:
+        said = f"{said}, of which the phase's is {known.jitter.std:.2g} rad, correlated over {_time(trial, known.jitter.time)}"
+    if outliers := known.left_out - trial.lost:
+        return f"{said}, {outliers} outliers left out"
+    said = said if known.rounded is None else f"{said} but for its rounding"
+    return said if known.tail is None else f"{said}, with outliers"
+
+
+def _time(trial: Trial, time: float) -> str:
+    """A correlation time in words."""
+    return f"{time:.2g} rows" if trial.log.time is None else seconds(time)
+
+
+def turned(trial: Trial) -> str | None:
+    """A sentence when the noise of a log's phase takes most of what it tells; else None."""
+    jitter = trial.noise.jitter
+    if jitter is None or jitter.left > MOST_TAKEN:
+        return None
+    over = _time(trial, jitter.time)
+    return (
+        f"phase noise of {jitter.std:.2g} rad that is correlated over {over} makes errors {jitter.left**-0.5:.2g} times as large;"
+        " lock drive and demodulator to one clock, or record the average of several logs"
+    )
+
+
+def _colour(trial: Trial, part: Noise) -> str:
+    if part.time == 0:
+        return "white"
+    if np.median(part.memory()[1:]) < FAINT:
+        return "white, as far as so few rows tell"
+    over = _time(trial, part.time)
+    return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
+
+
+def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> tuple[str | None, str | None]:
+    """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
+    is noise that could hide as much."""
+    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
+    rows = np.flatnonzero(trial.there)
+    if trial.noise.rounded is not None:  # what rows share of it is known
+        residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
+    order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
+    part, chance = _structure(residual[rows[order]])
+    much = f"{100 * part / (size or 1.0):.1f} %"
+    if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
+        return None, None
+    if not trial.steady and not _near_changes(residual[rows], trial.since_change[rows], tau):
+        return None, None
+    if _is_coloured_noise(trial, residual, model):
+        return None, f"noise that neighbouring rows share is {much} of the response, and may hide as much of a misfit"
+    said = f"the residual holds {much} of the response that is not noise"
+    if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
+        return f"{said}: the phase rises through the resonance; if the demodulator has the other sign, {SAY_SO}", None
+    moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
+    what = "saturated, a second resonance, an interfering line, a background that is not a slope"
+    return f"{said}: {what}{moved}, or noise that many rows share", None
+
+
+def _warm(trial: Trial) -> bool:
+    """Whether the log records its temperature."""
+    return trial.log.temperature is not None
+
+
+def clipped(trial: Trial) -> str | None:
+    """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
+    y = trial.log.response
+    channels = _channels(trial)
+    if np.all(trial.noise.count > 1) or any(p.std < LEVELLED * s for p, s in zip(trial.noise.parts, trial.steps, strict=False)):
+        return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
+    for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
+        values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
+        beyond = values[-1] != 0 and count[-1] > max(CLIPPED * len(channel), 4)
+        if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
+            return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
+    return None
+
+
+def ranged(trial: Trial) -> str | None:
+    """A sentence when from one row of a sweep on the response is a power of ten larger, as no resonance makes it; else None."""
+    w = np.abs(trial.log.response)
+    if not (trial.steady and trial.resonant) or len(w) < LEAST_ROWS or np.any(w == 0):
+        return None
+    drive = np.abs(trial.inputs.drive) if trial.driven else np.ones(len(w))
+    steps = np.diff(np.log(w / drive)) if np.all(drive > 0) else np.zeros(len(w) - 1)
+    k = int(np.argmax(np.abs(steps)))
+    beside = steps[max(k - BESIDE, 0) : k + BESIDE + 1]
+    jump = float(steps[k] - np.median(beside)) / np.log(10)
+    if round(jump) == 0 or abs(jump - round(jump)) > AS_IF or np.sort(np.abs(steps))[-2] > 0.5 * abs(steps[k]):
+        return None
+    said = f"from row {k + 1} (counted from 0) on its response is {10.0 ** round(jump):g} times as large"
+    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
+
+
+def _channels(trial: Trial) -> list[np.ndarray]:
+    y = trial.log.response
+    return [y.real] if trial.log.amplitude_only else [y.real, y.imag]
+
+
+def coarse(trial: Trial) -> str | None:
+    """A sentence when a channel is recorded in steps so large beside its noise that rows share their rounding; else None."""
+    if trial.noise.rounded is None:
+        return None
+    unit, parts = trial.log.response_unit, trial.noise.parts
+    each = [f"{step:.2g} {unit}" for step in trial.steps]
+    steps = each[0] if len(set(each)) == 1 else " and ".join(f"{x} in {c}" for x, c in zip(each, "dq", strict=True))
+    own = [p.own[p.used] for p in parts if p.own is not None]
+    return (
+        f"recorded in steps of {steps}, larger than its noise: rows of one value share one rounding error, of up to half a step,"
+        f" so that its {sum(map(len, own))} readings tell as much as {sum(map(np.sum, own)):.0f}, as its intervals say; {FINER}"
+    )
+
+
+def touched(trial: Trial) -> str | None:
+    """A sentence when a force is recorded that is the same throughout all logs, so that what it does is not known; else None."""
+    if not trial.touched:
+        return None
+    return (
+        f"a force of {np.max(np.abs(trial.log.force)):.2g} N is recorded, and none without it: a finger lowers G and tau by one"
+        " factor, which is not known from these logs; add a log with nothing on the plate, or leave this one out"
+    )
+
+
+def extrapolated(trials: Sequence[Trial]) -> str | None:
+    """A sentence when no log holds a force near that of which the finger's parameters are told; else None."""
+    contacts = np.concatenate([t.inputs.contact for t in trials if t.touched])
+    nearest = contacts[np.argmin(np.abs(contacts - 1))]
+    if abs(nearest - 1) < NEAR_FULL:
+        return None
+    return (
+        f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by"
+        f" the law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
+    )
+
+
+def _structure(residual: np.ndarray) -> tuple[float, float]:
+    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
+    n = len(residual)
+    power = float(np.mean(np.abs(residual) ** 2))
+    if n < 8 or power == 0:
+        return 0.0, 0.0
+    shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
+    channels = 2 if np.iscomplexobj(residual) else 1
+    return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
+
+
+def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
+    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
+    taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
+    if not trial.noise.coloured or len(residual) < LEAST_ROWS:
+        return False
+    own = whitened(residual[trial.noise.used], *trial.noise.whitening())
+    channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
+    shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
+    strong = np.abs(model[trial.noise.used]) ** 2
+    strong = (strong - np.mean(strong)) / (np.std(strong) or 1.0)
+    uneven = np.sum(strong * np.abs(own) ** 2) / power * np.sqrt(0.5 * channels * len(own))
+    return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
+
+
+def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
+    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is everywhere."""
+    near = since < 5 * tau
+    if near.sum() < 8 or (~near).sum() < 20:
+        return True
+    ratio = np.mean(np.abs(residual[near]) ** 2) / max(np.mean(np.abs(residual[~near]) ** 2), 1e-300)
+    return bool(ratio > 4)
