@@ -18,11 +18,11 @@ from scipy import stats
 
 import sysid
 from sysid.command import bill, clock, costcurve, outputs
+from sysid.posterior import accuracy
+from sysid.posterior import posterior as module
 from sysid.posterior.chain import Chain
 from sysid.posterior.estimate import Estimate
 from sysid.posterior.mixture import Mixture
-from sysid.posterior.posterior import accuracy
-from sysid.posterior.posterior import posterior as module
 from sysid.posterior.target import Target
 from sysid.report import costs
 from sysid.trials.trial import Trial

@@ -125,7 +125,7 @@ def test_two_modes_are_both_drawn_and_neither_is_reported_as_a_value(bench):
 
 
 def test_a_sampler_that_misses_its_criteria_says_so(fit, monkeypatch):
-    from sysid.posterior.posterior import accuracy, chain
+    from sysid.posterior import accuracy, chain
 
     monkeypatch.setattr(chain, "ROUNDS", 1)
     monkeypatch.setattr(accuracy, "LADDER", (accuracy.LADDER[0], accuracy.Rung("standard", 10**6, False)))

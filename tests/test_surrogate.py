@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sysid
-from sysid.posterior.posterior import surrogate
+from sysid.posterior import surrogate
 from sysid.precision import float64
 from sysid.trials.experiment import group
 

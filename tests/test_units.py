@@ -104,7 +104,7 @@ def test_units_of_one_kind():
 
 def test_the_usual_units_do_not_load_pint():
     code = (
-        "import sys; from sysid import units;"
+        "import sys; from sysid.logs import units;"
         "[units.check_unit(*pair) for pair in (('time', 's'), ('frequency', 'Hz'), ('voltage', 'V'), ('wd', 'um'))];"
         "assert not {'pint', 'pandas'} & set(sys.modules)"
     )
