@@ -3,8 +3,9 @@
 OU noise has correlation exp(-|t - t'| / noise_time), on any time grid: what a first-order low-pass makes of white noise. A fit
 takes slow noise for signal, so its residual looks whiter than the noise is: the likelihood of the correlation time is the
 restricted one, in which what the fit can make of a log is integrated out (Harville, JASA 72, 320, 1977). Of its posterior under a
-prior flat in its logarithm one time is taken: that at which slow noise has its mean power there, sigma^2 (1 + rho)/(1 - rho),
-with which the square of an error goes. At the mean of the time itself intervals of a few hundred rows would be too narrow.
+prior flat in its logarithm one time is taken: that at which the error that slow noise makes, which goes with the square root of its
+power sigma^2 (1 + rho)/(1 - rho), has its mean there. At the mean of the time itself intervals of a few hundred rows are too narrow,
+at the mean of the power those of a few dozen too wide.
 
 Outliers of white noise: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it
 expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: without
@@ -90,8 +91,8 @@ def _fitted(
         cost = _restricted(residual, basis, steps, times, channels) + shrunk
     share = np.exp(np.min(cost) - cost)
     gap, shrink = _gap(typical, times)
-    slow = np.maximum.accumulate(left[:, 0, 0].real * shrink / gap**2)  # the power, times the freedom
-    time = np.exp(np.interp([np.log(share @ slow / np.sum(share))], np.log(slow), np.log(times)))
+    error = np.maximum.accumulate(np.sqrt(left[:, 0, 0].real * shrink) / gap)  # of slow noise, but for a factor
+    time = np.exp(np.interp([np.log(share @ error / np.sum(share))], np.log(error), np.log(times)))
     left, shrunk = _grams(residual[None], steps, time)
     return float(np.sqrt(left[0, 0, 0].real / freedom)), float(time[0]), -0.5 * channels * float(shrunk[0])
 
