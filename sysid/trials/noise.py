@@ -3,9 +3,9 @@
 OU noise has correlation exp(-|t - t'| / noise_time), on any time grid: what a first-order low-pass makes of white noise. A fit
 takes slow noise for signal, so its residual looks whiter than the noise is: the likelihood of the correlation time is the
 restricted one, in which what the fit can make of a log is integrated out (Harville, JASA 72, 320, 1977). Of its posterior under a
-prior flat in its logarithm one time is taken: that at which the error that slow noise makes, which goes with the square root of its
-power sigma^2 (1 + rho)/(1 - rho), has its mean there. At the mean of the time itself intervals of a few hundred rows are too narrow,
-at the mean of the power those of a few dozen too wide.
+prior flat in its logarithm one time is taken: that at which the error that slow noise makes, as the square root of its power
+sigma^2 (1 + rho)/(1 - rho), has its mean there. At the mean of the time itself intervals of a few hundred rows are too narrow, at
+the mean of the power those of a few dozen too wide.
 
 Outliers of white noise: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it
 expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: without
