@@ -90,8 +90,9 @@ class Trial:
         )
 
     def uncondensed(self) -> "Trial":
-        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows. Each row
-        shares its rounding error as the means about it do."""
+        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows. Each row's
+        noise is spread, and shares its rounding error, as those of the means about it: what was measured there, with its own
+        noise, says neither."""
         if self.whole is None:
             return self
         read = prepare(self.whole, self.kind, len(self.whole))
@@ -100,10 +101,11 @@ class Trial:
         swept = self.steady and self.resonant
         now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
         order = np.argsort(now, kind="stable")
-        spreads = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
-        if spreads:
-            noise = replace(noise, rounded=joined(spreads), own=joined([x**-2.0 for x in spreads]))
-        under = None if self.under is None else np.interp(at, now[order], self.under[order])
+        spread, under = (None if x is None else np.interp(at, now[order], x[order]) for x in (self.noise.spread, self.under))
+        noise = replace(noise, spread=spread)
+        rounded = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
+        if rounded:
+            noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
         return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
 
     def knowing(self, **noise: Any) -> "Trial":

@@ -116,9 +116,9 @@ class Noise:
     def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float) -> "Noise":
         """The same process over other rows of the log, with nothing known of single ones. `scale`: of the clock."""
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
-        spread, told = uneven(self.share, log.response), self.efficiency if self.tail is None else 1.0
+        told = self.efficiency if self.tail is None else 1.0
         process = (self.std, scale * self.time, levels, self.share)
-        return Noise(clock_of(log), count, kept, *process, spread, efficiency=told, jitter=self.jitter)
+        return Noise(clock_of(log), count, kept, *process, efficiency=told, jitter=self.jitter)
 
 
 def clock_of(log: Log) -> np.ndarray:
