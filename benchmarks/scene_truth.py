@@ -27,6 +27,7 @@ from carrier import PLATE, random_scene  # noqa: E402
 from sysid import Plant, Profile, Scene, SceneError  # noqa: E402
 from sysid.precision import keep_programs  # noqa: E402
 from sysid.scene import EFFECTS  # noqa: E402
+from sysid.scene.simulation import resolved  # noqa: E402
 
 
 def made(*names, **values):
@@ -142,7 +143,7 @@ def outcome(seed: int) -> Outcome:
         f"{name}, Q {scene.plant.Q:.3g}, rows {1 / scene.rate / scene.plant.tau:.2g} tau apart, tolerance {scene.tolerance:.2g}"
     )
     try:
-        chosen = scene.resolved()
+        chosen = resolved(scene)
     except SceneError as refusal:
         return Outcome(seed, f"{line}: {refusal}", scene.tolerance, None)
     rows = chosen.simulate().response
@@ -191,7 +192,7 @@ def long_outcome(seed: int) -> Outcome:
     scene = Scene(plant, inputs, 40_000, rate, effects, fidelity="auto", tolerance=tolerance)
     line = f"{name}, Q {Q:.3g}, rows {1 / rate / plant.tau:.2g} tau apart, tolerance {tolerance:.2g}"
     try:
-        chosen = scene.resolved()
+        chosen = resolved(scene)
     except SceneError as refusal:
         return Outcome(seed, f"{line}: {refusal}", tolerance, None)
     truth = dataclasses.replace(scene, fidelity="exact", substeps=64).simulate().response

@@ -22,6 +22,7 @@ from sysid.scene import engine
 from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset, Quantisation, Saturation
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
+from sysid.scene.timeline import inputs_at
 
 LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
@@ -84,7 +85,7 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
     """The traces of `runs`, filled up to `size` of them."""
     filled = runs + runs[:1] * (size - len(runs))
     with jax.enable_x64(True):
-        given = [(r.loop.control, r.scene.plant, r.scene.effects, r.scene._reference, r.loop.sample_time) for r in filled]
+        given = [(r.loop.control, r.scene.plant, r.scene.effects, r.scene.reference, r.loop.sample_time) for r in filled]
         if len({jax.tree.structure(g) for g in given}) > 1:
             raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
         numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
@@ -166,8 +167,8 @@ class _Run:
         """The pieces, filled up to `count` with some in which nothing happens."""
         scene, (ran, read, acted) = self.scene, self.marks
         duration = np.diff(self.knots, append=self.knots[-1])
-        inputs = scene._inputs(self.knots + 0.5 * duration, commanded=True)
-        asked = scene._inputs(self.time)
+        inputs = inputs_at(scene, self.knots + 0.5 * duration, commanded=True)
+        asked = inputs_at(scene, self.time)
         latest = np.maximum(ran - 1, 0)
         warming = None
         if inputs["temperature"] is not None:
@@ -198,7 +199,7 @@ class _Run:
     def trace(self, rows: tuple) -> Trace:
         """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
-        reference = self._asked(self.scene._inputs(self.time)["drive"])
+        reference = self._asked(inputs_at(self.scene, self.time)["drive"])
         return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured)
 
 

@@ -25,7 +25,7 @@ reading
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
 report     text plots costs screen html
-scene      profile effects engine scene auto toml carrier cli
+scene      profile effects engine scene timeline auto carrier simulation toml cli
 command    clock bill outputs costcurve arguments cli
 __main__
 """
@@ -44,7 +44,7 @@ def ordered():
 
 
 ORDER = ordered()
-WITHIN = {"scene.scene": {"scene.carrier", "scene.auto", "scene.toml"}}  # a Scene reads and runs itself
+WITHIN = {"scene.scene": {"scene.simulation", "scene.toml"}}  # a Scene has methods that read and run it
 MODULES = sorted(p for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py"))
 SOURCES = sorted((ROOT / "sysid").rglob("*.py"))
 TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".ipynb", ".h", ".c", ".txt", ".yml", ".yaml", ".cfg", ""}

@@ -19,9 +19,9 @@ from scipy.special import erf
 
 from sysid import Plant, Profile, Scene
 from sysid.model.plant import expm1
-from sysid.scene import EFFECTS, effects, engine
-from sysid.scene import scene as scenes
+from sysid.scene import EFFECTS, effects, engine, timeline
 from sysid.scene.effects import Motion
+from sysid.scene.simulation import resolved
 
 EXPM = 1e-12  # expm scales and squares a norm of about 100, 60 times over: 60 * 100 * 2e-16, all errors of one sign
 
@@ -291,7 +291,7 @@ def test_white_noise_has_its_moments():
 
 @pytest.mark.parametrize("lanes", [65536, 1024])
 def test_coloured_noise_has_its_correlation_also_across_chunks(lanes, monkeypatch):
-    monkeypatch.setattr(scenes, "LANES", lanes)
+    monkeypatch.setattr(timeline, "LANES", lanes)
     memory = 20  # rows
     rows = noise_of("coloured_noise", coloured_noise={"std": 0.3, "time": memory / 1e4}) / 0.3
     # the mean of x_k x_(k+lag) over n rows varies by (1 + rho^2)/(1 - rho^2)/n = memory/n, by twice that at lag 0; two parts
@@ -363,7 +363,7 @@ def test_chunks_do_not_show(name, monkeypatch):
         fx = made("finger_damping", "phase_reset", "lock_in", "delay", **NEIGHBOUR)
     scene = Scene(PLATE, inputs, rows, rate, fx)
     whole = scene.simulate()
-    monkeypatch.setattr(scenes, "LANES", 384)  # 128 rows at a time
+    monkeypatch.setattr(timeline, "LANES", 384)  # 128 rows at a time
     pieces = list(scene.stream())
     assert [len(log) for log in pieces] == [128] * 5 + [60]
     for column in ("time", "drive", "frequency", "temperature", "force"):
@@ -431,7 +431,7 @@ def bare_exact(plant, chunk, mode, reference):
 def test_a_scene_without_effects_is_the_bare_resonator(rung):
     scene = Scene(PLATE, constant(), 60, 1e4)
     with jax.enable_x64(True):
-        chunk, _ = scene._chunk(0, 60)
+        chunk, _ = timeline.chunk(scene, 0, 60)
         zero = jnp.zeros((), complex)
         alone = bare_envelope if rung == "envelope" else bare_exact
         bare = jax.make_jaxpr(alone)(jax.tree.map(float, PLATE), chunk, engine.Mode(zero, zero), PLATE.f0)
@@ -480,7 +480,7 @@ def test_automatic_fidelity_keeps_its_promise(seed):
     rng = np.random.default_rng([seed, 1])
     tolerance = float(np.exp(rng.uniform(np.log(3e-3), np.log(3e-2))))
     scene = random_scene([seed, 2], plant=PLATE if seed % 2 else None, kinds=("steps", "ramp", "constant"), spacing=(0.02, 1.0))
-    chosen = dataclasses.replace(scene, fidelity="auto", tolerance=tolerance).resolved()
+    chosen = resolved(dataclasses.replace(scene, fidelity="auto", tolerance=tolerance))
     # 256 steps between rows: with second-order errors 16^2 times less than the 16 that the coarsest of these needs
     assert error(chosen.simulate().response, rows_of(scene, substeps=256)) < tolerance
 

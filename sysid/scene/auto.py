@@ -13,6 +13,7 @@ from sysid.model.plant import steady
 from sysid.scene import engine
 from sysid.scene.effects import LockIn, PhaseReset
 from sysid.scene.scene import Scene, SceneError
+from sysid.scene.timeline import held, inputs_at, rows
 
 MOST = 256  # steps between two rows
 PILOT = 16384  # rows of a long scene that are tried, about
@@ -73,8 +74,8 @@ def _stretches(scene: Scene) -> list[tuple[int, int, int]]:
     changes = [p.edges(0.0, scene.duration) for p in scene.inputs.values()]
     time = np.unique(np.concatenate([np.linspace(0.0, scene.duration, POINTS), *(c for c in changes if len(c) <= POINTS)]))
     with jax.enable_x64(True):
-        inputs = scene._held(scene._inputs(time), 0)
-        found = engine.motion(scene.plant, inputs, scene.effects, scene._reference)
+        inputs = held(scene, inputs_at(scene, time), 0)
+        found = engine.motion(scene.plant, inputs, scene.effects, scene.reference)
         settled = found.drive * steady(found.tau, found.detuning, inputs.omega)
     where = [np.zeros(1, int), np.array([len(time) - 1])]
     for quantity in (*found, np.abs(settled)):
@@ -95,6 +96,6 @@ def _rows(scene: Scene, stretches: list[tuple[int, int, int]], rung: str, subste
     quiet = dataclasses.replace(scene, effects=plate, fidelity=rung, substeps=substeps, rows=longest)
     found = []
     for first, counts, last in stretches:
-        rows = np.concatenate([columns["response"] for columns in quiet._chunks(0, first, last)])
-        found.append(rows[counts - first :])
+        response = np.concatenate([columns["response"] for columns in rows(quiet, 0, first, last)])
+        found.append(response[counts - first :])
     return found

@@ -22,6 +22,7 @@ from sysid.scene import engine
 from sysid.scene.effects import FrequencyResolution, LockIn, PhaseReset, Quantisation, Saturation
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
+from sysid.scene.timeline import Columns, inputs_at, rows
 
 
 class Samples(NamedTuple):
@@ -50,11 +51,11 @@ def waveform(scene: Scene, rate: float, seed: int = 0) -> Iterator[Samples]:
     count = int(np.floor(scene.duration * rate * (1 + 1e-12))) + 1
     fast = dataclasses.replace(scene, effects=rest, rate=rate, rows=count, fidelity="exact", substeps=1, amplitude_only=False)
     theta, first = partial(_phase, fast, _made(scene)), 0
-    for columns in fast._stream(seed, theta):
+    for columns in rows(fast, seed, 0, fast.rows, theta):
         time = columns["time"]
         phase = theta(first, len(time))
         first += len(time)
-        drive = fast._inputs(time)["drive"]
+        drive = inputs_at(fast, time)["drive"]
         response = (columns["response"] * np.exp(1j * phase)).real
         with jax.enable_x64(True):
             for e in recorder:
@@ -66,7 +67,7 @@ PER_PERIOD = 16  # samples, of the carrier that a lock-in is given
 MOST = 50_000_000  # samples
 
 
-def behind_lock_in(scene: Scene, seed: int = 0) -> dict[str, np.ndarray | None]:
+def behind_lock_in(scene: Scene, seed: int = 0) -> Columns:
     """Columns of the scene's rows from its carrier, by the scene's lock-in or by one that looks at two periods before each row.
 
     The carrier of a plate that is switched holds a free decay, up to 1/(2Q) of the step, that depends on the phase at the switch
@@ -94,7 +95,7 @@ def behind_lock_in(scene: Scene, seed: int = 0) -> dict[str, np.ndarray | None]:
     time = np.arange(scene.rows) / scene.rate
     return {
         "time": time,
-        **scene._inputs(time, commanded=True),
+        **inputs_at(scene, time, commanded=True),
         "response": np.abs(response) if scene.amplitude_only else response,
     }
 
@@ -125,10 +126,10 @@ def write_waveform(scene: Scene, rate: float, seed: int, path: str | Path) -> It
 
 def _phase(scene: Scene, frequency: Profile, first: int, count: int) -> np.ndarray:
     """theta of `count` samples from sample `first`: that of the reference in whole turns, exact, and how far the drive is off."""
-    reference = Fraction(scene._reference)
-    turns = float(reference * first / Fraction(scene.rate) % 1) + scene._reference / scene.rate * np.arange(count)
+    reference = Fraction(scene.reference)
+    turns = float(reference * first / Fraction(scene.rate) % 1) + scene.reference / scene.rate * np.arange(count)
     time = (first + np.arange(count)) / scene.rate
-    return 2 * np.pi * ((turns + frequency.integral(time, less=scene._reference)) % 1.0)
+    return 2 * np.pi * ((turns + frequency.integral(time, less=scene.reference)) % 1.0)
 
 
 def _made(scene: Scene) -> Profile:
