@@ -252,7 +252,7 @@ def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[A
     if not drawn:
         return None
     key = jax.random.key(seed)
-    states = tuple(e.init(engine._key(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
+    states = tuple(e.init(engine.key_for(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
 
     def made(value: float) -> Any:
         """(samples,) readings of a response that stays at `value`."""

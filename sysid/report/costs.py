@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from sysid.report.plots import BLUE, GREY, ORANGE, _drawn, _figure
+from sysid.report.plots import BLUE, GREY, ORANGE, blank, drawn
 
 ERROR = "error / standard deviation"
 
@@ -16,17 +16,17 @@ ERROR = "error / standard deviation"
 def ladder_figure(rungs: Sequence[Mapping[str, Any]]) -> dict[str, bytes]:
     """PNG image by its title of the `rungs` of fit.json. Work is counted, not timed: the same logs give the same bytes."""
     known = [r for r in rungs if r["error"]]
-    return _drawn([("What accuracy costs", lambda: _ladder(known), known)])
+    return drawn([("What accuracy costs", lambda: _ladder(known), known)])
 
 
 def curve_figure(points: Sequence[Any]) -> bytes:
     """PNG image of a cost curve's points."""
-    (image,) = _drawn([("", lambda: _curve(points), True)]).values()
+    (image,) = drawn([("", lambda: _curve(points), True)]).values()
     return image
 
 
 def _ladder(rungs: Sequence[Mapping[str, Any]]) -> Figure:
-    figure = _figure(5.4, 2.5)
+    figure = blank(5.4, 2.5)
     axes = figure.add_subplot()
     work, error = [r["evaluations"] for r in rungs], [r["error"] for r in rungs]
     axes.loglog(work, error, "o-", color=BLUE, ms=6)
@@ -43,7 +43,7 @@ def _ladder(rungs: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def _curve(points: Sequence[Any]) -> Figure:
-    figure = _figure(6.4, 3.6)
+    figure = blank(6.4, 3.6)
     axes = figure.add_subplot()
     for name, colour, times in (
         ("first run, which compiles", ORANGE, [p.cold_s for p in points]),

@@ -49,7 +49,7 @@ def log_figures(fit: "Fit") -> dict[str, bytes]:
     logs = list(enumerate(fit.logs, 1))
     sweeps = [(i, f) for i, f in logs if _is_sweep(f)]
     others = [(i, f) for i, f in logs if not _is_sweep(f)]
-    return _drawn(
+    return drawn(
         [
             ("Over time", lambda: _panels(others[:PANELS]), others),
             ("Sweeps", lambda: _sweeps(sweeps), sweeps),
@@ -62,15 +62,16 @@ def posterior_figure(posterior: "Posterior", parameters: Mapping[str, Mapping[st
     """PNG image of the draws by its title; `parameters` as in fit.json. The same draws give the same bytes."""
     # Draws of what the logs do not bound may reach to infinity.
     names = [name for name, p in parameters.items() if name in posterior.draws and (p["determined"] or "modes" in p)]
-    return _drawn([("Posterior", lambda: _corner(posterior, parameters, names), names)])
+    return drawn([("Posterior", lambda: _corner(posterior, parameters, names), names)])
 
 
 def step_figure(controller: Mapping[str, Any] | None) -> dict[str, bytes]:
     """PNG image of the promised step response by its title, of controller.json's content; none where there is no controller."""
-    return _drawn([("Step response of the closed loop", lambda: _step(controller), controller)])
+    return drawn([("Step response of the closed loop", lambda: _step(controller), controller)])
 
 
-def _drawn(wanted: Wanted) -> dict[str, bytes]:
+def drawn(wanted: Wanted) -> dict[str, bytes]:
+    """PNG images of the wanted figures, by title."""
     with warnings.catch_warnings(), matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
         warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font lacks is shown as boxes
         return {title: _png(draw()) for title, draw, needed in wanted if needed}
@@ -83,7 +84,8 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def _figure(width: float, height: float) -> Figure:
+def blank(width: float, height: float) -> Figure:
+    """An empty figure; sizes in inches."""
     return Figure((width, height), dpi=110)
 
 
@@ -95,7 +97,7 @@ def _is_sweep(fitted: "FittedLog") -> bool:
 def _panels(logs: Sequence[Numbered]) -> Figure:
     columns = min(3, len(logs))
     rows = ceil(len(logs) / columns)
-    figure = _figure(10, 0.75 + 1.55 * rows)
+    figure = blank(10, 0.75 + 1.55 * rows)
     for place, (number, fitted) in enumerate(logs):
         axes = figure.add_subplot(rows, columns, place + 1)
         label = _over_inputs(axes, fitted)
@@ -140,7 +142,7 @@ def _parts(fitted: "FittedLog") -> list[tuple[Callable[[np.ndarray], np.ndarray]
 
 def _sweeps(logs: Sequence[Numbered]) -> Figure:
     """Wd and Wq (or W) against frequency on the left, the resonance circle on the right; one colour for each log."""
-    figure = _figure(10, 4.6)
+    figure = blank(10, 4.6)
     frequencies = np.concatenate([f.log.frequency for _, f in logs if f.log.frequency is not None])
     middle = float(np.round(np.median(frequencies)))
     shift = middle if np.ptp(frequencies) < 0.2 * middle else 0.0
@@ -187,7 +189,7 @@ def _handles(stack: Mapping[str, Axes], most: int) -> tuple[list, list[str]]:
 
 def _residuals(logs: Sequence[Numbered]) -> Figure:
     """Every log in a strip of its own width one, row by row; the band holds 95 % of normal noise."""
-    figure = _figure(10, 2.3)
+    figure = blank(10, 2.3)
     axes = figure.add_subplot()
     axes.axhspan(-1.96, 1.96, color="#eef2f7", lw=0)
     for place, (_, fitted) in enumerate(logs):
@@ -209,7 +211,7 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]],
     """Marginals on the diagonal, pairs below it."""
     flat = [posterior.draws[name].ravel() for name in names]
     count = len(names)
-    figure = _figure(2 + 1.7 * count, 0.8 + 1.5 * count)
+    figure = blank(2 + 1.7 * count, 0.8 + 1.5 * count)
     for i in range(count):
         for j in range(i + 1):
             axes = figure.add_subplot(count, count, count * i + j + 1)
@@ -235,7 +237,7 @@ def _step(controller: Mapping[str, Any]) -> Figure:
     shown = {name: np.array(values) for name, values in controller["promise"]["step_response"].items()}
     time, unit = _seconds(shown["time_s"])
     wanted = controller["range"]["amplitude"]
-    figure = _figure(5.2, 2.2)
+    figure = blank(5.2, 2.2)
     axes = figure.add_subplot()
     axes.axhspan(0.95 * wanted, 1.05 * wanted, color=GREY, alpha=0.15, lw=0)
     axes.fill_between(time, shown["W_5"], shown["W_95"], color=BLUE, alpha=0.3, lw=0)

@@ -130,7 +130,7 @@ def start(rung: str, plant: Plant, effects: tuple, key: Array) -> State:
     zero = jnp.zeros((), complex)
     modes = tuple(Mode(zero, zero) for _ in resonances(plant, effects))
     filters = tuple(zero for e in effects if isinstance(e, LockIn) for _ in range(e.order))
-    drawn = tuple(e.init(_key(key, e, 0)) if hasattr(e, "init") else None for e in effects if e.kind == "noise")
+    drawn = tuple(e.init(key_for(key, e, 0)) if hasattr(e, "init") else None for e in effects if e.kind == "noise")
     heated = any(hasattr(e, "warmed") for e in effects)
     return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
 
@@ -158,7 +158,7 @@ def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Lea
     """Rows with the noise of chunk `count` on them, and what the recorder makes of them; and the noise's states after it."""
     drawn = []
     for e, before in zip((e for e in effects if e.kind == "noise"), states, strict=True):
-        response, after = e.noise(response, _key(key, e, count + 1), spacing, before)
+        response, after = e.noise(response, key_for(key, e, count + 1), spacing, before)
         drawn.append(after)
     return response, tuple(drawn)
 
@@ -405,7 +405,7 @@ def key_of(seed: int, scene: str) -> Array:
     return _named(jax.random.key(seed), scene)
 
 
-def _key(key: Array, e: Any, count: Any) -> Array:
+def key_for(key: Array, e: Any, count: Any) -> Array:
     """A stream of its own for each effect and chunk: adding one effect changes no other's noise."""
     return jax.random.fold_in(_named(key, e.name), count)
 
