@@ -18,6 +18,7 @@ from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
 from sysid.verdict.fitted import Fit
+from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
 
 
@@ -47,6 +48,17 @@ def fit(
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
+    found = _concluded(question, states)
+    if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
+        again = _concluded(*filtered)
+        return again if again.result is Result.successful else found
+    return found
+
+
+def _concluded(question: Question, states: list[State]) -> Fit:
+    """What the minima amount to; where the error of G is that of nuisances that cancel, they are narrower if that describes the
+    logs."""
+    minimiser, best = question.minimiser, states[0]
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
@@ -71,7 +83,7 @@ def _asked(
     if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join((*NUISANCES, *EXTRA))}")
     reading.check_units(logs)
-    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n != "thermometer"))
+    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", "filter")))
     reference, free = reading.reference(trials), reading.free(trials)
     stated = {name: given for name, given in checked(priors or {}).items() if name in free}
     unused = [name for name in priors or {} if name not in stated]

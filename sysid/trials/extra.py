@@ -4,6 +4,7 @@
     lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
     thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
+    filter        1      a lock-in's time constant is 1 + nu times what it is taken for     prior: a factor e
 
 All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `trials.perturbed`: to first order,
 so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round. Where the
@@ -23,8 +24,9 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s"}
 STRIDE = 0.5  # half bandwidths, of which a response to first order tells
+PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
 SHARE = 0.1  # of the log's duration, and of the gain
 TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
 
@@ -90,6 +92,10 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, SHARE
+    if trial.filter is not None:
+        tau, order = trial.filter
+        later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
+        yield "filter", (later - sooner) / (2 * PART), 1.0
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

@@ -15,7 +15,7 @@ from sysid.rows.hold import Hold
 from sysid.trials.noise import Level
 from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 
-NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
+NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer", "filter")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
@@ -60,6 +60,7 @@ class Trial:
     under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of `floor` adds to an undriven sweep
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
+    filter: tuple[float, int] | None = None  # time constant (s) and poles of a lock-in's that is fitted, where none is stated
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
 
     @classmethod
@@ -295,7 +296,9 @@ class Trial:
 
     @cached_property
     def smoothing(self) -> tuple[float, int]:
-        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated and matters."""
+        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated, or fitted, and matters."""
+        if self.filter is not None:
+            return self.filter
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
         return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 

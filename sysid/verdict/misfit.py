@@ -10,7 +10,7 @@ is worth less, but PERHAPS, is a warning too.
 Cook & Weisberg, Residuals and Influence in Regression (1982), added variables and one-step influence.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -76,7 +76,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
         return [], []
     views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
     away = 0.0 if at is None else at - reference[1]
-    fit = _Linear(views, state, [n for n in NAMES if n in free], away)
+    fit = Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
     found = fit.found(tried)
     if len(views) > 1 and not any(f.harmful and f.certain for f in found):  # alike in several logs: freer, and so looked for last
@@ -94,14 +94,14 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
 
 
-def _very_late(i: int, view: View, fit: "_Linear") -> Found | None:
+def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
     """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay. Where
     the logs say that neither is there, it is not late, and noise or another parameter looks so to first order."""
     lateness, c = view.trial.lateness, view.course
     if not lateness or 0.5 * (view.late / _error_of_lateness(view, fit)) ** 2 < ENOUGH:
         return None
     second = view.late**2 * view.observed((c.pole * c.rate)[None])[0]
-    if max(fit.gained(i, share * second) for share in (0.5, 1.0)) < -ENOUGH:
+    if max(fit.gained({i: share * second})[0] for share in (0.5, 1.0)) < -ENOUGH:
         return None
     moves = fit.moved(i, second)
     column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
@@ -148,7 +148,7 @@ def _aslant(view: View, run: np.ndarray) -> float:
     return float(np.linalg.norm((view.residual[run] * np.conj(along)).imag / (np.abs(along) or 1.0)))
 
 
-def _row_late(i: int, view: View, fit: "_Linear") -> str | None:
+def _row_late(i: int, view: View, fit: "Linear") -> str | None:
     """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
     it should, as if the resonance were a step of the sweep away."""
     if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
@@ -183,7 +183,7 @@ def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -
     return THROUGH.format(trial.log.name, size, which, abs(late), beside, change)
 
 
-def _error_of_lateness(view: View, fit: "_Linear") -> float:
+def _error_of_lateness(view: View, fit: "Linear") -> float:
     """Standard deviation (s) of how late the response is."""
     k = next(k for k, c in enumerate(view.columns) if c.name in ("late", "late_d"))
     share = view.trial.lateness / view.columns[k].prior
@@ -239,7 +239,7 @@ class _Looked(NamedTuple):
     score: np.ndarray
 
 
-class _Linear:
+class Linear:
     """The joint fit of the parameters `names`, linearised: what one more term would change of what is reported `away` (degC)
     from the mean temperature."""
 
@@ -272,14 +272,15 @@ class _Linear:
         """(p, p) by how much the parameters move with those that the i-th log would have."""
         return self.reported @ self.inverse @ self.jacobians[i].T @ self.jacobians[i]
 
-    def gained(self, i: int, shape: np.ndarray) -> float:
-        """What it is worth, in log-likelihood, when the i-th log holds `shape`, with no unknown, and the parameters follow."""
-        rows = self.views[i].off(shape)
-        shift = self.inverse @ (self.slope - self.jacobians[i].T @ rows)
-        found = self._believed(shift)
+    def gained(self, shapes: Mapping[int, np.ndarray]) -> tuple[float, np.ndarray]:
+        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the parameters follow; and by
+        how much these move."""
+        rows = {i: self.views[i].off(shape) for i, shape in shapes.items()}
+        shift = self.inverse @ (self.slope - sum(self.jacobians[i].T @ x for i, x in rows.items()))
+        worth = self._believed(shift)
         for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
-            found += view.likelihood(view.r - jacobian @ shift - (rows if j == i else 0.0)) - self.before[j]
-        return found
+            worth += view.likelihood(view.r - jacobian @ shift - rows.get(j, 0.0)) - self.before[j]
+        return worth, self.reported @ shift
 
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
         """Those that the logs hold; `others`: how many were tried before."""
