@@ -28,6 +28,9 @@ LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau o
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
 HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
 BESIDE = 3  # rows on each side, by which it is judged what a response does anyway
+MOST_BLURRED = 0.15  # of a power of ten, by which rows beside a jump may leave it uncertain: three of these are half of one
+AROUND = 4  # rows on each side of it, with two second differences, whose inputs do not change
+ASKEW = 0.5  # rad, by which the phase may turn at a range that is changed: noise and bend, no change of sign
 AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
@@ -256,9 +259,19 @@ def clipped(trial: Trial) -> str | None:
 
 
 def ranged(trial: Trial) -> str | None:
-    """A sentence when from one row of a sweep on the response is a power of ten larger, as no resonance makes it; else None."""
+    """A sentence when from one row on the response is a power of ten larger, as no resonance makes it; else None."""
+    found = _ranged_sweep(trial) if trial.steady else _ranged_transient(trial)
+    if found is None:
+        return None
+    row, power = found
+    said = f"from row {row} (counted from 0) on its response is {10.0**power:g} times as large"
+    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
+
+
+def _ranged_sweep(trial: Trial) -> tuple[int, int] | None:
+    """The first row of another range, and by which power of ten."""
     w = np.abs(trial.log.response)
-    if not (trial.steady and trial.resonant) or len(w) < LEAST_ROWS or np.any(w == 0):
+    if not trial.resonant or len(w) < LEAST_ROWS or np.any(w == 0):
         return None
     drive = np.abs(trial.inputs.drive) if trial.driven else np.ones(len(w))
     steps = np.diff(np.log(w / drive)) if np.all(drive > 0) else np.zeros(len(w) - 1)
@@ -267,8 +280,34 @@ def ranged(trial: Trial) -> str | None:
     jump = float(steps[k] - np.median(beside)) / np.log(10)
     if round(jump) == 0 or abs(jump - round(jump)) > AS_IF or np.sort(np.abs(steps))[-2] > 0.5 * abs(steps[k]):
         return None
-    said = f"from row {k + 1} (counted from 0) on its response is {10.0 ** round(jump):g} times as large"
-    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
+    return k + 1, round(jump)
+
+
+def _ranged_transient(trial: Trial) -> tuple[int, int] | None:
+    """The same of rows that follow one another in time: whatever the drive, a response goes on where it was. It does not where
+    the lines through two rows before and two rows after do not meet, by far more than rows beside scatter and bend."""
+    z = trial.log.response
+    if len(z) < LEAST_ROWS or trial.whole is not None:
+        return None
+    k = np.arange(AROUND, len(z) - AROUND)  # the first row after
+    before, after = 1.5 * z[k - 1] - 0.5 * z[k - 2], 1.5 * z[k] - 0.5 * z[k + 1]
+    rough = np.abs(np.diff(z, 2))  # of rows j to j + 2, at j
+    near = np.arange(AROUND - 2)
+    error = [np.max(rough[k[:, None] + first], axis=1) for first in (near - AROUND, near)]
+    around = k[:, None] + np.arange(-AROUND, AROUND)
+    held = (np.ptp(trial.inputs.interval[around], axis=1) == 0) & np.all(trial.there[around], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        power = np.log10(np.abs(after / before))
+        beyond = np.abs(np.log10(np.abs(z[k + 1] / z[k - 2])))
+        blur = (error[0] / np.abs(before) + error[1] / np.abs(after)) / np.log(10)
+        steady = np.abs(np.angle(after / before)) < ASKEW
+        found = held & steady & (beyond > 0.5) & (blur < MOST_BLURRED) & (np.abs(power - np.rint(power)) < AS_IF + blur)
+    found &= np.rint(power) != 0
+    rows = np.flatnonzero(found)
+    if len(rows) == 0:
+        return None
+    best = rows[np.argmin(blur[rows])]
+    return int(k[best]), round(float(power[best]))
 
 
 def _channels(trial: Trial) -> list[np.ndarray]:
