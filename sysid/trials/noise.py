@@ -244,6 +244,33 @@ def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, know
     return float(SHARES[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
 
 
+def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) -> float:
+    """Standard deviation (s) of time stamps that scatter, over the level of white noise beside it: 0.0 where that is not worth a
+    number of its own, beside what outliers explain, or neighbours share what is left, as they do of a wrong model.
+
+    A row of a response that moves by `rate` (n,), complex, and is read t late is off by t rate: along the rate, not across. Up
+    to the scatter `longest` (s) it is tried.
+    """
+    n, channels, speed = len(residual), 2 if np.iscomplexobj(residual) else 1, np.abs(rate)
+    if n < 20 or not np.any(residual) or not np.any(speed):
+        return 0.0
+    turned = residual * np.exp(-1j * np.angle(rate))
+    along, across = turned.real**2, turned.imag**2
+    level = np.sqrt(MEDIAN[2] * np.median(along + across) / 2) if channels == 2 else np.sqrt(np.median(along) / MEDIAN[1])
+    level = max(float(level), 1e-300)
+    tried = np.append(0.0, np.geomspace(0.3 / np.max(speed), max(longest / level, 0.4 / np.max(speed)), 24))
+    spread = np.sqrt(1 + (tried[:, None] * speed) ** 2)
+    power = np.mean(along / spread**2 + across, axis=1)
+    cost = 0.5 * n * channels * np.log(np.maximum(power, 1e-300)) + np.sum(np.log(spread), axis=1)
+    best = int(np.argmin(cost))
+    if cost[0] - cost[best] < WORTH:
+        return 0.0
+    robust = [_likeliest(along / spread[k] ** 2 + across, channels)[0] + np.sum(np.log(spread[k])) for k in (0, best)]
+    moved = (turned.real / spread[best])[tried[best] * speed > 1]
+    shared = np.sum(moved[1:] * moved[:-1]) / max(np.sum(moved**2), 1e-300) * np.sqrt(len(moved))
+    return float(tried[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
+
+
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
     """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
 

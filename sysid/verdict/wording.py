@@ -84,6 +84,12 @@ def _grows(size: np.ndarray) -> bool:
     return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
 
 
+def rounded_stamps(time: np.ndarray, digit: float) -> str:
+    """That an even clock's stamps were rounded, and which clock it is taken to be."""
+    period = float(np.mean(np.diff(time)))
+    return f"its time stamps are whole multiples of {seconds(digit)}; taken as those of an even clock of {seconds(period)}"
+
+
 def stamps_shared(trial: Trial) -> int:
     """How many rows have the time stamp of the row before, those that are left out aside."""
     time = trial.log.time if trial.whole is None else trial.whole.time
@@ -181,6 +187,8 @@ def noise(trial: Trial) -> str:
         largest = f"{100 * known.std * np.sqrt(known.share) / trial.scale:.2g} % of the response"
         least = f" and {known.std * np.sqrt(1 - known.share):.2g} {unit}" if known.share < NEARLY_ALL else ""
         said = f"{said}, {largest}{least}"
+    if known.scatter:
+        said = f"{said}, in time stamps that scatter by {seconds(known.scatter * known.std)}"
     if known.jitter is not None:
         said = f"{said}, of which the phase's is {known.jitter.std:.2g} rad, correlated over {_time(trial, known.jitter.time)}"
     if outliers := known.left_out - trial.lost:
