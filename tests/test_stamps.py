@@ -79,3 +79,24 @@ def test_the_clock_is_told_as_well_as_it_says():
         line, digit = even(1e-3 * np.rint(1e3 * period * np.arange(400)))
         assert digit == pytest.approx(1e-3)
         assert np.mean(np.diff(line)) == pytest.approx(period, rel=2e-3)
+
+
+@pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), ({"delay_s": 0.0}, 1), ({}, 10)])
+def test_a_frequency_that_runs_on_between_rows(stated, parts):
+    """A chirp of 2 Hz a row, in so many parts of a row: f0 is half a row off if it is taken to stay, which no log tells."""
+    rows, dwell = 500, 2e-4
+    fine = PLANT.f0 - 500 + 2.0 / parts * np.arange(rows * parts)
+    at = dwell / parts * np.arange(rows * parts)
+    before = np.append(at[0] - 40 * PLANT.tau, at[1:])  # settled where it begins
+    z = reference.ringing(PLANT, before, np.ones(len(at)), fine, np.full(len(at), 24.0))[::parts]
+    log = sysid.Log(
+        "chirp", z + reference.noise(rows, LEVEL, 0), time=at[::parts], drive=np.ones(rows), frequency=fine[::parts],
+        kind="transient", sampling="instant", bench=stated,
+    )  # fmt: skip
+    fit = sysid.fit([log])
+    f0 = fit.parameters["f0"]
+    said = [w for w in fit.warnings if "if it runs on between them" in w]
+    assert bool(said) == bool(stated)
+    off = 1.0 if stated and parts > 1 else 0.0  # Hz, half a row, of which a tenth is a part's own
+    assert abs(f0.value + off - PLANT.f0) < 4 * f0.std + 0.1
+    assert not said or "f0 is 1 Hz higher" in said[0]

@@ -21,7 +21,7 @@ from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
-TIMES = 24  # correlation times that are tried
+TIMES = 24  # correlation times that are tried, and scatters of stamps
 ALIKE_STEPS = 1e-6  # of the longest step between rows, within which two are one: what digits of stamps make of a steady clock
 FEW_STEPS = 8  # between rows: a steady clock with outliers left out
 MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
@@ -251,22 +251,20 @@ def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) ->
     A row of a response that moves by `rate` (n,), complex, and is read t late is off by t rate: along the rate, not across. Up
     to the scatter `longest` (s) it is tried.
     """
-    n, channels, speed = len(residual), 2 if np.iscomplexobj(residual) else 1, np.abs(rate)
-    if n < 20 or not np.any(residual) or not np.any(speed):
+    n, speed = len(residual), np.abs(rate)
+    along = (residual * np.exp(-1j * np.angle(rate))).real
+    level = float(np.sqrt(np.median(along**2) / MEDIAN[1])) if n >= 20 else 0.0
+    if level == 0 or not np.any(speed):
         return 0.0
-    turned = residual * np.exp(-1j * np.angle(rate))
-    along, across = turned.real**2, turned.imag**2
-    level = np.sqrt(MEDIAN[2] * np.median(along + across) / 2) if channels == 2 else np.sqrt(np.median(along) / MEDIAN[1])
-    level = max(float(level), 1e-300)
-    tried = np.append(0.0, np.geomspace(0.3 / np.max(speed), max(longest / level, 0.4 / np.max(speed)), 24))
+    least = 0.3 / np.max(speed)  # over the level, as it is tried
+    tried = np.append(0.0, np.geomspace(least, max(longest / level, 2 * least), TIMES))
     spread = np.sqrt(1 + (tried[:, None] * speed) ** 2)
-    power = np.mean(along / spread**2 + across, axis=1)
-    cost = 0.5 * n * channels * np.log(np.maximum(power, 1e-300)) + np.sum(np.log(spread), axis=1)
+    cost = 0.5 * n * np.log(np.mean((along / spread) ** 2, axis=1)) + np.sum(np.log(spread), axis=1)
     best = int(np.argmin(cost))
     if cost[0] - cost[best] < WORTH:
         return 0.0
-    robust = [_likeliest(along / spread[k] ** 2 + across, channels)[0] + np.sum(np.log(spread[k])) for k in (0, best)]
-    moved = (turned.real / spread[best])[tried[best] * speed > 1]
+    robust = [_likeliest((along / spread[k]) ** 2, 1)[0] + np.sum(np.log(spread[k])) for k in (0, best)]
+    moved = (along / spread[best])[tried[best] * speed > 1]
     shared = np.sum(moved[1:] * moved[:-1]) / max(np.sum(moved**2), 1e-300) * np.sqrt(len(moved))
     return float(tried[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
 

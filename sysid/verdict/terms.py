@@ -26,6 +26,10 @@ SHIFTED = (
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
     " row to row), or let every point settle"
 )
+RUNNING = (
+    "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is {:.2g} Hz {}, {:.2g} of"
+    " its standard deviations; sweep back as well, or leave delay_s out"
+)
 CURVED = "f0 curved over temperature"
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
