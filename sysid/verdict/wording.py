@@ -32,6 +32,8 @@ MOST_BLURRED = 0.15  # of a power of ten, by which rows beside a jump may leave 
 AROUND = 4  # rows on each side of it, with two second differences, whose inputs do not change
 ASKEW = 0.5  # rad, by which the phase may turn at a range that is changed: noise and bend, no change of sign
 AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
+TIED = 3  # rows on the largest value where no other two rows are alike: noise makes no ties
+NOISY = 1e-6  # of the response, from which it is noise that parts rows, not a settling response
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -253,15 +255,18 @@ def _warm(trial: Trial) -> bool:
 
 
 def clipped(trial: Trial) -> str | None:
-    """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
+    """A sentence when rows share the largest or smallest value of a channel: many, or a few where no others do; else None."""
     y = trial.log.response
     channels = _channels(trial)
     if np.all(trial.noise.count > 1) or any(p.std < LEVELLED * s for p, s in zip(trial.noise.parts, trial.steps, strict=False)):
         return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
     for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
         values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
-        beyond = values[-1] != 0 and count[-1] > max(CLIPPED * len(channel), 4)
-        if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
+        if len(values) <= 20 or values[-1] == 0:
+            continue
+        beyond = count[-1] > max(CLIPPED * len(channel), 4) and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1]))
+        tied = count[-1] >= TIED and np.max(count[:-1]) == 1 and trial.noise.std > NOISY * trial.scale
+        if beyond or tied:
             return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
     return None
 
