@@ -9,6 +9,7 @@ from sysid.logs.log import Log
 from sysid.minimum.guess import candidates
 from sysid.model.prior import NAMES
 from sysid.rows import thermometer
+from sysid.rows.clock import even
 from sysid.rows.condense import undelayed
 from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
 from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
@@ -23,6 +24,9 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
             log = replace(log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench})
+        if log.kind != "steady" and log.time is not None and (found_even := even(log.time)):
+            log = replace(log, time=found_even[0])
+            warnings.append(f"{log.name}: {wording.rounded_stamps(log.time, found_even[1])}")
         if log.frequency is not None and not np.any(log.frequency) and (log.time is not None or log.drive is not None):
             log = replace(log, frequency=None)
             warnings.append(f"{log.name}: its frequency is 0 in every row, as of a source that was not read back; not used")

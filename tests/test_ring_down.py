@@ -168,3 +168,24 @@ def test_a_long_one_that_dies_into_its_noise_is_no_misfit():
     found = sysid.fit([sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")])
     assert found.result is Result.undetermined  # G and f0
     assert errors(found, "tau") < 4 and found.parameters["tau"].std < 2e-3 * TAU
+
+
+@pytest.mark.parametrize("rows, noise", [(110, 0.005), (300, 0.05)])
+def test_a_bare_amplitude_that_dies_into_its_noise_is_an_amplitude(rows, noise):
+    """Neither drive nor frequency: time and |W| alone. Its tail has lost its sign, and is no offset that the response dies to."""
+    time, z = TAU / 16.7 * np.arange(rows), []
+    for seed in range(20):
+        w = np.abs(np.exp(-time / TAU) + reference.noise(rows, noise, seed))
+        found = sysid.fit([sysid.Log("bare", w, time=time, kind="transient")])
+        assert found.result is Result.successful
+        z.append((found.plant.tau - TAU) / found.parameters["tau"].std)
+    assert np.sqrt(np.mean(np.square(z))) < 1.5  # of 20, a root mean square is known to 16 %: three of these; it was 2.4 and 5.4
+
+
+@pytest.mark.parametrize("offset", [2.5, 10.0])
+def test_a_bare_signed_output_keeps_its_offset(offset):
+    """Noise about an offset of a few of its standard deviations keeps its sign, though no row of the tail falls below zero."""
+    time, level = TAU / 16.7 * np.arange(150), 0.005
+    for seed in range(5):
+        w = np.abs(np.exp(-time / TAU) + level * (offset + np.random.default_rng(seed).standard_normal(150)))
+        assert not rice.rectified(sysid.Log("bare", w, time=time, kind="transient"))

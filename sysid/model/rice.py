@@ -10,6 +10,7 @@ Of |A + n|, n normal of standard deviation s in d and in q, and u = A^2/s^2,
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.special import i0e, i1e
 
 from sysid.logs.log import Log
@@ -54,15 +55,18 @@ def _lifted(u: Any) -> tuple[Any, Any]:
 
 FEW = 8  # rows at rest, of which nothing is told
 QUIET = 0.2  # of the largest response, no more than which rows at rest show
+ENOUGH = 1000  # rows, of which the law of their noise is told
 
 
 def rectified(log: Log) -> bool:
     """Whether a response of one sign is an amplitude: its rows at rest, before the first drive or last after it, are likelier by
     Rayleigh's law, of noise that has lost its sign, than normal about an offset. The noise is that of the other rows, by their
-    second differences."""
+    second differences. Without a drive, whether what dies away is."""
     w, drive = log.response, log.drive
-    if np.iscomplexobj(w) or drive is None or log.time is None or not np.any(drive) or np.any(w < 0):
+    if np.iscomplexobj(w) or log.time is None or np.any(w < 0):
         return False
+    if drive is None or not np.any(drive):
+        return _dies_into_rice(log.time - log.time[0], w)
     driven = np.flatnonzero(drive)
     rest, rows = w[: driven[0]], w[driven[0] + 1 : driven[-1] + 1]
     if len(rest) < FEW:
@@ -76,3 +80,28 @@ def rectified(log: Log) -> bool:
     rayleigh = np.log(rest / variance) - rest**2 / (2 * variance)
     normal = -0.5 * np.log(2 * np.pi * variance) - (rest - np.mean(rest)) ** 2 / (2 * variance)
     return bool(np.sum(rayleigh - normal) > 0)
+
+
+def _dies_into_rice(time: np.ndarray, w: np.ndarray) -> bool:
+    """Whether rows (n,) that die away from `time` 0 on are likelier |A e^(-t/tau) + n|, by Rice's law, than normal about
+    A e^(-t/tau) and an offset, which is one number more (BIC). Where they end above their noise both are alike: False."""
+    skip = len(w) // ENOUGH + 1
+    t, x = time[::skip], w[::skip] / (np.max(w) or 1.0)
+    if len(x) < 2 * FEW or t[-1] == 0 or np.any(x == 0):
+        return False
+    taus = t[-1] / np.geomspace(0.3, len(t), 100)
+    fits = [(np.exp(-t / tau)[:, None] ** [1, 0]) for tau in taus]
+    left = [float(np.sum((x - shape @ np.linalg.lstsq(shape, x)[0]) ** 2)) for shape in fits]
+    best = int(np.argmin(left))
+    variance = left[best] / len(x)
+    if variance == 0:
+        return False
+
+    def cost(p: np.ndarray) -> float:
+        a, s = np.exp(p[0] - t * np.exp(-p[1])), np.exp(p[2])
+        return float(-np.sum(np.log(x / s**2 * i0e(a * x / s**2)) - (x - a) ** 2 / (2 * s**2)))
+
+    rice = minimize(cost, [0.0, np.log(taus[best]), 0.5 * np.log(variance)], method="Nelder-Mead", options={"maxfev": 400})
+    size, tau, noise = np.exp(rice.x)
+    normal = 0.5 * len(x) * (np.log(2 * np.pi * variance) + 1)
+    return bool(size * np.exp(-t[-1] / tau) < noise and normal + 0.5 * np.log(len(x)) > rice.fun)

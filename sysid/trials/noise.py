@@ -22,7 +22,7 @@ from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
-TIMES = 24  # correlation times that are tried
+TIMES = 24  # correlation times that are tried, and scatters of stamps
 ALIKE_STEPS = 1e-6  # of the longest step between rows, within which two are one: what digits of stamps make of a steady clock
 FEW_STEPS = 8  # between rows: a steady clock with outliers left out
 MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
@@ -243,6 +243,31 @@ def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, know
     left = residual / spread[best]
     shared = np.sum((left[1:] * left[:-1].conj()).real) / np.sum(np.abs(left) ** 2) * np.sqrt(n * channels)
     return float(SHARES[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
+
+
+def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) -> float:
+    """Standard deviation (s) of time stamps that scatter, over the level of white noise beside it: 0.0 where that is not worth a
+    number of its own, beside what outliers explain, or neighbours share what is left, as they do of a wrong model.
+
+    A row of a response that moves by `rate` (n,), complex, and is read t late is off by t rate: along the rate, not across. Up
+    to the scatter `longest` (s) it is tried.
+    """
+    n, speed = len(residual), np.abs(rate)
+    along = (residual * np.exp(-1j * np.angle(rate))).real
+    level = float(np.sqrt(np.median(along**2) / MEDIAN[1])) if n >= 20 else 0.0
+    if level == 0 or not np.any(speed):
+        return 0.0
+    least = 0.3 / np.max(speed)  # over the level, as it is tried
+    tried = np.append(0.0, np.geomspace(least, max(longest / level, 2 * least), TIMES))
+    spread = np.sqrt(1 + (tried[:, None] * speed) ** 2)
+    cost = 0.5 * n * np.log(np.mean((along / spread) ** 2, axis=1)) + np.sum(np.log(spread), axis=1)
+    best = int(np.argmin(cost))
+    if cost[0] - cost[best] < WORTH:
+        return 0.0
+    robust = [_likeliest((along / spread[k]) ** 2, 1)[0] + np.sum(np.log(spread[k])) for k in (0, best)]
+    moved = (along / spread[best])[tried[best] * speed > 1]
+    shared = np.sum(moved[1:] * moved[:-1]) / max(np.sum(moved**2), 1e-300) * np.sqrt(len(moved))
+    return float(tried[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:

@@ -12,7 +12,19 @@ import numpy as np
 from sysid.model import rice
 from sysid.model.span import times
 from sysid.rows import rounding
-from sysid.trials.noise import SURE, WORTH, Level, apart, apart_in_colour, estimate, independent, proportional, spikes, tails
+from sysid.trials.noise import (
+    SURE,
+    WORTH,
+    Level,
+    apart,
+    apart_in_colour,
+    estimate,
+    independent,
+    proportional,
+    scatter_of_stamps,
+    spikes,
+    tails,
+)
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import efficiency
 from sysid.trials.trial import Trial, freedom, freedoms, with_noise
@@ -22,6 +34,7 @@ MUCH = 0.3  # of a log
 COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
 HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
+BEGINS = 5  # rows after a change, which a response that begins in another way is off by, as behind a filter: they tell no scatter
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
 ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
 WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
@@ -31,24 +44,44 @@ SETTLED = 20  # rounds after which noise keeps its correlation time, for the sam
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows; `floor`: of an amplitude log."""
     decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
-    trial = trial if decaying else _with_spread(trial, model, floor, round_)
+    trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = _with_rounding(trial, model, round_) if any(trial.steps) else None
     new = new or _with_noise_of(trial.knowing(rounded=None, own=None), model, course.design, round_)
-    new = _with_spread(new, model, floor, round_) if decaying else new
+    new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
         return new.knowing(efficiency=efficiency(new, course))
     return new
 
 
-def _with_spread(trial: Trial, model: np.ndarray, floor: float, round_: int) -> Trial:
-    """The trial with how its noise differs from row to row: as Rice's does, and by what is proportional to the response."""
+def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
+    """The trial with how its noise differs from row to row: as Rice's does, by what is proportional to the response, or by what
+    that moves while time stamps scatter."""
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
     share = _share(trial, model, size, least, round_)
+    scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
     if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
         return trial
-    if share == 0 and np.all(least == 1):
-        return trial if trial.noise.spread is None else trial.knowing(share=share, spread=None)
-    return trial.knowing(share=share, spread=np.sqrt((1 - share) * least**2 + share * size**2))
+    if share == 0 and scatter == 0 and np.all(least == 1):
+        return trial if trial.noise.spread is None else trial.knowing(share=share, scatter=scatter, spread=None)
+    spread = np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
+    return trial.knowing(share=share, scatter=scatter, spread=spread)
+
+
+def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
+    """By how much a transient's time stamps scatter over its noise, as rows show that the response moves past, and how fast it
+    does, (n,). By more than from row to row it is something else."""
+    log, still = trial.log, (0.0, np.zeros(len(model)))
+    if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
+        return still
+    rate = course.rate + trial.start * course.pole * course.free
+    if not trial.signed:
+        rate = (rice.towards(course.forced + trial.start * course.free, trial.lift) * rate).real + 0j
+    rate = rate if not trial.signed else trial.turn * rate
+    if not 0 < round_ < HELD or not _is_noise(trial, model):
+        return (trial.noise.scatter, np.abs(rate)) if trial.noise.scatter else still
+    first = np.searchsorted(trial.inputs.interval, trial.inputs.interval)
+    told = trial.there & (np.arange(len(model)) - first >= BEGINS)
+    return scatter_of_stamps(trial.residual(model)[told], rate[told], trial.spacing), np.abs(rate)
 
 
 def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
@@ -167,7 +200,8 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
         std, time = found.level(ratio, held)
     if time > 0 or found.trial.noise.left_out > found.trial.lost:
         weight, told = np.ones(len(found.left)), 1.0
-    plain = time == 0 and told == 1 and ratio == 1 and not known.share and found.trial.noise.left_out == found.trial.lost
+    even = not known.share and not known.scatter
+    plain = time == 0 and told == 1 and ratio == 1 and even and found.trial.noise.left_out == found.trial.lost
     if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
         std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
     time = _halfway(time, known.time) if round_ > WHOLE else time

@@ -96,7 +96,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     wrong, doubts = _described(best, found, FINGER[0] in free)
     if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
         return [said], []
-    if (wrong or doubts) and (ranges := [f"{t.log.name}: {said}" for t in best.trials if (said := wording.ranged(t))]):
+    odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
+    if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:
         return ranges, []
     between = found and (found[0].name in BETWEEN or found[0].log is None)
     if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):

@@ -25,7 +25,7 @@ from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling, complex_of
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import Term, together
-from sysid.verdict.terms import CURVED, SHIFTED, THROUGH, one_way, own, terms, times
+from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, THROUGH, one_way, own, terms, times
 from sysid.verdict.view import View
 from sysid.verdict.wording import SAY_SO, stamps_shared
 
@@ -150,17 +150,24 @@ def _aslant(view: View, run: np.ndarray) -> float:
 
 def _row_late(i: int, view: View, fit: "Linear") -> str | None:
     """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
-    it should, as if the resonance were a step of the sweep away."""
-    if "f0" not in fit.names or view.trial.lateness < 0.5 * view.trial.spacing or not one_way(view):
+    it should, as if the resonance were a step of the sweep away. Where nothing is late, a frequency that runs on: half a step."""
+    if "f0" not in fit.names or not one_way(view):
         return None
+    stated = view.trial.lateness < 0.5 * view.trial.spacing
+    if stated and ("delay_s" not in view.trial.log.bench or np.any(np.diff(view.trial.log.frequency) == 0)):
+        return None  # a frequency that stays for several rows does not run on
     if np.any(np.diff(view.trial.log.frequency) == 0) and dwells(view.trial.log, view.course.tau):  # its own rows would show it
         return None
     f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
     share = min(fit.share(i)[f0, f0], 1.0)
     contradicted = step * np.sqrt(1 - share) > FARAWAY * fit.std[f0]  # by what the other logs tell of f0
-    if contradicted or share * step < MOVES * fit.std[f0]:
+    moved = share * step * (0.5 if stated else 1.0)
+    if moved < MOVES * fit.std[f0] or (contradicted and not stated):
         return None
-    return SHIFTED.format(view.trial.log.name, step, share * step / fit.std[f0])
+    if stated:
+        way = "higher" if view.trial.log.frequency[-1] > view.trial.log.frequency[0] else "lower"
+        return RUNNING.format(view.trial.log.name, moved, way, moved / fit.std[f0])
+    return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
 
 
 def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -> str | None:

@@ -26,6 +26,10 @@ SHIFTED = (
     " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
     " row to row), or let every point settle"
 )
+RUNNING = (
+    "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is {:.2g} Hz {}, {:.2g} of"
+    " its standard deviations; sweep back as well, or leave delay_s out"
+)
 CURVED = "f0 curved over temperature"
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
@@ -213,26 +217,30 @@ def _creeping(i: int, view: View) -> Iterator[Term]:
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
     """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
     reported `away` (degC) from the logs' mean temperature."""
-    resonant = {i: v for i, v in enumerate(views) if v.trial.resonant and (v.trial.driven or not v.trial.steady)}
-    top = max((float(np.max(np.abs(v.plate))) for v in resonant.values()), default=0.0)
+    moving = {i: v for i, v in enumerate(views) if not v.trial.steady or (v.trial.resonant and v.trial.driven)}
+    top = max((float(np.max(np.abs(v.plate))) for v in moving.values()), default=0.0)
     if top > 0:
-        moved = {i: _either(v, np.abs(v.plate / top) ** 2) for i, v in resonant.items()}
+        # Of amplitudes at one frequency, and without any, f0 is not seen to move.
+        turns = any(v.trial.resonant and (v.trial.signed or np.ptp(v.trial.log.frequency) > 0) for v in moving.values())
+        moved = {i: _either(v, np.abs(v.plate / top) ** 2)[:, : 1 + turns] for i, v in moving.items()}
         unit = views[0].trial.log.response_unit
 
         def softer(value: np.ndarray, view: View) -> str:
-            hz, slower = value[1] / (2 * np.pi), -value[0] * view.course.tau
-            about = f"by about {hz:+.2g} Hz in f0 and {100 * slower:+.2g} % in 1/tau at {top:.2g} {unit}"
+            slower = f"{-100 * value[0] * view.course.tau:+.2g} % in 1/tau at {top:.2g} {unit}"
+            if not turns:
+                return f"damping depends on the amplitude, by about {slower}; record at a smaller drive"
+            about = f"by about {value[1] / (2 * np.pi):+.2g} Hz in f0 and {slower}"
             return f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
 
         def bent(value: np.ndarray, _: View) -> str:
             about = f"by about {value[0] / (2 * np.pi):+.2g} Hz in f0 at {top:.2g} {unit}"
             return f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
 
-        yield Term("amplitude", moved, softer, freedom=2)
+        yield Term("amplitude", moved, softer, freedom=1 + turns)
         # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0 by several of its
         # errors. Of settled points in even noise that is all that looks so; of a transient a drift or a lateness does, elsewhere
         # noise of long memory, or one whose weights follow the residual.
-        if all(v.trial.steady and not v.trial.noise.coloured and not v.trial.noise.share for v in resonant.values()):
+        if turns and all(v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()):
             yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
     levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
     if _of_several_sizes(levels):

@@ -28,7 +28,12 @@ LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau o
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
 HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
 BESIDE = 3  # rows on each side, by which it is judged what a response does anyway
+MOST_BLURRED = 0.15  # of a power of ten, by which rows beside a jump may leave it uncertain: three of these are half of one
+AROUND = 4  # rows on each side of it, with two second differences, whose inputs do not change
+ASKEW = 0.5  # rad, by which the phase may turn at a range that is changed: noise and bend, no change of sign
 AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
+TIED = 3  # rows on the largest value where no other two rows are alike: noise makes no ties
+NOISY = 1e-6  # of the response, from which it is noise that parts rows, not a settling response
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -79,6 +84,12 @@ def _grows(size: np.ndarray) -> bool:
     """Whether a response is larger at its end than at its beginning."""
     part = max(len(size) // 10, 1)
     return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
+
+
+def rounded_stamps(time: np.ndarray, digit: float) -> str:
+    """That an even clock's stamps were rounded, and which clock it is taken to be."""
+    period = float(np.mean(np.diff(time)))
+    return f"its time stamps are whole multiples of {seconds(digit)}; taken as those of an even clock of {seconds(period)}"
 
 
 def stamps_shared(trial: Trial) -> int:
@@ -178,6 +189,8 @@ def noise(trial: Trial) -> str:
         largest = f"{100 * known.std * np.sqrt(known.share) / trial.scale:.2g} % of the response"
         least = f" and {known.std * np.sqrt(1 - known.share):.2g} {unit}" if known.share < NEARLY_ALL else ""
         said = f"{said}, {largest}{least}"
+    if known.scatter:
+        said = f"{said}, in time stamps that scatter by {seconds(known.scatter * known.std)}"
     if known.jitter is not None:
         said = f"{said}, of which the phase's is {known.jitter.std:.2g} rad, correlated over {_time(trial, known.jitter.time)}"
     if outliers := known.left_out - trial.lost:
@@ -242,23 +255,36 @@ def _warm(trial: Trial) -> bool:
 
 
 def clipped(trial: Trial) -> str | None:
-    """A sentence when many rows of a channel share its largest or smallest value exactly; else None."""
+    """A sentence when rows share the largest or smallest value of a channel: many, or a few where no others do; else None."""
     y = trial.log.response
     channels = _channels(trial)
     if np.all(trial.noise.count > 1) or any(p.std < LEVELLED * s for p, s in zip(trial.noise.parts, trial.steps, strict=False)):
         return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
     for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
         values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
-        beyond = values[-1] != 0 and count[-1] > max(CLIPPED * len(channel), 4)
-        if beyond and len(values) > 20 and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1])):
+        if len(values) <= 20 or values[-1] == 0:
+            continue
+        beyond = count[-1] > max(CLIPPED * len(channel), 4) and count[-1] > max(5 * np.median(count), 2 * np.max(count[-6:-1]))
+        tied = count[-1] >= TIED and np.max(count[:-1]) == 1 and trial.noise.std > NOISY * trial.scale
+        if beyond or tied:
             return f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it again within the range"
     return None
 
 
 def ranged(trial: Trial) -> str | None:
-    """A sentence when from one row of a sweep on the response is a power of ten larger, as no resonance makes it; else None."""
+    """A sentence when from one row on the response is a power of ten larger, as no resonance makes it; else None."""
+    found = _ranged_sweep(trial) if trial.steady else _ranged_transient(trial)
+    if found is None:
+        return None
+    row, power = found
+    said = f"from row {row} (counted from 0) on its response is {10.0**power:g} times as large"
+    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
+
+
+def _ranged_sweep(trial: Trial) -> tuple[int, int] | None:
+    """The first row of another range, and by which power of ten."""
     w = np.abs(trial.log.response)
-    if not (trial.steady and trial.resonant) or len(w) < LEAST_ROWS or np.any(w == 0):
+    if not trial.resonant or len(w) < LEAST_ROWS or np.any(w == 0):
         return None
     drive = np.abs(trial.inputs.drive) if trial.driven else np.ones(len(w))
     steps = np.diff(np.log(w / drive)) if np.all(drive > 0) else np.zeros(len(w) - 1)
@@ -267,8 +293,34 @@ def ranged(trial: Trial) -> str | None:
     jump = float(steps[k] - np.median(beside)) / np.log(10)
     if round(jump) == 0 or abs(jump - round(jump)) > AS_IF or np.sort(np.abs(steps))[-2] > 0.5 * abs(steps[k]):
         return None
-    said = f"from row {k + 1} (counted from 0) on its response is {10.0 ** round(jump):g} times as large"
-    return f"{said}, as by a range that was changed; scale these rows, or give the rows of each range as a log of their own"
+    return k + 1, round(jump)
+
+
+def _ranged_transient(trial: Trial) -> tuple[int, int] | None:
+    """The same of rows that follow one another in time: whatever the drive, a response goes on where it was. It does not where
+    the lines through two rows before and two rows after do not meet, by far more than rows beside scatter and bend."""
+    z = trial.log.response
+    if len(z) < LEAST_ROWS or trial.whole is not None:
+        return None
+    k = np.arange(AROUND, len(z) - AROUND)  # the first row after
+    before, after = 1.5 * z[k - 1] - 0.5 * z[k - 2], 1.5 * z[k] - 0.5 * z[k + 1]
+    rough = np.abs(np.diff(z, 2))  # of rows j to j + 2, at j
+    near = np.arange(AROUND - 2)
+    error = [np.max(rough[k[:, None] + first], axis=1) for first in (near - AROUND, near)]
+    around = k[:, None] + np.arange(-AROUND, AROUND)
+    held = (np.ptp(trial.inputs.interval[around], axis=1) == 0) & np.all(trial.there[around], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        power = np.log10(np.abs(after / before))
+        beyond = np.abs(np.log10(np.abs(z[k + 1] / z[k - 2])))
+        blur = (error[0] / np.abs(before) + error[1] / np.abs(after)) / np.log(10)
+        steady = np.abs(np.angle(after / before)) < ASKEW
+        found = held & steady & (beyond > 0.5) & (blur < MOST_BLURRED) & (np.abs(power - np.rint(power)) < AS_IF + blur)
+    found &= np.rint(power) != 0
+    rows = np.flatnonzero(found)
+    if len(rows) == 0:
+        return None
+    best = rows[np.argmin(blur[rows])]
+    return int(k[best]), round(float(power[best]))
 
 
 def _channels(trial: Trial) -> list[np.ndarray]:
