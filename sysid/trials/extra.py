@@ -24,7 +24,7 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s", "poles": "1"}
 STRIDE = 0.5  # half bandwidths, of which a response to first order tells
 PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
 SHARE = 0.1  # of the log's duration, and of the gain
@@ -96,6 +96,8 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         tau, order = trial.filter
         later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
         yield "filter", (later - sooner) / (2 * PART), 1.0
+        soft, sharp = (course.behind(np.array([tau * order / n]), n)[:, 0] for n in (1, 4))
+        yield "poles", soft - sharp, 0.5
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

@@ -34,7 +34,7 @@ class _Shown(NamedTuple):
 
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
-    the log states, `filter` (s) the time constant of a lock-in's that is fitted; `drift`, `lag`, `gain` and `thermometer` those of
+    the log states, `filter` (s) the time constant of a lock-in's that is fitted; `drift`, `lag`, `gain`, `thermometer` those of
     `trials.extra`; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides), `baseline` (per s) and `start` have
     d and q as the log records them, the start of an amplitude that is driven at its first row what it has beside the settled
     response, along it and across; `noise` is one channel's standard deviation; where those of d and q differ it is their root

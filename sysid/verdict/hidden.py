@@ -1,18 +1,19 @@
 """A lock-in's filter that no log states, fitted where the logs cannot be described without.
 
 Behind n poles a response begins late and bends as it does; to first order, which is all that lateness has, it is a delay.
-Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, and delays are tried to first order in everything
-else. A filter is taken if it is worth more than chance, and if what fits alike leaves the plant where it is: else the logs cannot
-tell it from tau. By how much its time constant is another is then one of the nuisances of each log (`trials.extra`).
+Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, and delays are tried to first order in all else,
+and anew about the best of them. A filter is taken if it is worth more than chance, and if what fits alike leaves the plant where it
+is: else the logs cannot tell it from tau. By how much its time constant is another is then a nuisance of each log (`trials.extra`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from sysid.minimum.minimise import State
+from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import Question
 from sysid.verdict.late import ALIKE, SURE
@@ -26,7 +27,8 @@ MOVED = 0.5  # standard deviations of a parameter, by which explanations that fi
 
 
 class _Tried(NamedTuple):
-    """So many poles (0: a delay) of a time constant (s): what it is worth in log-likelihood, and by how much theta moves."""
+    """So many poles (0: a delay) of a time constant (s): what it is worth in log-likelihood, and by how much theta moves, in its
+    standard deviations."""
 
     order: int
     time: float
@@ -36,25 +38,33 @@ class _Tried(NamedTuple):
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
     """The question anew, and its minimum, with the filter that the logs show; None where they show none, or not which."""
-    minimiser = question.minimiser
-    views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
-    linear = Linear(views, state, list(minimiser.free), 0.0)
-    tried = sorted(_tried(linear, hidden, np.exp(state.theta[1])), key=lambda t: -t.worth)
-    if not tried or not tried[0].order or tried[0].worth < SURE or not _agree(tried, linear.std):
+    tried = _tried(question, state, hidden) if hidden else []
+    if not tried or tried[0].worth < SURE:
         return None
-    time, order = tried[0].time, tried[0].order
-    for _ in range(ROUNDS):
-        best = minimiser.refine(_filtered(state.trials, hidden, time, order), state.theta)
-        time *= float(np.exp(_longer([View(best.trials[i], best.models[i], best, minimiser.reference) for i in hidden])))
+    best = state
+    for _ in ORDERS:  # far from where they are, what is worth more is told to first order only
+        order, time = tried[0].order, tried[0].time
+        if not order:
+            return None
+        for _ in range(ROUNDS):
+            best = question.minimiser.refine(_filtered(best.trials, hidden, time, order), best.theta)
+            views = [View(best.trials[i], best.models[i], best, question.minimiser.reference) for i in hidden]
+            time *= float(np.exp(_longer(views)))
+        tried = _tried(question, best, hidden)
+        if tried[0].order == order or tried[0].worth <= 0:
+            break
     trials, said = _filtered(question.trials, hidden, time, order), _said([state.trials[i].log.name for i in hidden], time, order)
     return replace(question, trials=trials, warnings=(*question.warnings, said)), [best]
 
 
 def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order: int) -> tuple[Trial, ...]:
     """The trials, those whose filter is hidden behind this one."""
-    new = (replace(t, nuisances=(*t.nuisances, "filter"), filter=(time, order), extra={}, late=0.0) for t in trials)
-    return tuple(a if i in hidden else b for i, (a, b) in enumerate(zip(new, trials, strict=True)))
+    def behind(t: Trial) -> Trial:
+        nuisances = tuple(dict.fromkeys((*t.nuisances, "filter", "poles")))
+        return replace(t, nuisances=nuisances, filter=(time, order), extra={}, late=0.0)
+
+    return tuple(behind(t) if i in hidden else t for i, t in enumerate(trials))
 
 
 def _longer(views: Sequence[View]) -> float:
@@ -74,25 +84,24 @@ def _may_be(trial: Trial) -> bool:
     return moved and trial.whole is None and "late" in trial.nuisances and "lockin_tau_s" not in trial.log.bench
 
 
-def _tried(linear: Linear, logs: Sequence[int], tau: float) -> Iterator[_Tried]:
-    """All that could be; without logs, nothing."""
-    courses = {i: linear.views[i].course for i in logs}
-    for order in (0, *ORDERS) if logs else ():
+def _tried(question: Question, state: State, hidden: Sequence[int]) -> list[_Tried]:
+    """The best time of each kind of filter, and of a delay, beside what the logs are behind; what is worth most first."""
+    minimiser, tau = question.minimiser, float(np.exp(state.theta[1]))
+    views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
+    linear, found = Linear(views, state, list(minimiser.free), 0.0), []
+    for order in (0, *ORDERS):
         times = TIMES * tau / max(order, 1)
-        if order:
-            shapes = {i: c.behind(times, order).T - c.forced for i, c in courses.items()}
-        else:
-            shapes = {i: np.stack([c.later(t) for t in times]) - c.forced for i, c in courses.items()}
-        shown = {i: linear.views[i].observed(x) for i, x in shapes.items()}
-        for k, time in enumerate(times):
-            yield _Tried(order, float(time), *linear.gained({i: x[k] for i, x in shown.items()}))
+        shown = {i: views[i].observed(_without(views[i].course, order, times) - views[i].course.forced) for i in hidden}
+        worth, shift = zip(*(linear.gained({i: x[k] for i, x in shown.items()}) for k in range(len(times))), strict=True)
+        best = int(np.argmax(worth))
+        found.append(_Tried(order, float(times[best]), worth[best], shift[best] / linear.std))
+    return sorted(found, key=lambda t: -t.worth)
 
 
-def _agree(tried: Sequence[_Tried], std: np.ndarray) -> bool:
-    """Whether what fits as well as the first leaves the parameters where that does, the best of each kind."""
-    kinds = {t.order: t for t in reversed(tried)}.values()
-    alike = [t for t in kinds if t.worth > tried[0].worth - ALIKE]
-    return all(np.all(np.abs(t.shift - tried[0].shift) <= MOVED * std) for t in alike)
+def _without(course: Course, order: int, times: np.ndarray) -> np.ndarray:
+    """(T, n) the response to the drive behind another filter than it is taken to be, or later behind none."""
+    bare = replace(course, trial=replace(course.trial, filter=None))
+    return bare.behind(times, order).T if order else np.stack([bare.later(t) for t in times])
 
 
 def _said(names: Sequence[str], time: float, order: int) -> str:
