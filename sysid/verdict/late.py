@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
+from sysid.model.prior import NAMES
 from sysid.rows.hold import read_at
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
@@ -24,56 +25,65 @@ WIDER = 3  # and twice as far as often as it is found at the end
 POINTS = 25  # delays that are tried at first: of ten rows, two and more in each
 ZOOMS = 4  # times that the interval about the best is divided
 PARTS = 6
+SIDES = {"late": 1, "early": -1}  # by what is found, on which side of what is stated the delay is looked for
+WATCHED = ("G", "tau", "f0")
 ALIKE = 2.0  # log-likelihood within which delays fit alike: 95 %
 SURE = 10.0  # log-likelihood that a delay is worth when it is no chance, however the noise was taken
 VAGUE, CLEAR = 0.5, 0.01  # of tau, that they span, from which no delay is told, and up to which only the best
 
 
 def timed(found: Sequence[Found], state: State, reference: tuple[float, float], free: Sequence[str]) -> list[Found]:
-    """What the logs hold, those that begin late with the delay with which they fit best."""
-    anew: dict[int, _Timed] = {}
+    """What the logs hold, those that begin late, or early, with the delay with which they fit best."""
+    minimiser, anew = Minimiser(reference, tuple(free), state.prior), {}
     for f in found:
-        if f.name == "late" and f.log is not None and f.log not in anew and state.trials[f.log].log.theta is None:
-            anew[f.log] = _timed(_Costs(state, f.log, Minimiser(reference, tuple(free), state.prior)))
-    return [_with(f, anew[f.log]) if f.name == "late" and f.log in anew else f for f in found]
+        if f.name in SIDES and f.log is not None and f.log not in anew and state.trials[f.log].log.theta is None:
+            anew[f.log] = _timed(_Costs(state, f.log, minimiser), SIDES[f.name])
+    return [_with(f, anew[f.log]) if f.name in SIDES and f.log in anew else f for f in found]
 
 
 class _Timed(NamedTuple):
-    """What to say of a log that is late, and what it gains, in log-likelihood, by the delay that fits best."""
+    """What to say of a log that is late, or early; what it gains, in log-likelihood, by the delay that fits best; and how far the
+    parameters are there, by name, in their standard deviations. No sentence: as it was."""
 
-    sentence: str
+    sentence: str | None
     worth: float
+    moves: dict[str, float]
 
 
 def _with(found: Found, timed: _Timed) -> Found:
-    return replace(found, sentence=timed.sentence, certain=found.certain or timed.worth > SURE)
+    """Far from the fit what a delay moves is more than to first order, and by other noise."""
+    certain, moves = timed.worth > SURE, dict(found.moves)
+    if certain:
+        moves |= {n: m for n, m in timed.moves.items() if abs(m) > abs(moves.get(n, 0.0))}
+    return replace(found, sentence=timed.sentence or found.sentence, certain=found.certain or certain, moves=moves)
 
 
-def _timed(costs: "_Costs") -> _Timed:
+def _timed(costs: "_Costs", side: int) -> _Timed:
     """The delay to state, with those that fit as well; no number where the log does not tell it."""
-    log, tau, tried = costs.trial.log, float(np.exp(costs.state.theta[1])), _tried(costs)
+    log, tau, tried = costs.trial.log, float(np.exp(costs.state.theta[1])), _tried(costs, side)
     best = min(tried, key=tried.__getitem__)
     alike = [delay for delay, cost in tried.items() if cost < tried[best] + ALIKE]
-    low, high, worth = min(alike), max(alike), tried[costs.stated] - tried[best]
-    if costs.stated and worth < ALIKE:
-        return _Timed(FILTERED.format(log.name, costs.stated), worth)
+    low, high, rest = min(alike), max(alike), (tried[costs.stated] - tried[best], costs.moves(best))
+    if side > 0 and costs.stated and rest[0] < ALIKE:
+        return _Timed(FILTERED.format(log.name, costs.stated), *rest)
     if high - low > VAGUE * tau or low <= min(tried) or high >= max(tried):
-        return _Timed(LATE.format(log.name, ""), worth)
-    if best < 0:
-        return _Timed(EARLY.format(log.name, costs.stated - best, best), worth)
+        return _Timed(LATE.format(log.name, "") if side > 0 else None, *rest)
+    if best < (0.0 if side > 0 else costs.stated):
+        return _Timed(EARLY.format(log.name, costs.stated - best, best), *rest)
     beside = f" ({low:.2g} to {high:.2g} s fit as well)" if high - low > CLEAR * tau else ""
-    return _Timed(LATE.format(log.name, f" of about {best:.3g} s{beside}"), worth)
+    return _Timed(LATE.format(log.name, f" of about {best:.3g} s{beside}"), *rest)
 
 
-def _tried(costs: "_Costs") -> dict[float, float]:
+def _tried(costs: "_Costs", side: int) -> dict[float, float]:
     """What is left at delays (s) about the best."""
     row, stated = costs.trial.spacing, costs.stated
     span = max(ROWS * row, TAUS * float(np.exp(costs.state.theta[1])))
-    tried = costs.at(np.append(stated, np.linspace(stated - BEFORE * row, stated + span, POINTS)))
+    tried = costs.at(np.append(stated, stated + side * np.linspace(-BEFORE * row, span, POINTS)))
     for _ in range(WIDER):
-        if min(tried, key=tried.__getitem__) < max(tried):
+        end = side * max(side * delay for delay in tried)
+        if min(tried, key=tried.__getitem__) != end:
             break
-        tried |= costs.at(max(tried) + span * np.linspace(0, 1, POINTS)[1:])
+        tried |= costs.at(end + side * span * np.linspace(0, 1, POINTS)[1:])
     for _ in range(ZOOMS):
         delays = sorted(tried)
         k = delays.index(min(tried, key=tried.__getitem__))
@@ -92,10 +102,19 @@ class _Costs:
         """By delay (s)."""
         return {float(d): self._one(float(d)) for d in delays}
 
+    def moves(self, delay: float) -> dict[str, float]:
+        """How far each parameter is at a delay (s), in its standard deviations at the fit."""
+        away, covariance = self._refined(delay).theta - self.state.theta, self.state.covariance
+        places = {n: NAMES.index(n) for n in WATCHED if n in self.minimiser.free}
+        return {n: float(away[k] / np.sqrt(covariance[k, k])) for n, k in places.items()}
+
     def _one(self, delay: float) -> float:
+        return self._refined(delay).cost
+
+    def _refined(self, delay: float) -> State:
         trials = list(self.state.trials)
         trials[self.i] = _delayed(trials[self.i], delay)
-        return self.minimiser.refine(tuple(trials), self.state.theta, rounds=1).cost
+        return self.minimiser.refine(tuple(trials), self.state.theta, rounds=1)
 
 
 def _delayed(trial: Trial, delay: float) -> Trial:
