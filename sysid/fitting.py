@@ -36,7 +36,8 @@ def fit(
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
-    "late" (a trigger, a demodulator), "thermometer" (the error of its readings); and, on request, "drift", "lag" and "gain" (see
+    "late" (a trigger, a demodulator), "thermometer" (the error of its readings), "filter" (of a lock-in that no log states, where
+    they cannot be described without); and, on request, "drift", "lag" and "gain" (see
     `trials.extra`), and "baseline" (an offset of a transient that goes on with the time).
     `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
     (see `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined.

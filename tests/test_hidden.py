@@ -6,15 +6,16 @@ from scipy.linalg import expm
 
 import sysid
 
-G, TAU, F0, DT = 0.02, 1.67e-3, 32300.0, 1e-4
+G, TAU, F0, DT = 0.02, 1.67e-3, 1.9e6, 1e-4
 
 
 def filtered_step(seed, time, order, noise, beside=40.0, rows=220, late=0.0):
     """A step of 100 V after 20 rows, driven `beside` Hz off the resonance, behind `order` poles of `time`: W' = a W + b V and
-    y_j' = (y_(j-1) - y_j)/time as one matrix exponential; white noise after the filter."""
-    n = 1 + order
+    y_j' = (y_(j-1) - y_j)/time as one matrix exponential; white noise after the filter. Q is 10 000, so that the fast mode is
+    nothing."""
+    n, tau = 1 + order, TAU
     A = np.zeros((n + 1, n + 1), complex)
-    A[0, 0], A[0, n] = -1 / TAU - 2j * np.pi * beside, G / TAU * 100
+    A[0, 0], A[0, n] = -1 / tau - 2j * np.pi * beside, G / tau * 100
     for j in range(1, n):
         A[j, j - 1], A[j, j] = 1 / time, -1 / time
     t = DT * np.arange(rows)
@@ -36,8 +37,8 @@ def test_a_filter_that_the_log_shows_is_fitted(time, order):
     for f in good:
         found = sysid.nuisances(f)[0]["filter"]
         assert "no lock-in's filter is stated" in " ".join(f.warnings)
-        if f.modes[0].trials[0].smoothing[1] == order:
-            assert abs(found.value - time) < 4 * found.std
+        poles = f.modes[0].trials[0].smoothing[1]
+        assert abs(poles * found.value - order * time) < 0.5 * order * time  # the delay; how it is made up is not told
 
 
 def test_what_may_as_well_be_another_filter_is_not_fitted():

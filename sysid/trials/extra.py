@@ -4,15 +4,17 @@
     lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
     thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
-    filter        1      a lock-in's time constant is 1 + nu times what it is taken for     prior: a factor e
+    filter        1      a lock-in's time constant is 1 + nu times what it is taken for     prior: one
+    poles         1      of n poles it is as blurred as of n' with 1/n' = 1/n + nu          prior: a half
 
 All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `trials.perturbed`: to first order,
 so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round. Where the
 thermometer's error is fitted the log has a resonance of its own, about which its shape is taken: only the error's prior ties that
 to f0 and k_T, which may go as far as it lets them.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
-The thermometer's error is fitted where it moves the resonance by as much as the logs could tell. A baseline that goes on with the
-time, on request as well, does not depend on the plate: it is one of `Trial.shapes`.
+The thermometer's error is fitted where it moves the resonance by as much as the logs could tell, a filter that is not stated
+where they cannot be described without it (`verdict.hidden`). A baseline that goes on with the time, on request as well, does not
+depend on the plate: it is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,9 +26,11 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
+FILTER = ("filter", "poles")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s", "poles": "1"}
 STRIDE = 0.5  # half bandwidths, of which a response to first order tells
 PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
+BLURRED = 0.5  # in 1/n of n poles, which is 1, 1/2 and 1/4
 SHARE = 0.1  # of the log's duration, and of the gain
 TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
 
@@ -97,7 +101,7 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
         yield "filter", (later - sooner) / (2 * PART), 1.0
         soft, sharp = (course.behind(np.array([tau * order / n]), n)[:, 0] for n in (1, 4))
-        yield "poles", soft - sharp, 0.5
+        yield "poles", (soft - sharp) / (1 - 1 / 4), BLURRED
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

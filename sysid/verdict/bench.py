@@ -73,6 +73,8 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     unit, drive = trial.log.response_unit, trial.log.drive_unit if trial.log.drive is not None else None
     kind, _, channel = name.partition("_")
     real = not np.iscomplexobj(trial.log.response)
+    if kind == "poles":  # of no unit: what the number of poles may be
+        return None
     if kind in trial.extra and channel:
         base, factor = trial.smoothing[0] if kind == "filter" else 0.0, trial.extra[kind].prior / trial.looseness
         return None if channel == "q" else _Shown(kind, UNITS[kind], (base or 1.0) * factor, base)

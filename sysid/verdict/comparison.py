@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from sysid.model.prior import NAMES
-from sysid.trials.extra import EXTRA, UNITS
+from sysid.trials.extra import EXTRA, FILTER, UNITS
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict.fitted import Fit
 from sysid.verdict.view import View
@@ -44,7 +44,7 @@ class Comparison:
 def compare(fit: Fit) -> tuple[Comparison, ...]:
     """Every description that leaves something out of the fit's, the worst first."""
     logs = _Logs(fit)
-    every = (*NUISANCES, *EXTRA)
+    every = tuple(n for n in (*NUISANCES, *EXTRA) if n not in FILTER)  # a filter that is fitted is part of all descriptions
     full = logs.described(every)
     others = {f"without {n}": logs.described(tuple(m for m in every if m != n)) for n in every if logs.hold(n)}
     if logs.first_order:
@@ -88,7 +88,7 @@ class _Logs:
         index = self.index if physics != "first order" else [k for k in self.index if k < 2]
         views, left = [], []
         for i, trial in enumerate(self.state.trials):
-            kept = tuple(n for n in trial.nuisances if n in nuisances)
+            kept = tuple(n for n in trial.nuisances if n in nuisances or n in FILTER)
             views.append(self.view(i, kept))
             left.append(views[-1].off(_left(self.view(i, trial.nuisances), kept, physics)))
         jacobians = [v.jacobian[:, index] for v in views]

@@ -2,8 +2,9 @@
 
 Behind n poles a response begins late and bends as it does; to first order, which is all that lateness has, it is a delay.
 Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, and delays are tried to first order in all else,
-and anew about the best of them. A filter is taken if it is worth more than chance, and if what fits alike leaves the plant where it
-is: else the logs cannot tell it from tau. By how much its time constant is another is then a nuisance of each log (`trials.extra`).
+and anew about the best of them. A filter is taken if it is worth more than chance, and no delay is worth more. By how much its
+time constant is another, and how sharply it cuts, are then nuisances of each log (`trials.extra`): a log may not tell how many
+poles it has, and that it is one of these is no more than likely.
 """
 
 from collections.abc import Sequence
@@ -16,28 +17,25 @@ from sysid.minimum.minimise import State
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import Question
-from sysid.verdict.late import ALIKE, SURE
+from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear
 from sysid.verdict.view import View
 
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 3  # of the plant and the time constant in turn
-MOVED = 0.5  # standard deviations of a parameter, by which explanations that fit alike may differ
 
 
 class _Tried(NamedTuple):
-    """So many poles (0: a delay) of a time constant (s): what it is worth in log-likelihood, and by how much theta moves, in its
-    standard deviations."""
+    """So many poles (0: a delay) of a time constant (s), and what it is worth in log-likelihood."""
 
     order: int
     time: float
     worth: float
-    shift: np.ndarray
 
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
-    """The question anew, and its minimum, with the filter that the logs show; None where they show none, or not which."""
+    """The question anew, and its minimum, with the filter that the logs show; None where they show none."""
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
     tried = _tried(question, state, hidden) if hidden else []
     if not tried or tried[0].worth < SURE:
@@ -92,9 +90,8 @@ def _tried(question: Question, state: State, hidden: Sequence[int]) -> list[_Tri
     for order in (0, *ORDERS):
         times = TIMES * tau / max(order, 1)
         shown = {i: views[i].observed(_without(views[i].course, order, times) - views[i].course.forced) for i in hidden}
-        worth, shift = zip(*(linear.gained({i: x[k] for i, x in shown.items()}) for k in range(len(times))), strict=True)
-        best = int(np.argmax(worth))
-        found.append(_Tried(order, float(times[best]), worth[best], shift[best] / linear.std))
+        worth = [linear.gained({i: x[k] for i, x in shown.items()}) for k in range(len(times))]
+        found.append(_Tried(order, float(times[np.argmax(worth)]), max(worth)))
     return sorted(found, key=lambda t: -t.worth)
 
 

@@ -101,7 +101,7 @@ def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
     if not lateness or 0.5 * (view.late / _error_of_lateness(view, fit)) ** 2 < ENOUGH:
         return None
     second = view.late**2 * view.observed((c.pole * c.rate)[None])[0]
-    if max(fit.gained({i: share * second})[0] for share in (0.5, 1.0)) < -ENOUGH:
+    if max(fit.gained({i: share * second}) for share in (0.5, 1.0)) < -ENOUGH:
         return None
     moves = fit.moved(i, second)
     column = view.off(view.observed(c.rate[None])[0])  # its own prior keeps it from vanishing
@@ -279,15 +279,14 @@ class Linear:
         """(p, p) by how much the parameters move with those that the i-th log would have."""
         return self.reported @ self.inverse @ self.jacobians[i].T @ self.jacobians[i]
 
-    def gained(self, shapes: Mapping[int, np.ndarray]) -> tuple[float, np.ndarray]:
-        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the parameters follow; and by
-        how much these move."""
+    def gained(self, shapes: Mapping[int, np.ndarray]) -> float:
+        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the parameters follow."""
         rows = {i: self.views[i].off(shape) for i, shape in shapes.items()}
         shift = self.inverse @ (self.slope - sum(self.jacobians[i].T @ x for i, x in rows.items()))
         worth = self._believed(shift)
         for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
             worth += view.likelihood(view.r - jacobian @ shift - rows.get(j, 0.0)) - self.before[j]
-        return worth, self.reported @ shift
+        return worth
 
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
         """Those that the logs hold; `others`: how many were tried before."""
