@@ -225,7 +225,9 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
         moved = {i: _either(v, np.abs(v.plate / top) ** 2)[:, : 1 + turns] for i, v in moving.items()}
         unit = views[0].trial.log.response_unit
 
-        def softer(value: np.ndarray, view: View) -> str:
+        def softer(value: np.ndarray, view: View) -> str | None:
+            if not turns and value[0] > 0 and view.trial.noise.coloured:
+                return None  # without a frequency noise of long memory looks so, and friction seldom falls with the amplitude
             slower = f"{-100 * value[0] * view.course.tau:+.2g} % in 1/tau at {top:.2g} {unit}"
             if not turns:
                 return f"damping depends on the amplitude, by about {slower}; record at a smaller drive"
