@@ -301,10 +301,10 @@ def test_names_cannot_steer_the_terminal(tmp_path):
     [
         ("none", ()),
         ("late,rotation", ("rotation", "late")),
-        ("-late", ("rotation", "background", "offset", "start", "thermometer")),
-        ("-start, -offset, -thermometer", ("rotation", "background", "late")),
-        ("+drift", ("rotation", "background", "offset", "start", "late", "thermometer", "drift")),
-        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "thermometer", "lag", "gain")),
+        ("-late", ("rotation", "background", "offset", "start", "thermometer", "filter")),
+        ("-start, -offset, -thermometer", ("rotation", "background", "late", "filter")),
+        ("+drift", ("rotation", "background", "offset", "start", "late", "thermometer", "filter", "drift")),
+        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "thermometer", "filter", "lag", "gain")),
         ("rotation,drift", ("rotation", "drift")),
     ],
 )

@@ -88,13 +88,15 @@ def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> 
         return ()
     tau = float(np.exp(state.theta[1]))
     held = [name for name, pair in PAIRS.items() if any(pair.held(t, tau) for t in state.trials)]
-    return tuple(name for name in held if _hangs_on(name, state, reference, free))
+    return tuple(name for name in held if hangs_on((name,), state, reference, free))
 
 
-def _hangs_on(name: str, state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
+def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
+    """Whether the error of G is that of not knowing these nuisances: without them it is less than MOSTLY of it."""
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        without = replace(trial, nuisances=tuple(n for n in trial.nuisances if n != name))
+        kept = tuple(n for n in trial.nuisances if n not in names)
+        without = replace(trial, nuisances=kept, extra={n: shape for n, shape in trial.extra.items() if n not in names})
         views.append(View(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
     variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])

@@ -1,10 +1,11 @@
 """A lock-in's filter that no log states, fitted where the logs cannot be described without.
 
 Behind n poles a response begins late and bends as it does; to first order, which is all that lateness has, it is a delay.
-Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, and delays are tried to first order in all else,
-and anew about the best of them. A filter is taken if it is worth more than chance, and no delay is worth more. By how much its
-time constant is another, and how sharply it cuts, are then nuisances of each log (`trials.extra`): a log may not tell how many
-poles it has, and that it is one of these is no more than likely.
+Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, are fitted, each from the time constant that is
+best to first order in all else and the likeliest first, until one is worth more than chance and no other, and no delay, is worth
+more. By how much its time constant is another, and how sharply it cuts, are nuisances of each log (`trials.extra`): a log may not
+tell how many poles it has, and that it is one of these is no more than likely. A lone step, whose feedthrough, lateness and gain
+look alike to first order, does not tell its gain behind any: that stays a misfit.
 """
 
 from collections.abc import Sequence
@@ -14,8 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import State
+from sysid.trials.extra import FILTER
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
+from sysid.verdict.coincidence import hangs_on
 from sysid.verdict.conclusion import Question
 from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear
@@ -23,7 +26,9 @@ from sysid.verdict.view import View
 
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
-ROUNDS = 3  # of the plant and the time constant in turn
+ROUNDS = 4  # of the plant and the time constant in turn
+FURTHEST = 0.7  # of its logarithm in one of them: twice
+NEAR = 0.03  # of it: what is left is a nuisance to first order
 
 
 class _Tried(NamedTuple):
@@ -35,25 +40,35 @@ class _Tried(NamedTuple):
 
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
-    """The question anew, and its minimum, with the filter that the logs show; None where they show none."""
+    """The question anew, and its minimum, with the filter that the logs show; None where they show none, or a delay besides, or
+    where the error of G is that of how it begins."""
+    reference, free = question.minimiser.reference, question.minimiser.free
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
-    tried = _tried(question, state, hidden) if hidden else []
-    if not tried or tried[0].worth < SURE:
-        return None
-    best = state
-    for _ in ORDERS:  # far from where they are, what is worth more is told to first order only
-        order, time = tried[0].order, tried[0].time
-        if not order:
+    for tried in _tried(question, state, hidden) if hidden else []:
+        if not tried.order:
+            continue
+        best, time = _fitted(question, state, hidden, tried)
+        if state.cost - best.cost < SURE or _tried(question, best, hidden)[0].worth > SURE:
+            continue  # the first order misled, far from the minimum
+        if hangs_on(("late", *FILTER), best, reference, free):
             return None
-        for _ in range(ROUNDS):
-            best = question.minimiser.refine(_filtered(best.trials, hidden, time, order), best.theta)
-            views = [View(best.trials[i], best.models[i], best, question.minimiser.reference) for i in hidden]
-            time *= float(np.exp(_longer(views)))
-        tried = _tried(question, best, hidden)
-        if tried[0].order == order or tried[0].worth <= 0:
+        said = _said([state.trials[i].log.name for i in hidden], time, tried.order)
+        trials = _filtered(question.trials, hidden, time, tried.order)
+        return replace(question, trials=trials, warnings=(*question.warnings, said)), [best]
+    return None
+
+
+def _fitted(question: Question, state: State, hidden: Sequence[int], tried: _Tried) -> tuple[State, float]:
+    """The minimum behind such a filter, and its time constant (s): the plant and this in turn."""
+    time, best = tried.time, state
+    for k in range(ROUNDS):
+        best = question.minimiser.refine(_filtered(best.trials, hidden, time, tried.order), best.theta, known=min(k, 1))
+        views = [View(best.trials[i], best.models[i], best, question.minimiser.reference) for i in hidden]
+        longer = _longer(views)
+        if abs(longer) < NEAR:
             break
-    trials, said = _filtered(question.trials, hidden, time, order), _said([state.trials[i].log.name for i in hidden], time, order)
-    return replace(question, trials=trials, warnings=(*question.warnings, said)), [best]
+        time *= float(np.exp(np.clip(longer, -FURTHEST, FURTHEST)))
+    return best, best.trials[hidden[0]].smoothing[0]
 
 
 def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order: int) -> tuple[Trial, ...]:
@@ -83,7 +98,8 @@ def _may_be(trial: Trial) -> bool:
 
 
 def _tried(question: Question, state: State, hidden: Sequence[int]) -> list[_Tried]:
-    """The best time of each kind of filter, and of a delay, beside what the logs are behind; what is worth most first."""
+    """The best time of each kind of filter, and of a delay, instead of what the logs are taken to be behind, to first order in
+    all else; what is worth most first."""
     minimiser, tau = question.minimiser, float(np.exp(state.theta[1]))
     views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
     linear, found = Linear(views, state, list(minimiser.free), 0.0), []
@@ -105,5 +121,5 @@ def _said(names: Sequence[str], time: float, order: int) -> str:
     poles = f"{order} poles" if order > 1 else "one pole"
     return (
         f"{', '.join(names)}: no lock-in's filter is stated; one of {poles} of about {time:.2g} s is fitted, without which the"
-        " response would not be described; state lockin_tau_s and lockin_order"
+        " response would not be described; state lockin_tau_s and lockin_order, or the delay_s of a late trigger"
     )
