@@ -15,7 +15,7 @@ from sysid.precision import float64
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
-from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
+from sysid.verdict.coincidence import hangs, tightened, with_delays, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
@@ -106,6 +106,10 @@ def _asked(
         unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
         errors = np.sqrt(np.diag(states[0].covariance))
         warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
+    if "late" in nuisances:
+        with_both = [with_delays(s, reference) for s in states]
+        states = _anew(minimiser, states, [trials for trials, _ in with_both])
+        warnings += with_both[0][1]
     states = [unfolded(minimiser, s) for s in states]
     again = tuple(replace(t, nuisances=s.nuisances, narrow=s.narrow) for t, s in zip(again, states[0].trials, strict=True))
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states

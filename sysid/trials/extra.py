@@ -13,7 +13,8 @@ thermometer's error is fitted the log has a resonance of its own, about which it
 to f0 and k_T, which may go as far as it lets them.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
 The thermometer's error is fitted where it moves the resonance by as much as the logs could tell, a filter that is not stated
-where they cannot be described without it (`verdict.hidden`). A baseline that goes on with the time, on request as well, does not
+where they cannot be described without it (`verdict.hidden`), and a gain where a sweep's feedthrough may
+be a delay (`verdict.coincidence`). A baseline that goes on with the time, on request as well, does not
 depend on the plate: it is one of `Trial.shapes`.
 """
 
@@ -95,7 +96,7 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         stamps, first = np.unique(log.time, return_index=True)
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
-    yield "gain", course.forced, SHARE
+    yield "gain", course.forced, trial.narrow.get("gain", SHARE)
     if trial.filter is not None:
         tau, order = trial.filter
         later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T

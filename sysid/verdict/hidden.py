@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.trials.extra import FILTER
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.coincidence import hangs_on
@@ -28,6 +27,7 @@ ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 4  # of the plant and the time constant in turn
 FURTHEST = 0.7  # of its logarithm in one of them: twice
+TINY = 1e-9  # of what a log tells of it
 NEAR = 0.03  # of it: what is left is a nuisance to first order
 
 
@@ -50,7 +50,7 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         best, time = _fitted(question, state, hidden, tried)
         if state.cost - best.cost < SURE or _tried(question, best, hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
-        if hangs_on(("late", *FILTER), best, reference, free):
+        if hangs_on(("late", "filter", "poles"), best, reference, free):
             return None
         said = _said([state.trials[i].log.name for i in hidden], time, tried.order)
         trials = _filtered(question.trials, hidden, time, tried.order)
@@ -81,13 +81,13 @@ def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order
 
 
 def _longer(views: Sequence[View]) -> float:
-    """By how much the logarithm of the time constant is larger, of all logs together."""
-    values, weights = [], []
+    """By how much the logarithm of the time constant is larger, of all logs together that tell."""
+    values, weights = [0.0], [TINY]
     for view in views:
-        k = [c.name for c in view.columns].index("filter_d")
-        size = view.trial.extra["filter"].prior / view.trial.looseness
-        values.append(size * view.columns[k].value)
-        weights.append(1 / (size**2 * view.covariance()[k, k]))
+        for k in (k for k, column in enumerate(view.columns) if column.name == "filter_d"):
+            size = view.trial.extra["filter"].prior / view.trial.looseness
+            values.append(size * view.columns[k].value)
+            weights.append(1 / (size**2 * view.covariance()[k, k]))
     return float(np.average(values, weights=weights))
 
 

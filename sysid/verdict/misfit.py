@@ -22,10 +22,10 @@ from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES
 from sysid.rows.dwell import dwells
-from sysid.verdict.coincidence import cancelling, complex_of
+from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import Term, together
-from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, THROUGH, one_way, own, terms, times
+from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
 from sysid.verdict.view import View
 from sysid.verdict.wording import SAY_SO, stamps_shared
 
@@ -39,7 +39,7 @@ TENSE = 2.0  # standard deviations of its prior, by which a response may be late
 ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
-SURELY = 4.0  # standard deviations of a feedthrough, from which it is there: by chance in one of 30 000 sweeps
+SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
@@ -90,7 +90,6 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
-    doubts += [said for v in views if (said := _through_or_late(v, state, reference)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
 
 
@@ -168,26 +167,6 @@ def _row_late(i: int, view: View, fit: "Linear") -> str | None:
         way = "higher" if view.trial.log.frequency[-1] > view.trial.log.frequency[0] else "lower"
         return RUNNING.format(view.trial.log.name, moved, way, moved / fit.std[f0])
     return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
-
-
-def _through_or_late(seen: View, state: State, reference: tuple[float, float]) -> str | None:
-    """A sweep's feedthrough that is real in the plate's own frame may be the turn of a sensor that is late by t, as
-    -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: G is then larger by 1 + t/tau. Of a reference that is late t is negative."""
-    trial, stated = seen.trial, seen.trial.log.bench.get("delay_s")
-    if not trial.steady or "feedthrough" not in trial.shapes or not trial.driven or stated == 0:
-        return None
-    view = View(trial, seen.model, state, reference, coloured=True) if trial.noise.coloured else seen
-    form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
-    share = complex(form @ np.array([c.value for c in view.columns]))
-    covariance = view.covariance(state.covariance)
-    along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
-    error = float(np.sqrt(state.covariance[0, 0]))
-    if abs(share.real) < max(SURELY * along, MOVES * error) or abs(share.imag) > MOVES * across:
-        return None
-    late, size = -share.real / (1 + share.real) * float(np.exp(state.theta[1])), 100 * abs(share.real)
-    which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
-    beside = f" beside the {stated:.3g} s that are stated" if stated else ""
-    return THROUGH.format(trial.log.name, size, which, abs(late), beside, change)
 
 
 def _error_of_lateness(view: View, fit: "Linear") -> float:

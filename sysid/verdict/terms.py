@@ -33,10 +33,6 @@ RUNNING = (
 CURVED = "f0 curved over temperature"
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
-THROUGH = (
-    "{0}: a feedthrough of {1:.2g} % of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1:.2g} % {5};"
-    " state delay_s (0 if nothing is late)"
-)
 
 
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
