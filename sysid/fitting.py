@@ -15,11 +15,12 @@ from sysid.precision import float64
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
-from sysid.verdict.coincidence import hangs, tightened, with_delays, with_feedthroughs
+from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
+from sysid.verdict.through import with_delays
 
 
 @float64
@@ -52,8 +53,20 @@ def fit(
     found = _concluded(question, states)
     if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
         again = _concluded(*filtered)
-        return again if again.result is Result.successful else found
+        if again.result is Result.successful:
+            question, found = filtered[0], again
+    if found.result is Result.successful and "late" in nuisances:
+        return _spanning(question, found)
     return found
+
+
+def _spanning(question: Question, found: Fit) -> Fit:
+    """The fit, its error of G that of feedthroughs that may be delays."""
+    states = [with_delays(s, found.reference) for s in found.modes]
+    if not (said := states[0][1]):
+        return found
+    anew = replace(question, trials=_with_priors(question.trials, states[0][0]), warnings=(*question.warnings, *said))
+    return _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
@@ -106,13 +119,14 @@ def _asked(
         unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
         errors = np.sqrt(np.diag(states[0].covariance))
         warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
-    if "late" in nuisances:
-        with_both = [with_delays(s, reference) for s in states]
-        states = _anew(minimiser, states, [trials for trials, _ in with_both])
-        warnings += with_both[0][1]
     states = [unfolded(minimiser, s) for s in states]
-    again = tuple(replace(t, nuisances=s.nuisances, narrow=s.narrow) for t, s in zip(again, states[0].trials, strict=True))
+    again = _with_priors(again, states[0].trials)
     return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
+
+
+def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
+    """The trials as they were read, with what was found that the bench may have added to them."""
+    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow) for t, f in zip(trials, found, strict=True))
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:

@@ -414,7 +414,7 @@ def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
         return [w for w in sysid.fit([log]).warnings if "a sensor that is late" in w]
 
     clean = [unfed(bench, seed) for seed in range(20)]
-    assert not any(said(log) for log in clean)  # each by chance in one of 400, and real within three errors
+    assert not any(said(log) for log in clean)  # each by chance in one of 16 000
     late = behind(clean[0], 100e-6)
     told = re.search(r"a feedthrough of (.+) % .* late by (.+) s, by which", said(late)[0])
     # D = r tau/(1 - r), to second order in D (f - f0): a tenth
@@ -435,7 +435,7 @@ def test_a_sweep_whose_points_may_be_late_leaves_G_open(bench, late, noise):
         share = abs(late) / bench.plant.tau * bench.plant.G
         if share > 6 * stated.parameters["G"].std:
             assert fit.parameters["G"].std == pytest.approx(share, rel=0.15)  # a tenth of it is its second order
-    assert max(map(abs, scores["G"])) < 3.0  # what is not seen, of less than three errors, is not in them
+    assert max(map(abs, scores["G"])) < 4.5  # what is not seen, of less than four errors, is not in them
     assert all(np.sqrt(np.mean(np.square(scores[name]))) < 1.9 for name in ("tau", "f0"))  # six numbers: by chance in one of 1000
 
 

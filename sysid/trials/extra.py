@@ -14,7 +14,7 @@ to f0 and k_T, which may go as far as it lets them.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
 The thermometer's error is fitted where it moves the resonance by as much as the logs could tell, a filter that is not stated
 where they cannot be described without it (`verdict.hidden`), and a gain where a sweep's feedthrough may
-be a delay (`verdict.coincidence`). A baseline that goes on with the time, on request as well, does not
+be a delay (`verdict.through`). A baseline that goes on with the time, on request as well, does not
 depend on the plate: it is one of `Trial.shapes`.
 """
 

@@ -74,9 +74,10 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
     if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
         return still
     rate = course.rate + trial.start * course.pole * course.free
-    if not trial.signed:
+    if trial.signed:
+        rate = trial.turn * rate
+    else:
         rate = (rice.towards(course.forced + trial.start * course.free, trial.lift) * rate).real + 0j
-    rate = rate if not trial.signed else trial.turn * rate
     if not 0 < round_ < HELD or not _is_noise(trial, model):
         return (trial.noise.scatter, np.abs(rate)) if trial.noise.scatter else still
     first = np.searchsorted(trial.inputs.interval, trial.inputs.interval)

@@ -17,11 +17,6 @@ Several logs that leave G open show the size together, in seconds: in one of man
 feedthrough, what it does to G is in all of them and does not average, so that s^2 grows with their number. Where other logs tell
 G the priors stay wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
 
-A sensor that is late by t turns settled points by -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: but for a feedthrough that is
-real in the plate's own frame, G is larger by 1 + t/tau. Where a sweep shows such a feedthrough it is the one or the other, and
-both get priors of its size; by chance a feedthrough is real within its error in few sweeps, and one that is not there is seen in
-one of 400. As all logs may be late alike, the size grows with their number as above.
-
 In the same way a rest before the step that is short beside tau shows the sum of an offset and of a plate that still rings, and
 neither alone: both get priors of the size of that sum. And settled points at one frequency show the sum of the plate's response
 and of a feedthrough: that is as large, per volt, as those of the other logs.
@@ -34,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
-from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
@@ -42,15 +36,8 @@ from sysid.verdict.result import NORMAL95
 from sysid.verdict.view import View
 
 SEEN = 2.0  # errors of a feedthrough, from which it may be there
-REAL, FELT = 3.0, 2.0  # errors of it, and of G, from which it is there; as many of its imaginary part are none,
-MOST = 0.25  # of tau, that settled points may be late: of more the first order says nothing
-ASIDE = 0.15  # and so is as much of it as the turn of a tenth of a radian makes to second order
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
-THROUGH = (
-    "{0}: a feedthrough of {1} of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1} {5}; state delay_s"
-    " (0 if nothing is late)"
-)
 
 
 def tightened(state: State, reference: tuple[float, float], names: Sequence[str]) -> tuple[Trial, ...]:
@@ -87,43 +74,6 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
         replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))}) if t.at_one_frequency else t
         for t in state.trials
     )
-
-
-def with_delays(state: State, reference: tuple[float, float]) -> tuple[tuple[Trial, ...], list[str]]:
-    """The trials, those of settled points whose feedthrough may be a delay with the gain that this would be; and sentences that
-    say so, and where it may be a delay in part."""
-    views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
-    shares = {i: share for i, v in enumerate(views) if (share := _perhaps_late(v, state)) is not None}
-    trials, tau = list(state.trials), float(np.exp(state.theta[1]))
-    real = {i: share.real for i, share in shares.items() if not share.imag}
-    late = len(real) + sum(t.lateness > 0 for t in trials)
-    for i, share in real.items():
-        narrow = trials[i].narrow | {"gain": abs(share) * np.sqrt(late)}
-        trials[i] = replace(trials[i], nuisances=tuple(dict.fromkeys((*trials[i].nuisances, "gain"))), narrow=narrow)
-    return tuple(trials), [_through(trials[i].log, share.real, tau, i in real) for i, share in shares.items()]
-
-
-def _perhaps_late(view: View, state: State) -> complex | None:
-    """A sweep's feedthrough over its gain where it may be a delay, which is not stated, or in part: it has an imaginary part."""
-    trial = view.trial
-    swept = trial.steady and trial.driven and not trial.at_one_frequency
-    if not swept or "feedthrough" not in trial.shapes or trial.log.bench.get("delay_s") == 0:
-        return None
-    form = complex_of(view, "feedthrough", np.conj(view.turn)) / (float(np.exp(state.theta[0])) * np.max(np.abs(trial.log.drive)))
-    share = complex(form @ np.array([c.value for c in view.columns]))
-    covariance = view.covariance(state.covariance)
-    along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
-    if not max(REAL * along, FELT * float(np.sqrt(state.covariance[0, 0])), abs(share.imag)) < abs(share.real) < MOST:
-        return None
-    return share.real + 0j if abs(share.imag) < max(REAL * across, ASIDE * abs(share.real)) else share
-
-
-def _through(log: Log, share: float, tau: float, spanned: bool) -> str:
-    late, stated = -share / (1 + share) * tau, log.bench.get("delay_s")
-    which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
-    beside, size = f" beside the {stated:.3g} s that are stated" if stated else "", f"{100 * abs(share):.2g} %"
-    change = f"{change}: its error spans both" if spanned else change
-    return THROUGH.format(log.name, size, which, abs(late), beside, change)
 
 
 def loosened(trial: Trial) -> Trial:

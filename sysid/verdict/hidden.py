@@ -2,10 +2,10 @@
 
 Behind n poles a response begins late and bends as it does; to first order, which is all that lateness has, it is a delay.
 Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, are fitted, each from the time constant that is
-best to first order in all else and the likeliest first, until one is worth more than chance and no other, and no delay, is worth
-more. By how much its time constant is another, and how sharply it cuts, are nuisances of each log (`trials.extra`): a log may not
-tell how many poles it has, and that it is one of these is no more than likely. A lone step, whose feedthrough, lateness and gain
-look alike to first order, does not tell its gain behind any: that stays a misfit.
+best to first order in all else and the likeliest first, until one is worth more than chance and no other, and no delay, is
+worth more. By how much its time constant is another, and how sharply it cuts, are nuisances of each log (`trials.extra`): a log
+may not tell how many poles it has, and that it is one of these is no more than likely. Transients alone, whose feedthrough,
+lateness and gain look alike to first order, do not tell their gain behind any: they stay a misfit.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict.coincidence import hangs_on
 from sysid.verdict.conclusion import Question
 from sysid.verdict.late import SURE
-from sysid.verdict.misfit import Linear
+from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
 
 ORDERS = (1, 2, 4)
@@ -44,11 +44,15 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
     where the error of G is that of how it begins."""
     reference, free = question.minimiser.reference, question.minimiser.free
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
-    for tried in _tried(question, state, hidden) if hidden else []:
-        if not tried.order:
+    if not hidden or len(hidden) == len(state.trials):
+        return None
+    views, linear = _seen(question, state)
+    late = any(0.5 * (views[i].late / error_of_lateness(views[i], linear)) ** 2 > SURE for i in hidden)
+    for tried in _tried(views, linear, hidden):
+        if not tried.order or not (late or tried.worth > SURE):
             continue
         best, time = _fitted(question, state, hidden, tried)
-        if state.cost - best.cost < SURE or _tried(question, best, hidden)[0].worth > SURE:
+        if state.cost - best.cost < SURE or _tried(*_seen(question, best), hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
         if hangs_on(("late", "filter", "poles"), best, reference, free):
             return None
@@ -97,12 +101,16 @@ def _may_be(trial: Trial) -> bool:
     return moved and trial.whole is None and "late" in trial.nuisances and "lockin_tau_s" not in trial.log.bench
 
 
-def _tried(question: Question, state: State, hidden: Sequence[int]) -> list[_Tried]:
+def _seen(question: Question, state: State) -> tuple[list[View], Linear]:
+    minimiser = question.minimiser
+    views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
+    return views, Linear(views, state, list(minimiser.free), 0.0)
+
+
+def _tried(views: Sequence[View], linear: Linear, hidden: Sequence[int]) -> list[_Tried]:
     """The best time of each kind of filter, and of a delay, instead of what the logs are taken to be behind, to first order in
     all else; what is worth most first."""
-    minimiser, tau = question.minimiser, float(np.exp(state.theta[1]))
-    views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
-    linear, found = Linear(views, state, list(minimiser.free), 0.0), []
+    tau, found = views[0].course.tau, []
     for order in (0, *ORDERS):
         times = TIMES * tau / max(order, 1)
         shown = {i: views[i].observed(_without(views[i].course, order, times) - views[i].course.forced) for i in hidden}

@@ -97,7 +97,7 @@ def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
     """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay. Where
     the logs say that neither is there, it is not late, and noise or another parameter looks so to first order."""
     lateness, c = view.trial.lateness, view.course
-    if not lateness or 0.5 * (view.late / _error_of_lateness(view, fit)) ** 2 < ENOUGH:
+    if not lateness or 0.5 * (view.late / error_of_lateness(view, fit)) ** 2 < ENOUGH:
         return None
     second = view.late**2 * view.observed((c.pole * c.rate)[None])[0]
     if max(fit.gained({i: share * second}) for share in (0.5, 1.0)) < -ENOUGH:
@@ -169,7 +169,7 @@ def _row_late(i: int, view: View, fit: "Linear") -> str | None:
     return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
 
 
-def _error_of_lateness(view: View, fit: "Linear") -> float:
+def error_of_lateness(view: View, fit: "Linear") -> float:
     """Standard deviation (s) of how late the response is."""
     k = next(k for k, c in enumerate(view.columns) if c.name in ("late", "late_d"))
     share = view.trial.lateness / view.columns[k].prior
