@@ -22,6 +22,8 @@ from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
 from sysid.verdict.through import with_delays
 
+WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that may be a delay
+
 
 @float64
 def fit(
@@ -61,12 +63,17 @@ def fit(
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
-    """The fit, its error of G that of feedthroughs that may be delays."""
+    """The fit, its error of G that of feedthroughs that may be delays; said where no other log tells G as well."""
     states = [with_delays(s, found.reference) for s in found.modes]
     if not (said := states[0][1]):
         return found
-    anew = replace(question, trials=_with_priors(question.trials, states[0][0]), warnings=(*question.warnings, *said))
-    return _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
+    anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
+    again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
+    others = sum(t.signed and t.driven for t in anew.trials) > len(said)
+    before, after = (fit.parameters["G"].std or 0.0 for fit in (found, again))
+    if others and after <= WIDER * before:
+        return again
+    return replace(again, warnings=(*said, *again.warnings))
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
