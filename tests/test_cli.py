@@ -191,7 +191,7 @@ def test_the_same_logs_give_the_same_bytes(first, second):
         ("no logs", ("usage:", "LOGS")),
         ("budget", ("--budget", "-1")),
         ("both", ("--budget", "not allowed with", "--accuracy")),
-        ("seed", ("--seed", "expected 0 to")),
+        ("seed", ("--seed", "expected a whole number from 0 to")),
         ("temperature", ("--reference-temperature", "nan")),
         ("mapping", ("absent.toml",)),
         ("unwritable", ("file", "cannot be written")),
@@ -280,6 +280,18 @@ def test_an_option_that_has_nothing_to_do_is_refused(arguments, idle, capsys):
     assert f"found {idle} beside --" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "given", ["--seed=x", "--seed=-1", "--budget=x", "--reference-temperature=x", "--reference-temperature=-300"]
+)
+def test_a_number_that_is_not_understood_is_refused_with_what_was_expected(given, capsys):
+    with pytest.raises(SystemExit) as refused:
+        parser().parse_args([given, "log.csv"])
+    option, _, value = given.partition("=")
+    said = capsys.readouterr().err
+    assert refused.value.code == 2
+    assert f"argument {option}: found {value}, expected" in said
+
+
 def test_a_reader_that_leaves_changes_no_exit_code(tmp_path):
     """As `identify ... | head -1` does: what the command found and wrote is as it would be."""
     for form in ([], ["--json"]):
@@ -312,7 +324,7 @@ def test_effects_are_forced_in_or_out(text, kept):
     assert parser().parse_args([f"--effects={text}", "log.csv"]).effects == kept
 
 
-@pytest.mark.parametrize("text", ["lateness", "-rotation,late", "+drift,late", "", "none,late"])
+@pytest.mark.parametrize("text", ["lateness", "-rotation,late", "+drift,late", "", "none,late", "--late", "+-late", ","])
 def test_effects_that_are_not_understood_are_refused(text, capsys):
     with pytest.raises(SystemExit) as refused:
         parser().parse_args([f"--effects={text}", "log.csv"])

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from sysid import Result
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -17,6 +19,11 @@ def test_what_a_page_links_to_is_there(page):
     named = re.findall(r"`((?:sysid|controller|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
     missing = [x for x in links if not (page.parent / x).exists()] + [x for x in named if not (ROOT / x).exists()]
     assert not missing
+
+
+@pytest.mark.parametrize("result", Result)
+def test_what_fit_json_may_say_of_the_result_is_documented(result):
+    assert f"| `{result.value}` |" in (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
 
 
 def test_the_first_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):

@@ -789,3 +789,13 @@ def test_what_was_probably_meant_is_told_with_the_fit(save, bench):
     rows = "\n".join(f"{f},{v},{w.real},{w.imag}" for f, v, w in zip(log.frequency, log.drive, log.response, strict=True))
     path = save(f"# samplng: settled\nfrequency_Hz,voltage_V,wd_um,wq_um\n{rows}\n", "x.csv")
     assert "x.csv: metadata 'samplng' is not used; did you mean 'sampling'?" in fit(read_logs([path])).warnings
+
+
+def test_a_part_of_the_response_that_was_constant_may_stand_above_the_header(tmp_path):
+    """As every column may; but not all of the response."""
+    path = tmp_path / "log.csv"
+    path.write_text("# wq_nm: 500\ntime_s,wd_um\n0,1.5\n1,2.5\n")
+    assert list(read_logs(path)[0].response) == [1.5 + 0.5j, 2.5 + 0.5j]
+    path.write_text("# w_um: 1\ntime_s,voltage_V\n0,1\n1,2\n")
+    with pytest.raises(LogError, match="in the metadata alone, expected a column"):
+        read_logs(path)

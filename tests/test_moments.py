@@ -8,9 +8,11 @@ import reference
 
 import sysid
 from sysid import Result
+from sysid.trials.trial import NUISANCES
 
 PLANT = reference.Plant(0.01, 1.67e-3, 32300.0, -10.0)
 ROWS, STEP, FINE = 350, 2e-4, 40  # rows, s from one to the next, and how many steps of the truth that is
+NOT_LATE = tuple(n for n in NUISANCES if n != "late")
 FAR = 4.0  # standard deviations: by chance in one of 16 000
 
 
@@ -72,3 +74,14 @@ def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and
         fit = sysid.fit([replace(own, sampling=sampling)])
         assert fit.result is Result.successful and max(off(fit).values()) < FAR
         assert any("say sampling: settled" in w for w in fit.warnings) == (sampling is None)
+
+
+@pytest.mark.parametrize(("sampling", "nuisances"), [(None, NOT_LATE), ("instant", NOT_LATE), (None, NUISANCES)])
+def test_rows_whose_inputs_are_not_stated_are_doubted_where_nothing_may_be_late(sampling, nuisances):
+    """A step whose rows belong to their own inputs, read as if they showed those of the row before: G is off by many errors."""
+    log = recorded(lambda t: np.where(t < 40 * STEP, 0.0, 100.0), seed=0)
+    noisy = log.response + reference.noise(ROWS, 0.03, 1)
+    own = replace(log, response=noisy, drive=np.append(log.drive[0], log.drive[:-1]), sampling=sampling)
+    fit = sysid.fit([own], nuisances=nuisances)
+    said = [w for w in fit.warnings if "is not stated and matters here; taken as sampling: instant; settled would move" in w]
+    assert bool(said) == (sampling is None and nuisances is NOT_LATE), fit.warnings

@@ -8,6 +8,7 @@ from sysid import __version__
 from sysid.posterior.accuracy import NAMES
 
 REFERENCE = 24.0  # degC
+ABSOLUTE_ZERO = -273.15  # degC
 # What a check of a closed loop, and a cost curve, have no use for.
 UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature")
 UNMEASURED = ("advise", "rig")
@@ -43,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
     command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
     command.add_argument(
-        "--reference-temperature", type=_number, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
+        "--reference-temperature", type=_temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
     )
     command.add_argument(
         "--effects",
@@ -85,16 +86,28 @@ def parser() -> argparse.ArgumentParser:
     return command
 
 
-def _number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(text)
+def _temperature(text: str) -> float:
+    """degC."""
+    if not ABSOLUTE_ZERO <= (value := _number(text)) < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected a temperature in degC, above absolute zero")
     return value
 
 
+def _number(text: str) -> float:
+    """NaN where the text is no number."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def _seed(text: str) -> int:
-    if not 0 <= (value := int(text)) < 2**32:
-        raise argparse.ArgumentTypeError(f"found {text}, expected 0 to {2**32 - 1}")
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected a whole number from 0 to {2**32 - 1}")
     return value
 
 
@@ -105,8 +118,10 @@ def _effects(text: str) -> tuple[str, ...]:
 
     known = (*NUISANCES, *EXTRA)
     names = [] if text == "none" else [name.strip() for name in text.split(",")]
-    if unknown := {name.lstrip("+-") for name in names} - set(known):
-        raise argparse.ArgumentTypeError(f"found {', '.join(sorted(unknown))}, expected some of {', '.join(known)}, or none")
+    if unknown := {name[1:] if name[:1] in ("+", "-") else name for name in names} - set(known):
+        raise argparse.ArgumentTypeError(
+            f"found {', '.join(sorted(unknown)) or 'nothing'}, expected some of {', '.join(known)}, or none"
+        )
     changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
     if changed and len(changed) < len(names):
         raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
@@ -127,9 +142,6 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def _seconds(text: str) -> float:
-    if not 0 < (value := float(text)) < math.inf:
-        raise argparse.ArgumentTypeError(f"found {text}, expected seconds above 0")
+    if not 0 < (value := _number(text)) < math.inf:
+        raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected seconds above 0")
     return value
-
-
-_number.__name__, _seed.__name__, _seconds.__name__ = "temperature", "seed", "time"  # argparse says: invalid temperature value

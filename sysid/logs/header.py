@@ -204,7 +204,7 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
 
 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
-    """"time" for a column of dates that is called so by another name, where no other holds the time; else None."""
+    """`time` for a column of dates that is called so by another name, where no other holds the time; else None."""
     if "time" in sources or not {units.split_unit(label)[0].casefold(), label.casefold()} & {"timestamp", *STAMPED}:
         return None
     return "time" if head.dated(head.names.index(label)) else None
@@ -267,8 +267,8 @@ def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]
     _refuse_misspelt(head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)])
     response = sources.keys() & {"w", "wd", "wq"}
     if response in ({"w"}, {"wd", "wq"}):
-        if any(sources[name].column is None for name in response):
-            raise LogError(f"{head.path}: found the response in the metadata, expected a column")
+        if all(sources[name].column is None for name in response):
+            raise LogError(f"{head.path}: found the response in the metadata alone, expected a column, such as wd_um")
         if not sources.keys() & {"time", "frequency", *units.DRIVES}:
             raise not_understood(head, "neither time, frequency nor drive", "time_s or frequency_Hz at least")
         return

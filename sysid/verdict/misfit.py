@@ -27,7 +27,7 @@ from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
 from sysid.verdict.view import View
-from sysid.verdict.wording import SAY_SO, stamps_shared
+from sysid.verdict.wording import OFTEN, SAY_SO, UNSAID, stamps_shared
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
@@ -89,7 +89,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
-    doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit)) is not None]
+    doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit) or _row_before(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
 
 
@@ -167,6 +167,21 @@ def _row_late(i: int, view: View, fit: "Linear") -> str | None:
         way = "higher" if view.trial.log.frequency[-1] > view.trial.log.frequency[0] else "lower"
         return RUNNING.format(view.trial.log.name, moved, way, moved / fit.std[f0])
     return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
+
+
+def _row_before(i: int, view: View, fit: "Linear") -> str | None:
+    """That `sampling` is not stated of a transient whose lateness is known, and would move the parameters far: `settled` has each
+    row show the response a row earlier."""
+    trial = view.trial
+    if trial.steady or trial.log.sampling is not None or trial.log.theta is not None or trial.lateness >= 0.5 * trial.spacing:
+        return None
+    if trial.changes > OFTEN * len(trial.log):
+        return None  # `wording.sampled` has said so
+    moves = fit.moved(i, trial.spacing * view.observed(view.course.rate[None])[0])
+    name = max((n for n in moves if n != "k_T"), key=lambda n: abs(moves[n]))
+    if not MOVES < abs(moves[name]) < np.inf:
+        return None
+    return f"{trial.log.name}: {UNSAID} instant; settled would move {name} by {abs(moves[name]):.2g} of its standard deviations"
 
 
 def error_of_lateness(view: View, fit: "Linear") -> float:

@@ -22,8 +22,8 @@ ASTRAY = (
     " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
 )
 EARLY = (
-    "{}: the response begins about {:.2g} s before it should by the inputs that are recorded; record these when they change, or"
-    " state a delay_s of {:.2g}"
+    "{}: the response begins about {:.2g} s before it should by the inputs that are recorded; record these when they change, say"
+    " sampling: settled if rows belong to their own inputs (they are a row early), or state a delay_s of {:.2g}"
 )
 FILTERED = (
     "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a demodulator's filter,"

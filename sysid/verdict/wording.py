@@ -104,16 +104,19 @@ def stamps_shared(trial: Trial) -> int:
 SAY_SO = "say so by a mapping file (--columns) of the line phase_sign = -1"
 
 
+UNSAID = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
+OFTEN = 0.1  # changes a row, from which on a transient's `sampling` matters however late its response may be
+
+
 def sampled(trial: Trial, stated: str | None) -> str | None:
     """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
-    said = "whether a row's response belongs to its own inputs is not stated and matters here; taken as sampling:"
     if stated is not None or trial.log.time is None:
         return None
     if trial.steady:
-        return f"{said} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
+        return f"{UNSAID} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
     if trial.log.sampling == "settled":
-        return f"{said} settled, as rows of the same inputs then agree"
-    return f"{said} instant" if trial.changes > 0.1 * len(trial.log) else None
+        return f"{UNSAID} settled, as rows of the same inputs then agree"
+    return f"{UNSAID} instant" if trial.changes > OFTEN * len(trial.log) else None
 
 
 def hangs_on_lateness(error: float) -> str:
