@@ -8,7 +8,8 @@ import numpy as np
 from sysid.rows import rounding
 from sysid.trials.extra import renewed
 from sysid.trials.perturbed import Course
-from sysid.trials.residuals import HELD, heard
+from sysid.trials.residuals import heard
+from sysid.trials.rounds import HELD
 from sysid.trials.trial import Trial, freedom, freedoms, numbers_left
 from sysid.trials.whitening import Noise
 

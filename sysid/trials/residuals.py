@@ -1,9 +1,6 @@
-"""The noise of a log, and which of its rows are outliers, anew from the residual that a fit leaves of it.
+"""The noise of a log and its outliers, estimated anew from the residual in each round of a fit."""
 
-Round after round the noise follows the fit and the fit the noise: what could circle is held after some of them.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -11,9 +8,7 @@ import numpy as np
 
 from sysid.model import rice
 from sysid.model.span import times
-from sysid.rows import rounding
 from sysid.trials.noise import (
-    SURE,
     WORTH,
     Level,
     apart,
@@ -27,25 +22,23 @@ from sysid.trials.noise import (
 )
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import efficiency
-from sysid.trials.trial import Trial, freedom, freedoms, with_noise
+from sysid.trials.rounded import with_rounding
+from sysid.trials.rounds import HELD, SETTLED, WHOLE, halfway
+from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.trials.whitening import joined
 
 MUCH = 0.3  # of a log
 COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
-HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
 EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
 BEGINS = 5  # rows after a change, which a response that begins in another way is off by, as behind a filter: they tell no scatter
 FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
-ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
-WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
-SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
 
 
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
     """The trial with the noise that its residual shows; `floor`: of an amplitude log."""
     decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
-    new = _with_rounding(trial, model, round_) if any(trial.steps) else None
+    new = with_rounding(trial, model, round_) if any(trial.steps) else None
     new = new or _with_noise_of(trial.knowing(rounded=None, own=None), model, course.design, round_)
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
@@ -177,7 +170,7 @@ class _Residual(NamedTuple):
             else:
                 made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
                 std, time = estimate(channel, clock, counted, partial(np.asarray, made))
-                time = _halfway(time, before[k].time) if before and round_ > WHOLE else time
+                time = halfway(time, before[k].time) if before and round_ > WHOLE else time
             found.append(Level(std, time))
         return tuple(found)
 
@@ -205,7 +198,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     plain = time == 0 and told == 1 and ratio == 1 and even and found.trial.noise.left_out == found.trial.lost
     if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
         std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
-    time = _halfway(time, known.time) if round_ > WHOLE else time
+    time = halfway(time, known.time) if round_ > WHOLE else time
     if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
         ratio = found.apart(weight, time)
         if ratio != 1 and told < 1:
@@ -223,86 +216,6 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     return new.knowing(tail=tail)
 
 
-class _Channel(NamedTuple):
-    """What a fit leaves of one channel (n,) in units of the weights but those of its rounding; its modelled rows, the step of its
-    recorder; which rows share their rounding error, as `rounding.spread` has it."""
-
-    left: np.ndarray
-    model: np.ndarray
-    step: float
-    spread: np.ndarray
-    own: np.ndarray
-    time: float  # of its colour, as known so far
-
-    @classmethod
-    def of(cls, trial: Trial, left: np.ndarray, model: np.ndarray) -> list["_Channel"]:
-        """Of d and q, or the one."""
-        d_q = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
-        if trial.noise.rounded is None:
-            return [cls(*pair, step, *2 * (np.ones(len(left)),), 0.0) for pair, step in zip(d_q, trial.steps, strict=True)]
-        known = zip(d_q, trial.steps, trial.noise.parts, strict=True)
-        return [cls(*pair, step, p.rounded, p.own, p.time) for pair, step, p in known]
-
-
-def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
-    """The trial with noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
-    (`rows.rounding`); else None. Which rows do is held after HELD rounds."""
-    if round_ >= HELD and trial.noise.rounded is None:
-        return None
-    plain = trial.knowing(levels=(), rounded=None, own=None, tail=None, kept=trial.there)
-    channels = _Channel.of(trial, trial.residual(model) * plain.noise.weight, model)
-    tail, told = np.ones(len(model)), 1.0
-    if round_ and trial.noise.tail is not None:
-        tail, told = trial.noise.tail, trial.noise.efficiency
-    stds = _levels_beside(plain, channels, tail)
-    for _ in range(ROUNDS if round_ < HELD else 0):
-        shares = [rounding.spread(c.model, c.step, std, trial.noise.count) for c, std in zip(channels, stds, strict=True)]
-        channels = [c._replace(spread=s, own=own) for c, (s, own) in zip(channels, shares, strict=True)]
-        stds = _levels_beside(plain, channels, tail)
-    if np.mean([c.own[plain.noise.used] for c in channels]) > 1 - rounding.LITTLE:
-        return None
-    if 0 < round_ < HELD:
-        scaled = joined([c.left[plain.noise.used] / std for c, std in zip(channels, stds, strict=True)])
-        tail, told = np.ones(len(model)), 1.0
-        if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
-            tail[plain.noise.used], told = tails(scaled)
-    levels = [Level(std, 0.0) for std in stds]
-    if told == 1:
-        counts = freedoms(_sharing(plain, channels))
-        levels = [_coloured(plain, c, n, trial.noise.rounded is None, round_) for c, n in zip(channels, counts, strict=True)]
-    new = _sharing(plain, channels).knowing(tail=None if told == 1 else tail, efficiency=told)
-    std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
-
-
-def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
-    """The trial whose rows share their rounding errors so; of d and q, with levels to be found."""
-    levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
-    rounded, own = joined([c.spread for c in channels]), joined([c.own for c in channels])
-    return plain.knowing(levels=levels, rounded=rounded, own=own)
-
-
-def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:
-    """Standard deviation of each channel's noise, rows weighted by `tail`, never below that of its rounding."""
-    counts = freedoms(_sharing(plain, channels))
-    powers = [float(np.sum(tail * (c.left / c.spread) ** 2)) for c in channels]
-    return [max(float(np.sqrt(p / n)), rounding.least(c.step)) for c, p, n in zip(channels, powers, counts, strict=True)]
-
-
-def _coloured(plain: Trial, channel: _Channel, count: float, first: bool, round_: int) -> Level:
-    """Level of a channel's noise of `count` degrees of freedom, with the colour that rows show which share no rounding error: one
-    of each that do."""
-    used = plain.noise.used
-    left, clock = channel.left[used], plain.noise.clock[used]
-    alone = np.flatnonzero(np.diff(np.floor(np.cumsum(channel.own[used])), prepend=-1.0))
-    time = channel.time
-    if round_ <= SETTLED:
-        time = estimate(left[alone], clock[alone], float(len(alone)))[1]
-        time = time if first or round_ <= WHOLE else _halfway(time, channel.time)
-    std, time = estimate(left / channel.spread[used], clock, count, time=time)
-    return Level(max(std, rounding.least(channel.step)), time)
-
-
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
     """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
@@ -311,8 +224,3 @@ def _is_noise(trial: Trial, model: np.ndarray) -> bool:
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
     """With the noise of q, `ratio` times that of d, as large as that of d."""
     return left if ratio == 1 else left.real + 1j * left.imag / ratio
-
-
-def _halfway(time: float, before: float) -> float:
-    """The fit follows the noise and the noise the fit: half steps do not circle."""
-    return float(np.sqrt(time * before)) if time > 0 and before > 0 else time
