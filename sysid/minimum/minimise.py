@@ -2,38 +2,28 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
+from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt
 from sysid.minimum.images import images
 from sysid.minimum.search import Search
 from sysid.minimum.start import joint, local
-from sysid.model.likelihood import Groups, Residual, linearised
+from sysid.model.likelihood import Groups, Residual
 from sysid.model.plant import LOW_Q, Plant
 from sysid.model.prior import FINGER, FLAT, NAMES, Prior
-from sysid.precision import seldom
 from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
 from sysid.trials.trial import Trial, with_noise
 
-SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
 MOST = 128  # steps of a search
-ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
 ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
-NONE = 1e-10  # of a sum of squares, below which a step is none
 ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
-DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
-LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
-STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
 MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
@@ -56,6 +46,21 @@ class State:
     prior: Prior = field(default=FLAT, repr=False)
 
     @property
+    def G(self) -> float:
+        """Response per drive."""
+        return float(np.exp(self.theta[0]))
+
+    @property
+    def tau(self) -> float:
+        """Time constant, s."""
+        return float(np.exp(self.theta[1]))
+
+    @property
+    def half_bandwidth(self) -> float:
+        """1/(2 pi tau), Hz."""
+        return 1 / (2 * np.pi * self.tau)
+
+    @property
     def evidence(self) -> float:
         """Logarithm of how much of the posterior is about this minimum, up to a constant of the logs (Laplace)."""
         bounded = np.diag(self.covariance) > 0
@@ -67,124 +72,6 @@ def shares(states: Sequence[State]) -> np.ndarray:
     evidence = np.array([s.evidence for s in states])
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum()
-
-
-class _Look(NamedTuple):
-    """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
-    the directions, the gradient, and the residual. The prior is the last of the groups, and has no residual."""
-
-    cost: Array
-    grams: tuple[Array, ...]
-    gradients: tuple[Array, ...]
-    found: tuple[Residual, ...]
-
-
-class _Search(NamedTuple):
-    """A search under way: the best point so far and what was seen there, the point to look at next, the step to it."""
-
-    theta: Array
-    look: _Look
-    next: Array
-    step: Array
-    trust: Any  # of the trust region: its radius, one over the damping
-    looks: Array
-    done: Array
-
-
-@partial(jax.jit, static_argnames="layouts")  # traced once: for its shapes, and in the loop
-def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
-    def one(x, layout):
-        found, change = linearised(theta, x, layout)
-        jacobian = jax.vmap(change, in_axes=1)(directions)
-        return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
-
-    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
-    grams, gradients, found = zip(*parts, strict=True)
-    slope = precision @ (theta - mean)
-    cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
-    held, pull = directions.T @ precision @ directions, directions.T @ slope
-    return _Look(cost, (*grams, held[None]), (*gradients, pull[None]), found)
-
-
-def _summed(look: _Look) -> Any:
-    """Cost, gradient and J^T J of all logs, as optimistix takes them."""
-    import lineax
-    import optimistix
-
-    gram, gradient = (jnp.concatenate(parts).sum(axis=0) for parts in (look.grams, look.gradients))
-    hessian = lineax.MatrixLinearOperator(gram, lineax.positive_semidefinite_tag)
-    return optimistix.FunctionInfo.EvalGradHessian(look.cost, gradient, hessian)
-
-
-@seldom
-def _search(theta, directions, most, mean, precision, layouts, groups):
-    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
-    is seen there.
-
-    The damped Newton step and the trust region are those of optimistix; the loop about them is not, as its own has the plant
-    several times, and a program takes as long to compile and to load as it has equations. It is imported where a program is made:
-    one that is kept needs it no more.
-    """
-    import optimistix
-
-    descent: Any = optimistix.DampedNewtonDescent()
-    region: Any = optimistix.ClassicalTrustRegion()
-
-    def body(s: _Search) -> _Search:
-        new = _looked(s.next, directions, mean, precision, layouts, groups)
-        fall, first = s.look.cost - new.cost, s.looks == 0
-        radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
-        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
-        step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
-        size = jnp.max(jnp.abs(s.step))
-        still = taken & (size < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
-        done = (~first & (still | (size < SHORTEST))) | ~jnp.all(jnp.isfinite(step))
-        return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
-
-    shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))
-    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    rest = jnp.zeros(directions.shape[1])
-    trust = region.init(rest, _summed(blank))
-    begin = _Search(theta, blank, theta, rest, trust, jnp.zeros((), int), jnp.zeros((), bool))
-    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
-    return end.theta, end.look.grams, end.look.gradients, end.look.found
-
-
-@dataclass
-class _Steps:
-    """Gauss-Newton steps along `next` (None: a search instead), shortened where they lead away from the minimum, as they do where
-    a derivative vanishes on resonance: `left`, g^T (J^T J)^-1 g, which falls on the way to it, would rise."""
-
-    next: np.ndarray | None = None
-    left: float = np.inf  # where the next one begins
-    damping: float = 1.0
-    still: bool = False  # the noise hardly changed before it
-    measured: bool = False  # `left` is that of the noise with which the next one will be judged
-
-    def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
-        """Whether to begin once more where the last step began: it was too long, or the noise had changed before it, and `left`
-        is measured anew by a step of no length."""
-        if self.next is None:
-            return False
-        if not (np.any(self.next) or self.measured):
-            self._begin(left, newton, measured=True)
-            return True
-        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
-            return False
-        if self.left < NONE and not self.measured:  # that step was none: what is left now is what the new noise makes of it
-            self._begin(left, newton, measured=True)
-            return True
-        shrink = 0.25 if self.measured else 0.0
-        self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
-        return True
-
-    def kept(self, left: float, newton: np.ndarray | None, moved: float) -> None:
-        """Go on from here, where the noise has `moved`; `newton` is the whole step, None where it is too long to be trusted."""
-        self.still = moved < STILL
-        self._begin(left, newton, measured=False)
-
-    def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
-        self.next, self.left, self.measured = None if newton is None else self.damping * newton, left, measured
 
 
 @dataclass(frozen=True)
@@ -227,7 +114,7 @@ class Minimiser:
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
         """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
         theta = np.zeros(len(NAMES))
-        _search.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
+        levenberg_marquardt.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one.
@@ -248,7 +135,7 @@ class Minimiser:
 
         Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
         """
-        steps, last, converged, unmoved, begin = _Steps(), np.inf, False, False, theta
+        steps, last, converged, unmoved, begin = GaussNewton(), np.inf, False, False, theta
         if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
         k = known
@@ -277,20 +164,26 @@ class Minimiser:
         if known:
             of_logs = zip(trials, models, courses, strict=True)
             trials = tuple(t.knowing(jitter=jitter.found(t, *seen)) for t, *seen in of_logs)
-        efficient = [trials[i].noise.told for logs in members for i in logs]  # padding stands behind each group's logs
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
-        count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
-        shares = (count, np.array(efficient)[:, None, None] * held)
-        told = _informed(*shares, inverse)
-        alone = directions @ _invert(told) @ directions.T
-        flat = not np.any(self.prior.precision)
-        covariance = alone if flat else directions @ _invert(told + self._held(directions)) @ directions.T
+        # Padding stands behind each group's logs, and the prior behind the groups.
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
+        freedom = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
+        told = np.array([trials[i].noise.told for logs in members for i in logs])
+        information = _informed(freedom, told[:, None, None] * held, inverse)
+        alone, covariance = self._covariances(information, directions)
         volume = _volume(found, members)
         return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
 
+    def _covariances(self, information: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(6, 6) of theta: from the logs alone, whose information along the directions is given, and with the prior."""
+        alone = directions @ _invert(information) @ directions.T
+        if not np.any(self.prior.precision):
+            return alone, alone
+        held = directions.T @ self.prior.precision @ directions
+        return alone, directions @ _invert(information + held) @ directions.T
+
     def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
-        """What `_search` finds from theta, in numpy."""
-        return jax.tree.map(np.asarray, _search(*self._arguments(groups, theta, directions, most)))
+        """What `levenberg_marquardt` finds from theta, in numpy."""
+        return jax.tree.map(np.asarray, levenberg_marquardt(*self._arguments(groups, theta, directions, most)))
 
     def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
         return theta, directions, np.asarray(most), *self.prior, *split(groups)
@@ -302,8 +195,7 @@ class Minimiser:
         *_, found = self._seen(groups, theta, directions, 0)
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
-        held = np.eye(directions.shape[1]) / RUNAWAY**2
-        alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))
+        alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0
         return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
 
@@ -343,10 +235,6 @@ class Minimiser:
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
-
-    def _held(self, directions: np.ndarray) -> np.ndarray:
-        """What the prior informs of along the directions."""
-        return directions.T @ self.prior.precision @ directions
 
     @property
     def _frequency(self) -> float:

@@ -51,7 +51,7 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     FAR: an amplitude that had settled and then rings down is the same at any x.
     """
     first, begun = float(np.sqrt(state.covariance[F0, F0])), _begun(state)
-    told = first < VAGUE * _half(state)
+    told = first < VAGUE * state.half_bandwidth
     if not bent(minimiser, state) or (told and not begun):
         return state
     middle = _held(minimiser, state, state.theta[F0], state.theta)
@@ -61,7 +61,7 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     if told and 0.5 * h < BENT * first:
         return state
     along, across = 0.5 * (above - below), 0.5 * (above + below) - middle.theta
-    if begun and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
+    if begun and h == FAR * state.half_bandwidth:  # G goes with sqrt(1 + x^2) there
         along[0] = 0.5 * np.log1p(FAR**2)
     covariance = middle.covariance + np.outer(along, along) / 4 + np.outer(across, across) / 8
     return replace(state, covariance=covariance, alone=covariance)
@@ -98,15 +98,10 @@ def _begun(state: State) -> list[Trial]:
     return [t for t in state.trials if t.begun]
 
 
-def _half(state: State) -> float:
-    """Half bandwidth, Hz."""
-    return float(1 / (2 * np.pi * np.exp(state.theta[1])))
-
-
 def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
     """The minimum with f0 held, near a theta; with the noise that a mode begins with, so that costs compare."""
     precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
-    precision[F0, F0], mean[F0] = (HELD * _half(mode)) ** -2, f0
+    precision[F0, F0], mean[F0] = (HELD * mode.half_bandwidth) ** -2, f0
     both = minimiser.prior.precision + precision
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
@@ -129,7 +124,7 @@ def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list
         cost = (min if _begun(mode) else np.mean)([s.cost for s in sides])
         return float(cost) - least, [s.theta for s in sides]
 
-    far = FAR * _half(mode)
+    far = FAR * mode.half_bandwidth
     if _begun(mode) and (furthest := both(far))[0] < WELL:
         return far, furthest[1]
     low, high = 0.0, NEAR / FAR * far

@@ -118,7 +118,7 @@ class Target:
 def _bounded(fit: Fit) -> tuple[str, ...]:
     """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
     state = fit.modes[0]
-    widest = limits(1.0, np.exp(state.theta[1])) | {"tau": limits(1.0, 1.0)["tau"]}
+    widest = limits(1.0, state.tau) | {"tau": limits(1.0, 1.0)["tau"]}
     std = np.sqrt(np.diag(state.covariance))
     kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
     return kept or ("tau",)

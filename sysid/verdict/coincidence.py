@@ -86,8 +86,7 @@ def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> 
     much better."""
     if "G" not in free:
         return ()
-    tau = float(np.exp(state.theta[1]))
-    held = [name for name, pair in PAIRS.items() if any(pair.held(t, tau) for t in state.trials)]
+    held = [name for name, pair in PAIRS.items() if any(pair.held(t, state.tau) for t in state.trials)]
     return tuple(name for name in held if hangs_on((name,), state, reference, free))
 
 

@@ -28,7 +28,7 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
         return Parameter(value, std, ci95, fit.units[name], True)
     state = fit.modes[0]
     modes = _modes(fit, name) if state.converged else ()
-    said = identify.why(name, state.trials, np.exp(state.theta[1]), fit.names, len(modes) if state.converged else 1)
+    said = identify.why(name, state.trials, state.tau, fit.names, len(modes) if state.converged else 1)
     if not state.converged:
         said = f"{said} (the fit did not converge)"
     elif name in fit.priors and not _told(fit, name):
@@ -50,11 +50,10 @@ def _told(fit: Fit, name: str) -> bool:
 def _limit(fit: Fit, name: str) -> float:
     """The largest error of what is determined: where tau is vague, a half bandwidth is as narrow as it may be."""
     state = fit.modes[0]
-    G, tau = np.exp(state.theta[:2])
-    vague = float(np.sqrt(state.covariance[1, 1]))
+    tau, vague = state.tau, float(np.sqrt(state.covariance[1, 1]))
     if vague > identify.RELATIVE and name in ("f0", "k_T"):
         tau = tau * np.exp(min(2 * vague, 10.0))
-    return identify.limits(G, tau)[name]
+    return identify.limits(state.G, tau)[name]
 
 
 def _shown(fit: Fit, name: str) -> bool:

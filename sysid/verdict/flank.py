@@ -46,7 +46,7 @@ class Flank(NamedTuple):
 def seen(state: State, reference: tuple[float, float]) -> Flank | None:
     """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at its own temperature;
     None where it does not, or where a transient has a frequency: its beat tells f0."""
-    theta, tau = dict(zip(NAMES, state.theta, strict=True)), float(np.exp(state.theta[1]))
+    theta, tau = dict(zip(NAMES, state.theta, strict=True)), state.tau
     resonant = [t for t in state.trials if t.resonant]
     if not resonant or not all(_settled(t, tau) for t in resonant):
         return None

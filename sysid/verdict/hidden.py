@@ -77,6 +77,7 @@ def _fitted(question: Question, state: State, hidden: Sequence[int], tried: _Tri
 
 def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order: int) -> tuple[Trial, ...]:
     """The trials, those whose filter is hidden behind this one."""
+
     def behind(t: Trial) -> Trial:
         nuisances = tuple(dict.fromkeys((*t.nuisances, "filter", "poles")))
         return replace(t, nuisances=nuisances, filter=(time, order), extra={}, late=0.0)

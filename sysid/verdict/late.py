@@ -60,7 +60,7 @@ def _with(found: Found, timed: _Timed) -> Found:
 
 def _timed(costs: "_Costs", side: int) -> _Timed:
     """The delay to state, with those that fit as well; no number where the log does not tell it."""
-    log, tau, tried = costs.trial.log, float(np.exp(costs.state.theta[1])), _tried(costs, side)
+    log, tau, tried = costs.trial.log, costs.state.tau, _tried(costs, side)
     best = min(tried, key=tried.__getitem__)
     alike = [delay for delay, cost in tried.items() if cost < tried[best] + ALIKE]
     low, high, rest = min(alike), max(alike), (tried[costs.stated] - tried[best], costs.moves(best))
@@ -77,7 +77,7 @@ def _timed(costs: "_Costs", side: int) -> _Timed:
 def _tried(costs: "_Costs", side: int) -> dict[float, float]:
     """What is left at delays (s) about the best."""
     row, stated = costs.trial.spacing, costs.stated
-    span = max(ROWS * row, TAUS * float(np.exp(costs.state.theta[1])))
+    span = max(ROWS * row, TAUS * costs.state.tau)
     tried = costs.at(np.append(stated, stated + side * np.linspace(-BEFORE * row, span, POINTS)))
     for _ in range(WIDER):
         end = side * max(side * delay for delay in tried)

@@ -88,12 +88,12 @@ def _error(state: State, name: str, reference: tuple[float, float], at: float | 
 
 def _limit(state: State, name: str) -> float:
     """Largest such one with which it is determined."""
-    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, float(np.exp(state.theta[1])))[name]
+    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, state.tau)[name]
 
 
 def _said(name: str, trial: Trial, row: int, state: State, reference: tuple[float, float]) -> str:
     """The sentence: which reading it is, by its row in the log, and what to record."""
-    log, tau = trial.log, float(np.exp(state.theta[1]))
+    log, tau = trial.log, state.tau
     swept = trial.resonant and log.frequency is not None and np.ptp(log.frequency) > 0
     what = "several readings like it"
     if name in ("G", "tau", "f0") and trial.steady and swept:
