@@ -1,7 +1,7 @@
 """Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
@@ -163,7 +163,7 @@ class Minimiser:
                 break
         if known:
             of_logs = zip(trials, models, courses, strict=True)
-            trials = tuple(t.knowing(jitter=jitter.found(t, *seen)) for t, *seen in of_logs)
+            trials = tuple(replace(t, noise=replace(t.noise, jitter=jitter.found(t, *seen))) for t, *seen in of_logs)
         # Padding stands behind each group's logs, and the prior behind the groups.
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
         freedom = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])

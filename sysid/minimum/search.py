@@ -11,6 +11,7 @@ about what is known of them.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -67,7 +68,7 @@ class Thinned:
     def __init__(self, trial: Trial, reference: tuple[float, float]):
         rows = _thin(trial)
         kept = np.isin(np.arange(len(trial.log)), rows)
-        self.trial = trial = trial.knowing(time=0.0, levels=(), rounded=None, own=None, kept=kept)
+        self.trial = trial = replace(trial, noise=replace(trial.noise, time=0.0, levels=(), rounded=None, own=None, kept=kept))
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
         hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))

@@ -1,6 +1,7 @@
 """The noise of a log and its outliers, estimated anew from the residual in each round of a fit."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -39,10 +40,10 @@ def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_:
     decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = with_rounding(trial, model, round_) if any(trial.steps) else None
-    new = new or _with_noise_of(trial.knowing(rounded=None, own=None), model, course.design, round_)
+    new = new or _with_noise_of(replace(trial, noise=replace(trial.noise, rounded=None, own=None)), model, course.design, round_)
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
-        return new.knowing(efficiency=efficiency(new, course))
+        return replace(new, noise=replace(new.noise, efficiency=efficiency(new, course)))
     return new
 
 
@@ -54,10 +55,11 @@ def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, 
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
     if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
         return trial
-    if share == 0 and scatter == 0 and np.all(least == 1):
-        return trial if trial.noise.spread is None else trial.knowing(share=share, scatter=scatter, spread=None)
-    spread = np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
-    return trial.knowing(share=share, scatter=scatter, spread=spread)
+    flat = share == 0 and scatter == 0 and np.all(least == 1)
+    if flat and trial.noise.spread is None:
+        return trial
+    spread = None if flat else np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
+    return replace(trial, noise=replace(trial.noise, share=share, scatter=scatter, spread=spread))
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
@@ -125,7 +127,7 @@ class _Residual(NamedTuple):
 
     @classmethod
     def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
-        plain = trial.knowing(tail=None, kept=trial.there)
+        plain = replace(trial, noise=replace(trial.noise, tail=None, kept=trial.there))
         rows = np.arange(len(trial.log))[plain.noise.used]
         left = times(joined([p.weight for p in plain.noise.parts]), trial.log.response - model)[rows]
         return cls(plain, rows, trial.noise.clock[rows], left, design)
@@ -134,7 +136,7 @@ class _Residual(NamedTuple):
         """Only with the rows that are no outliers."""
         used = np.flatnonzero(regular)
         kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
-        return self._replace(trial=self.trial.knowing(kept=kept), used=used)
+        return self._replace(trial=replace(self.trial, noise=replace(self.trial.noise, kept=kept)), used=used)
 
     def shapes(self) -> np.ndarray:
         return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
@@ -178,7 +180,7 @@ class _Residual(NamedTuple):
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
     """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
     in each round between the first and HELD; correlation times stay after SETTLED."""
-    trial = trial if round_ else trial.knowing(kept=trial.there, levels=(), tail=None)
+    trial = trial if round_ else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = known.time if round_ > SETTLED else None
@@ -208,12 +210,12 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     levels = () if ratio == 1 else found.levels(weight, known.levels, round_)
     if levels:
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    new = with_noise(found.trial, std, time, levels).knowing(efficiency=told)
+    new = with_noise(found.trial, std, time, levels)
     if told == 1:
-        return new
+        return replace(new, noise=replace(new.noise, efficiency=told))
     tail = np.ones(len(trial.log))
     tail[found.rows] = weight
-    return new.knowing(tail=tail)
+    return replace(new, noise=replace(new.noise, efficiency=told, tail=tail))
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

@@ -1,6 +1,7 @@
 """The noise of a log recorded in coarse steps, where rows that read alike share one rounding error (`rows.rounding`)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ def with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
     share no rounding error. Which rows share one is fixed after HELD rounds."""
     if round_ >= HELD and trial.noise.rounded is None:
         return None
-    plain = trial.knowing(levels=(), rounded=None, own=None, tail=None, kept=trial.there)
+    plain = replace(trial, noise=replace(trial.noise, levels=(), rounded=None, own=None, tail=None, kept=trial.there))
     channels = _Channel.of(trial, trial.residual(model) * plain.noise.weight, model)
     tail, told = np.ones(len(model)), 1.0
     if round_ and trial.noise.tail is not None:
@@ -60,7 +61,8 @@ def with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
     if told == 1:
         counts = freedoms(_sharing(plain, channels))
         levels = [_coloured(plain, c, n, trial.noise.rounded is None, round_) for c, n in zip(channels, counts, strict=True)]
-    new = _sharing(plain, channels).knowing(tail=None if told == 1 else tail, efficiency=told)
+    new = _sharing(plain, channels)
+    new = replace(new, noise=replace(new.noise, tail=None if told == 1 else tail, efficiency=told))
     std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
     return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
 
@@ -69,7 +71,7 @@ def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
     """The trial with these shares of the rounding errors; the levels of d and q, where there are two, are still to be found."""
     levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
     rounded, own = joined([c.spread for c in channels]), joined([c.own for c in channels])
-    return plain.knowing(levels=levels, rounded=rounded, own=own)
+    return replace(plain, noise=replace(plain.noise, levels=levels, rounded=rounded, own=own))
 
 
 def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -108,10 +108,6 @@ class Trial:
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
         return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
-
-    def knowing(self, **noise: Any) -> "Trial":
-        """The trial with this known of its noise."""
-        return replace(self, noise=replace(self.noise, **noise))
 
     @property
     def steady(self) -> bool:

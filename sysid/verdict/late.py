@@ -121,7 +121,7 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
     spread = uneven(trial.noise.share, log.response)
-    plain = trial.knowing(spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
+    plain = replace(trial, noise=replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None))
     inputs, narrow = read_at(trial.inputs, log.time, delay), {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
