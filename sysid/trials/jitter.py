@@ -1,14 +1,14 @@
-"""Noise of the phase: a reference that jitters turns the response by phi(t), and what that adds, j phi W, is no additive noise.
+"""Phase noise: a reference that jitters by phi(t) turns the response, adding j phi W, which is not additive noise.
 
-It lies across the response, is as large as that is, and rows share it: phi is taken for an Ornstein-Uhlenbeck process, seen in
-white noise of one level sigma. In the frame of the modelled response, W = |W| u,
+It lies across the response, grows with it, and is shared by neighbouring rows. phi is modelled as an Ornstein-Uhlenbeck process
+in white noise of level sigma. In the frame of the modelled response, W = |W| u,
 
     Re(r u*) = e_1            Im(r u*) = |W| phi + e_2
 
-so that the likelihood of a residual r is that of a Kalman filter, and as in `trials.noise` the restricted one, in which what
-the fit can make of a log is integrated out. It is found where it is likelier than additive noise of the colour that the fit has.
+so the likelihood of a residual r is that of a Kalman filter. As in `trials.noise` it is the restricted likelihood, in which all
+that the fit can adjust is integrated out. Jitter is reported where it is likelier than additive noise of the fitted colour.
 
-The fit keeps the weights W of that. Its estimates have then no bias, and the covariance of `trials.projected`, with
+The fit keeps its weights W. Its estimates stay unbiased, with the covariance of `trials.projected` for
 
     S = sigma^2 + std^2 |W| |W'| exp(-|t - t'|/time)        across the response, sigma^2 along it.
 """
@@ -32,13 +32,13 @@ SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sig
 
 
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
-    """What a log of d and q holds of it, of rows (n,) that the fit models; None where that is not worth two numbers."""
+    """The phase noise of a d/q log whose modelled rows are `model` (n,); None where it is not worth two numbers."""
     seen = _likeliest(trial, model, course)
     return seen and seen._replace(left=_efficiency(trial, model, course, seen))
 
 
 def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
-    """Its size and its time, of the information that it leaves nothing yet."""
+    """The likeliest size and time of the phase noise; its cost in information is not yet computed."""
     used = trial.noise.used
     size = np.abs(model[used])
     left = (trial.log.response - model)[used]
@@ -74,7 +74,7 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
 
 
 def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
-    """Information about G, tau and f0 that a log holds over what is stated of it: the least of them, at most 1."""
+    """The share of the stated information on G, tau and f0 that is left; the least of the three, at most 1."""
     used = trial.noise.used
     made = (course.design() * trial.turn)[used].T
     made = np.concatenate([made, 1j * made])
@@ -95,7 +95,7 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
 
 
 def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
-    """Whether what lies across a strong response is larger than what lies along it, or is shared by more of its neighbours."""
+    """Whether a strong response has more residual across it than along it, or neighbours that share more of it."""
     strong = size**2 / np.mean(size**2)
     power = np.stack([across.imag**2 - across.real**2, np.zeros(len(size))])
     power[1, 1:] = across.imag[1:] * across.imag[:-1] - across.real[1:] * across.real[:-1]

@@ -1,4 +1,4 @@
-"""What is known of each log, anew at the present theta: its noise, its nuisances, its cost."""
+"""The update of each log in every round of a fit: its noise, its nuisances and its cost at the present theta."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,8 +15,8 @@ from sysid.trials.whitening import Noise
 
 
 def update(trials, members, found, courses: Sequence[Course], round_: int):
-    """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
-    relative move."""
+    """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the modelled rows of
+    each, the total cost, and the largest relative change."""
     updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
@@ -35,7 +35,7 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
 
 
 def _moved(noise: Noise, new: Noise) -> float:
-    """The largest relative change of a level or a correlation time."""
+    """The largest relative change of a level or a correlation time; 1 where the kind of noise has changed."""
     if len(noise.parts) != len(new.parts) or noise.left_out != new.left_out:
         return 1.0
     pairs = list(zip(noise.parts, new.parts, strict=True))
@@ -45,7 +45,7 @@ def _moved(noise: Noise, new: Noise) -> float:
 
 
 def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
-    """By how much a resonance of the log's own has moved, in errors of its thermometer; 1 where it has become that."""
+    """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new."""
     if not trial.tied:
         return float(new.tied)
     return abs(new.resonance - trial.resonance) / (abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny)
@@ -68,7 +68,7 @@ def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
 
 
 def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
-    """Of the rows that are left out, whose noise is normal with a level of its own."""
+    """The share of rows that are left out: their noise is normal, with a level of its own."""
     outliers = trial.noise.left_out - trial.lost
     if not outliers:
         return 0.0
@@ -78,7 +78,7 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 
 
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
+    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor."""
     new = heard(trial, model.real if trial.log.amplitude_only else model, course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:

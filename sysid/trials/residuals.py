@@ -36,7 +36,8 @@ FEW = 100  # rows, of which noise that is coloured by as much as matters may loo
 
 
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows; `floor`: of an amplitude log."""
+    """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes, of an amplitude
+    log."""
     decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = with_rounding(trial, model, round_) if any(trial.steps) else None
@@ -48,8 +49,8 @@ def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_:
 
 
 def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with how its noise differs from row to row: as Rice's does, by what is proportional to the response, or by what
-    that moves while time stamps scatter."""
+    """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional to the response, or
+    the effect of time stamps that scatter while the response moves."""
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
     share = _share(trial, model, size, least, round_)
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
@@ -63,8 +64,8 @@ def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, 
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
-    """By how much a transient's time stamps scatter over its noise, as rows show that the response moves past, and how fast it
-    does, (n,). By more than from row to row it is something else."""
+    """By how much a transient's time stamps scatter, over its noise level, judged from rows past which the response moves; and
+    how fast it moves, (n,). A scatter of more than a row has another cause."""
     log, still = trial.log, (0.0, np.zeros(len(model)))
     if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
         return still
@@ -81,8 +82,8 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
 
 
 def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
-    """(n,) noise of each row over that of a strong response: Rice's, which of a transient it need not be; there it is if likelier
-    than even noise."""
+    """(n,) noise of each row over that of a strong response: Rice's, in a transient only where that is likelier than even
+    noise."""
     even = np.ones(len(model))
     if trial.signed or floor <= 0 or (trial.log.relative_noise and not trial.steady):
         return even
@@ -96,7 +97,7 @@ def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray, round_: int) -> float:
-    """What part of the noise's variance is proportional to the response, as the residual shows."""
+    """The share of the noise's variance that is proportional to the response."""
     known = trial.log.relative_noise
     if not trial.steady and not known and (trial.noise.time > 0 or trial.noise.left_out > trial.lost):
         return 0.0  # of a colour few rows are independent, and of those at rest fewer
@@ -113,9 +114,9 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
 
 
 class _Residual(NamedTuple):
-    """What a fit leaves of the rows of a log that hold a signal, in units of their weights; arrays are of these rows.
+    """The weighted residual of the rows with a signal; arrays are over these rows.
 
-    `trial` is the log without what is known of its outliers. Of the rows, `used` are those that are not left out.
+    `trial` is the log without knowledge of its outliers. `used` are the rows that are not left out.
     """
 
     trial: Trial
@@ -133,7 +134,7 @@ class _Residual(NamedTuple):
         return cls(plain, rows, trial.noise.clock[rows], left, design)
 
     def without(self, regular: np.ndarray) -> "_Residual":
-        """Only with the rows that are no outliers."""
+        """Without the outliers."""
         used = np.flatnonzero(regular)
         kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
         return self._replace(trial=replace(self.trial, noise=replace(self.trial.noise, kept=kept)), used=used)
@@ -142,26 +143,28 @@ class _Residual(NamedTuple):
         return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
 
     def level(self, ratio: float, time: float | None, worth: float = WORTH) -> tuple[float, float]:
-        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held;
-        `worth`: what colour must gain."""
+        """Standard deviation and correlation time, with q's noise `ratio` times that of d. `time`: the correlation time, where it
+        is fixed; `worth`: the log-likelihood that colour must gain."""
         even = _scaled(self.left, ratio)[self.used]
         return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
 
     def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray]:
-        """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
+        """Weight of each row; the information per row, relative to normal noise; and which rows are not outliers of coloured
+        noise."""
         even = _scaled(self.left, ratio)
         weight, told = tails(independent(even, self.clock, time))
         regular = spikes(even, self.clock) if told < 1 else None
         return weight, told, np.ones(len(even), bool) if regular is None else regular
 
     def apart(self, weight: np.ndarray, time: float) -> float:
-        """Noise of q over that of d."""
+        """Ratio of q's noise to d's."""
         if time > 0:
             return apart_in_colour(self.left[self.used], self.clock[self.used])
         return apart(self.left, weight)
 
     def levels(self, weight: np.ndarray, before: tuple[Level, ...], round_: int) -> tuple[Level, ...]:
-        """Of d and of q, in which the fit can make complex multiples of its shapes; weighted rows are of white noise."""
+        """Noise of d and of q. The fit adjusts complex multiples of its shapes, which both channels share. Weighted rows have
+        white noise."""
         left, counted = (np.sqrt(weight) * self.left)[self.used], 0.5 * freedom(self.trial)
         held, clock = before if round_ > SETTLED else (), self.clock[self.used]
         shapes = None if held or np.any(weight != 1) else self.shapes()
@@ -178,8 +181,8 @@ class _Residual(NamedTuple):
 
 
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
-    """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
-    in each round between the first and HELD; correlation times stay after SETTLED."""
+    """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided anew in each round
+    between the first and HELD; correlation times are fixed after SETTLED."""
     trial = trial if round_ else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
@@ -219,10 +222,10 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
-    """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
+    """Whether the residual is small enough to be noise: the error of a wrong model differs between d and q too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
-    """With the noise of q, `ratio` times that of d, as large as that of d."""
+    """The residual with q, whose noise is `ratio` times that of d, scaled to the same level."""
     return left if ratio == 1 else left.real + 1j * left.imag / ratio
