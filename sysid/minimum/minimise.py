@@ -1,4 +1,4 @@
-"""Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
+"""Minima of the cost, from the likeliest starting points; the noise of each log is estimated from its residual along the way."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -32,7 +32,8 @@ DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the rippl
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta as `model.likelihood.basis` has it, its covariance, the logs' noise and nuisances."""
+    """A converged minimum: theta as in `model.likelihood.basis`, its covariance, and the trials with their noise and
+    nuisances."""
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -62,13 +63,13 @@ class State:
 
     @property
     def evidence(self) -> float:
-        """Logarithm of how much of the posterior is about this minimum, up to a constant of the logs (Laplace)."""
+        """Log of the posterior mass about this minimum (Laplace), up to a constant of the logs."""
         bounded = np.diag(self.covariance) > 0
         return 0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1]) - self.volume - self.cost
 
 
 def shares(states: Sequence[State]) -> np.ndarray:
-    """(n,) of the posterior, about each of its minima."""
+    """(n,) share of the posterior about each of its minima."""
     evidence = np.array([s.evidence for s in states])
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum()
@@ -112,14 +113,14 @@ class Minimiser:
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
 
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
-        """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
+        """Start compiling the search while starting points are looked for, on the assumption that Q is not low."""
         theta = np.zeros(len(NAMES))
         levenberg_marquardt.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
-        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one.
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with and without.
 
-        `known`: rounds in which the noise of the trials was found; 0: it is looked for from nothing.
+        `known`: rounds in which the noise of the trials has been estimated already; 0: none.
         """
         if not any(t.resonant and not t.steady for t in trials):
             return self._descend(trials, theta, False, rounds, known)
@@ -131,9 +132,9 @@ class Minimiser:
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
     def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int) -> State:
-        """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
+        """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
-        Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
+        Once a Gauss-Newton step is short and changes the sum of squares by less than NEAR, single steps replace the search.
         """
         steps, last, converged, unmoved, begin = GaussNewton(), np.inf, False, False, theta
         if all(t.silent for t in trials):
@@ -189,7 +190,7 @@ class Minimiser:
         return theta, directions, np.asarray(most), *self.prior, *split(groups)
 
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
-        """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
+        """The state where the search began, for logs that do not bound tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         *_, found = self._seen(groups, theta, directions, 0)
@@ -200,7 +201,7 @@ class Minimiser:
         return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (n, 3), what each falls short by, and the least residual sum of each log."""
+        """Points (n, 3), the log-likelihood by which each falls short, and the least residual sum of each log."""
         if start is not None:
             f0 = 0.0 if start.f0 is None else start.f0 - self.reference[0]
             k_T = start.k_T or 0.0
@@ -212,7 +213,7 @@ class Minimiser:
         return *_spread(points, score), cost
 
     def _distinct(self, found: list[State]) -> list[State]:
-        """The minima that `found` lead to, each once, as many as are modes."""
+        """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
         for first in found:
             if any(not self._apart(first, other) for other in states):
@@ -230,8 +231,8 @@ class Minimiser:
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
-        """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the
-        plate's own damping, a half bandwidth."""
+        """(6, free) unit steps in theta: a factor e in G and tau; a half bandwidth in f0; a tenth of one per degC; for a finger
+        the plate's own damping and a half bandwidth."""
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
@@ -245,7 +246,7 @@ class Minimiser:
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
+    """The first few points, with their scores, that differ by half a bandwidth or a factor of two in tau from all before them."""
     kept: list[int] = []
     for i, p in enumerate(points):
         half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
@@ -269,12 +270,12 @@ def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
 
 
 def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:
-    """Of the nuisances of all logs; behind each group's logs stands its padding."""
+    """Volume of the nuisances of all logs; the padding behind each group's logs does not count."""
     return float(sum(np.sum(x.volume[: len(logs)]) for x, logs in zip(found, members, strict=True)))
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:
-    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    """Inverse of an information matrix; where it holds no information the variance becomes very large, not infinite."""
     gram = gram + ROUNDING * np.max(np.diag(gram)) * np.eye(len(gram))
     size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
@@ -283,9 +284,9 @@ def _invert(gram: np.ndarray) -> np.ndarray:
 
 
 def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Information of all logs (logs, p, p), each less the share of its residual that the plant's parameters have taken.
+    """Information of all logs, from (logs, p, p), each less the share of its residual that the plant's parameters have absorbed.
 
-    The noise is that of the largest likelihood, S/freedom; a log whose leverage is tr(gram inverse) has that many fewer.
+    The noise is that of the largest likelihood, S/freedom; a log of leverage tr(gram inverse) has that many degrees fewer.
     """
     leverage = np.einsum("lpq,pq->l", grams, inverse)
     left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)
