@@ -63,7 +63,8 @@ def fit(
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
-    """The fit, its error of G that of feedthroughs that may be delays; said where no other log tells G as well."""
+    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
+    well."""
     states = [with_delays(s, found.reference) for s in found.modes]
     if not (said := states[0][1]):
         return found
@@ -77,8 +78,8 @@ def _spanning(question: Question, found: Fit) -> Fit:
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
-    """What the minima amount to; where the error of G is that of nuisances that cancel, they are narrower if that describes the
-    logs."""
+    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are narrowed if that
+    describes the logs."""
     minimiser, best = question.minimiser, states[0]
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
@@ -98,7 +99,7 @@ def _asked(
     reference_temperature: float,
     start: Plant | None,
 ) -> tuple[Question, list[State]]:
-    """What is to be found, and the minima; each log read anew, where its kind or its sampling is not stated, at the best tau."""
+    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best tau."""
     if not logs:
         raise ValueError("no logs to fit")
     if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
@@ -132,10 +133,10 @@ def _asked(
 
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
-    """The trials as they were read, with what was found that the bench may have added to them."""
+    """The trials as they were read, with the nuisances and priors that were found."""
     return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow) for t, f in zip(trials, found, strict=True))
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:
-    """The minima with the trials that were found at each, looked for again where these are others than its own."""
+    """The minima with the trials found at each, refined again where these differ from its own."""
     return [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, found, strict=True)]

@@ -1,8 +1,8 @@
-"""By how much a response is late that is later than its first order: the delay with which its log fits best.
+"""The delay of a log whose response is late by more than the fit's first order covers.
 
-Everything else is fitted anew at each of a few delays, with white noise of one level, so that what is left compares. In a step a
-delay within a row looks like a gain and a feedthrough that cancel; the less of them is the likelier, so that the feedthrough has
-a prior of THROUGH of the response.
+Everything else is fitted anew at each of several delays, with white noise of one level so that costs compare. In a step a delay
+of less than a row looks like a gain and a feedthrough that cancel; as little of them as possible is likelier, so the feedthrough
+has a prior of THROUGH of the response.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ VAGUE, CLEAR = 0.5, 0.01  # of tau, that they span, from which no delay is told,
 
 
 def timed(found: Sequence[Found], state: State, reference: tuple[float, float], free: Sequence[str]) -> list[Found]:
-    """What the logs hold, those that begin late, or early, with the delay with which they fit best."""
+    """The effects that the logs show; those late or early with the delay at which their log fits best."""
     minimiser, anew = Minimiser(reference, tuple(free), state.prior), {}
     for f in found:
         if f.name in SIDES and f.log is not None and f.log not in anew and state.trials[f.log].log.theta is None:
