@@ -16,13 +16,12 @@ The fit keeps its weights W. Its estimates stay unbiased, with the covariance of
 import numpy as np
 
 from sysid.model.span import orthonormal, times
-from sysid.trials.noise import ROUNDING, WORTH
+from sysid.trials.noise import ALIKE, ROUNDING, WORTH
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, whitened
 
-ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
 APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
 LEAST = 40  # rows, of which a colour that differs from channel to channel can be told
 SUSPECT = 1.5  # standard deviations of the difference of the channels in white noise, below which the likelihood is not asked
