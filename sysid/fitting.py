@@ -114,22 +114,28 @@ def _asked(
     prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
     minimiser = Minimiser(reference, free, prior)
     states = minimiser.minima(trials, start)
-    again = tuple(reading.read_as(t, log.sampling, np.exp(states[0].theta[1])) for t, log in zip(trials, logs, strict=True))
-    if any(now is not before for now, before in zip(again, trials, strict=True)):
-        states = minimiser.minima(again, start)
-    said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
+    read = tuple(reading.read_as(t, log.sampling, states[0].tau) for t, log in zip(trials, logs, strict=True))
+    if any(now is not before for now, before in zip(read, trials, strict=True)):
+        states = minimiser.minima(read, start)
+    said = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     if "thermometer" in nuisances and "k_T" in free:
-        spread = [np.sqrt(np.diag(s.covariance)) for s in states]
-        with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
-        states = _anew(minimiser, states, [trials for trials, _ in with_errors])
-        unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
-        errors = np.sqrt(np.diag(states[0].covariance))
-        warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
+        states, doubts = _with_thermometers(minimiser, states, logs)
+        warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
-    again = _with_priors(again, states[0].trials)
-    return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
+    read = _with_priors(read, states[0].trials)
+    return Question(minimiser, read, stated, reference_temperature, tuple(warnings)), states
+
+
+def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:
+    """The minima with the errors of the thermometers where these matter, and sentences on what depends on them."""
+    spread = [np.sqrt(np.diag(s.covariance)) for s in states]
+    found = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
+    states = _anew(minimiser, states, [trials for trials, _ in found])
+    unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
+    errors = np.sqrt(np.diag(states[0].covariance))
+    return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
 
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:

@@ -163,8 +163,8 @@ class Minimiser:
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         if known:
-            of_logs = zip(trials, models, courses, strict=True)
-            trials = tuple(replace(t, noise=replace(t.noise, jitter=jitter.found(t, *seen))) for t, *seen in of_logs)
+            jitters = map(jitter.found, trials, models, courses)
+            trials = tuple(replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True))
         # Padding stands behind each group's logs, and the prior behind the groups.
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
         freedom = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])

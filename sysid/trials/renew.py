@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.model.likelihood import Residual
 from sysid.rows import rounding
 from sysid.trials.extra import renewed
 from sysid.trials.perturbed import Course
@@ -14,10 +15,12 @@ from sysid.trials.trial import Trial, freedom, freedoms, numbers_left
 from sysid.trials.whitening import Noise
 
 
-def update(trials, members, found, courses: Sequence[Course], round_: int):
+def update(
+    trials: Sequence[Trial], members: Sequence[Sequence[int]], found: Sequence[Residual], courses: Sequence[Course], round_: int
+) -> tuple[tuple[Trial, ...], tuple[np.ndarray, ...], float, float]:
     """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the modelled rows of
     each, the total cost, and the largest relative change."""
-    updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
+    updated, models, cost, moved = list(trials), [t.log.response for t in trials], 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
             driven = np.empty_like(detail.driven[k][: len(trials[i].log)])
@@ -25,9 +28,9 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             models[i] = trials[i].completed(driven)
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
-            own = start, float(detail.floor[k]), float(detail.late[k])
-            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
-            new = renewed(new, courses[i], detail.extra[k]).floored(driven, models[i])
+            floor, late = float(detail.floor[k]), float(detail.late[k])
+            new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, round_), turn=turn)
+            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new
