@@ -13,12 +13,12 @@ from jax import Array
 from sysid.model.likelihood import Residual, linearised
 from sysid.precision import seldom
 
-SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
-ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
-NONE = 1e-10  # of a sum of squares, below which a step is none
+SHORTEST = 1e-8  # a step that is not shortened any further
+ROUGH = 1e-5  # step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
+NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
-LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
-STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
+LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case
+STILL = 1e-3  # relative move of the noise, above which gains before and after a step do not compare
 
 
 class _Look(NamedTuple):

@@ -20,14 +20,14 @@ from sysid.trials.renew import update
 from sysid.trials.trial import Trial, with_noise
 
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
-SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
 MOST = 128  # steps of a search
-ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
-ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
+ROUNDING = 1e-28  # relative to the largest information along a direction: added to all, so that none is singular
+ROUNDED = 1e-12  # change of the noise, and of a sum of squares, that is only rounding
 STARTS = 4
-RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
-MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
-DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
+RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
+MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
+DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fast mode ripples
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 
 F0 = NAMES.index("f0")
-VAGUE = 0.25  # half bandwidths of standard deviation of f0, to first order, from which on it is none
-BENT = 2.0  # of these standard deviations, from which half of h on they are far too small
+VAGUE = 0.25  # half bandwidths: f0 is vague if its first-order standard deviation is larger
+BENT = 2.0  # of these standard deviations: half of h beyond this shows that they are far too small
 RISE = 2.0  # of the cost: two standard deviations
-NEAR, FAR = 0.02, 8.0  # half bandwidths from which and to which it is looked for
-GAINED = 0.1  # of the cost, within which a minimum at the f0 of a state is the state
-WELL = 5.0  # of the cost, below a ridge that goes as far as that: there is more of the posterior on it
-HALVINGS = 4  # of the interval in which it rises so far
+NEAR, FAR = 0.02, 8.0  # half bandwidths between which the rise is looked for
+GAINED = 0.1  # of the cost: a minimum at the f0 of a state is the state if it gains no more
+WELL = 5.0  # of the cost: a ridge that rises less than this as far as FAR holds more of the posterior
+HALVINGS = 4  # of the interval in which the cost rises so far
 HELD = 1e-4  # half bandwidths to which f0 is held
 STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
 DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations

@@ -29,11 +29,11 @@ from sysid.trials.trial import Extra, Trial
 EXTRA = ("drift", "lag", "gain", "baseline")
 FILTER = ("filter", "poles")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s", "poles": "1"}
-STRIDE = 0.5  # half bandwidths, of which a response to first order tells
-PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
-BLURRED = 0.5  # in 1/n of n poles, which is 1, 1/2 and 1/4
-SHARE = 0.1  # of the log's duration, and of the gain
-TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
+STRIDE = 0.5  # half bandwidths: the most that a resonance moves in one round, within reach of the first order
+PART = 1e-3  # of a time constant: the step of a central difference, whose error is its square
+BLURRED = 0.5  # standard deviation of 1/n of n poles, which is 1, 1/2 or 1/4
+SHARE = 0.1  # prior, as a share of the log's duration and of the gain
+TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 from which a thermometer's error is fitted, and mentioned where it cannot be
 
 
 def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:

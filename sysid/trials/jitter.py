@@ -22,12 +22,12 @@ from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, whitened
 
-APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
-LEAST = 40  # rows, of which a colour that differs from channel to channel can be told
-SUSPECT = 1.5  # standard deviations of the difference of the channels in white noise, below which the likelihood is not asked
-TWO = 1.0  # log-likelihood more that two numbers, a size and a time, have to gain
-SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # rows, and share of the log, between which so many correlation times are tried
-SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sigma
+APART = 1e-9  # of the largest eigenvalue of the information: smaller ones belong to columns that are sums of others
+LEAST = 40  # rows: the least that show a colour differing between the channels
+SUSPECT = 1.5  # standard deviations of the channels' difference in white noise, below which the likelihood is not evaluated
+TWO = 1.0  # further log-likelihood to be gained by two numbers, a size and a time
+SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # range of correlation times, in rows and as a share of the log, and how many are tried
+SIZES = np.geomspace(0.3, 100.0, 10)  # tried ratios of |W| phi at the largest response to sigma
 
 
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:

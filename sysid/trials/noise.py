@@ -21,19 +21,19 @@ from scipy.special import gammaln
 from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
-WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
-TIMES = 24  # correlation times that are tried, and scatters of stamps
-ALIKE_STEPS = 1e-6  # of the longest step between rows, within which two are one: what digits of stamps make of a steady clock
-FEW_STEPS = 8  # between rows: a steady clock with outliers left out
-MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
-SHARE = 0.25  # of the rows are outliers at most
+WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less may be chance
+TIMES = 24  # number of correlation times, and of scatters of stamps, that are tried
+ALIKE_STEPS = 1e-6  # of the longest step between rows: closer ones are alike, as stamps of a steady clock have few digits
+FEW_STEPS = 8  # different steps between rows: those of a steady clock with outliers left out
+MOST_APART = 100.0  # largest ratio of the channels' noise: a channel without any noise is not a quiet one
+SHARE = 0.25  # largest share of the rows that may be outliers
 MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
-SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
-ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
-ROUNDING = 1e-13  # of a sum of squares, by which it may be wrong, and less than nothing be left of it
-SHARES = np.append(0.0, 1 / (1 + np.geomspace(3.0, 1e-3, 16) ** 2))  # of the noise, proportional to the response, that are tried
-ALONE = 3.0  # standard deviations of a lag-one correlation, from which neighbours share what they hold
-TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
+SURE = 12.0  # of chi-square: rows above are outliers at first; of two channels, one normal row in 400
+ALIKE = 1e-4  # of a unit column: what is left of one that is nearly a sum of others
+ROUNDING = 1e-13  # relative rounding error of a sum of squares, which could otherwise leave less than nothing
+SHARES = np.append(0.0, 1 / (1 + np.geomspace(3.0, 1e-3, 16) ** 2))  # of the noise, proportional to the response, to be tried
+ALONE = 3.0  # standard deviations of a lag-one correlation, from which neighbours share noise
+TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # tried degrees of freedom
 
 
 class Level(NamedTuple):

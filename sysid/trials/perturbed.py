@@ -21,8 +21,8 @@ from sysid.rows.hold import Hold, cut, read_at
 from sysid.trials.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
-STEP = 1e-4  # of 1/tau, of a difference: its square is what that is off by, and what it loses is four digits of sixteen
-FAR = 1e150  # rad/s, of a carrier so fast that the slow mode is all there is
+STEP = 1e-4  # of 1/tau: the step of a central difference, whose error is its square, and which costs four digits of sixteen
+FAR = 1e150  # rad/s, a carrier so fast that only the slow mode is left
 
 
 @dataclass(frozen=True, eq=False)

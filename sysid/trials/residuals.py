@@ -28,11 +28,11 @@ from sysid.trials.rounds import HELD, SETTLED, WHOLE, halfway
 from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.trials.whitening import joined
 
-MUCH = 0.3  # of a log
-COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
-EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
-BEGINS = 5  # rows after a change, which a response that begins in another way is off by, as behind a filter: they tell no scatter
-FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
+MUCH = 0.3  # of a log's variation: a larger residual is not noise
+COARSE = 0.6  # of a recorder's step: less noise than this is mostly rounding somewhere in the log
+EARLY = 2  # rounds in which noise proportional to the response is looked for in a transient; later ones only refine it
+BEGINS = 5  # rows after a change that show no scatter of stamps: a response may begin differently, as behind a filter
+FEW = 100  # rows: fewer may look white although their noise is coloured enough to matter
 
 
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:

@@ -18,11 +18,11 @@ from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer", "filter")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
-DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
-UNKNOWN = 0.05  # of the largest response: a noise level of which nothing is known yet
-FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
-SLOPED = 8  # points of a sweep, of which plant, rotation, feedthrough and slope take half
-DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
+DIED = 0.1  # of the response at the first row: if its inputs sustain no more than that, the log begins with a free decay
+UNKNOWN = 0.05  # of the largest response: the noise level while nothing is known of it
+FLOOR = 1e-10  # of the largest response: the least noise level, above the model's rounding errors
+SLOPED = 8  # points of a sweep, of whose numbers plant, rotation, feedthrough and slope take half
+DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB proportional to the response, at first
 
 
 class Extra(NamedTuple):
