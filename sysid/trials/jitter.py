@@ -5,8 +5,9 @@ in white noise of level sigma. In the frame of the modelled response, W = |W| u,
 
     Re(r u*) = e_1            Im(r u*) = |W| phi + e_2
 
-so the likelihood of a residual r is that of a Kalman filter. As in `trials.noise` it is the restricted likelihood, in which all
-that the fit can adjust is integrated out. Jitter is reported where it is likelier than additive noise of the fitted colour.
+so the likelihood of a residual r is that of a Markov process in noise. As in `trials.noise` it is the restricted likelihood, in
+which all that the fit can adjust is integrated out. Jitter is reported where it is likelier than additive noise of the fitted
+colour.
 
 The fit keeps its weights W. Its estimates stay unbiased, with the covariance of `trials.projected` for
 
@@ -14,9 +15,10 @@ The fit keeps its weights W. Its estimates stay unbiased, with the covariance of
 """
 
 import numpy as np
+from scipy.linalg.lapack import dpttrf, dpttrs
 
 from sysid.model.span import orthonormal, times
-from sysid.trials.noise import ALIKE, ROUNDING, WORTH
+from sysid.trials.noise import ALIKE, ROUNDING, WORTH, forgotten
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
@@ -58,8 +60,8 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
     longest = max(LONGEST * (clock[-1] - clock[0]) / (typical or 1.0), 1.0)
     grid = np.array([(s, t) for t in np.geomspace(SHORTEST, longest, TIMES) for s in SIZES])
     steps, share = np.diff(clock) / (typical or 1.0), size * weight / np.max(size * weight)
-    filtered, volume = _filtered(rows.imag, share, steps, grid)
-    cost, scale = _restricted(rows.real, filtered, len(left))
+    grams, volume = _left(rows.imag, share, steps, grid)
+    cost, scale = _restricted(rows.real @ rows.real.T + grams, len(left))
     cost = cost + volume
     plain = _plain(trial, rows / towards) + 2 * float(np.sum(np.log(weight)))
     best = int(np.argmin(cost))
@@ -108,34 +110,35 @@ def _plain(trial: Trial, rows: np.ndarray) -> float:
     white = whitened(rows, now, before)
     both = now if np.iscomplexobj(now) else now * (1 + 1j)
     volume = float(np.sum(np.log(both.real)) + np.sum(np.log(both.imag)))
-    return float(_restricted(white.real, white.imag[None], rows.shape[1])[0][0]) - volume
+    return float(_restricted((white @ white.conj().T).real[None], rows.shape[1])[0][0]) - volume
 
 
-def _filtered(rows: np.ndarray, share: np.ndarray, steps: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a Kalman filter leaves of rows (C, n) that hold `share` (n,) of an OU process beside unit noise, (P, C, n), of sizes
-    and times (P, 2) of the process; and half the logarithm of the determinant of their covariance, (P,)."""
-    variance = grid[:, 0] ** 2
-    memory = np.exp(-np.append(np.inf, steps)[:, None] / grid[:, 1])
-    mean, spread, volume = np.zeros((len(grid), len(rows))), variance.copy(), np.zeros(len(grid))
-    found = np.empty((rows.shape[1], len(grid), len(rows)))
-    for k, d in enumerate(share):
-        mean = memory[k, :, None] * mean
-        spread = memory[k] ** 2 * spread + (1 - memory[k] ** 2) * variance
-        total = d**2 * spread + 1
-        new = rows[None, :, k] - d * mean
-        found[k] = new / np.sqrt(total)[:, None]
-        mean = mean + (d * spread / total)[:, None] * new
-        spread = spread / total
-        volume += 0.5 * np.log(total)
-    return found.transpose(1, 2, 0), volume
+def _left(rows: np.ndarray, share: np.ndarray, steps: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows y (C, n) that hold `share` (n,) of an OU process beside unit noise, of sizes and times (P, 2) of the process: their
+    Gram matrices in the inverse of that covariance V, (P, C, C), and half the logarithm of its determinant, (P,).
+
+    The inverse of an OU process' own covariance K is tridiagonal: with D = diag(share) and T = 1/K + D^2,
+
+        y' V^-1 y = y' y - (D y)' T^-1 D y        det V = det T det K
+    """
+    seen = np.asfortranarray((share * rows).T)
+    grams, volume = np.empty((len(grid), len(rows), len(rows))), np.empty(len(grid))
+    for k, (size, time) in enumerate(grid):
+        gap, shrink = forgotten(steps, time)
+        memory, precision = 1 - gap, 1 / (size**2 * shrink)
+        diagonal = np.append(1 / size**2, precision) + share**2
+        diagonal[:-1] += memory**2 * precision
+        diagonal, lower, _ = dpttrf(diagonal, -memory * precision)
+        grams[k] = seen.T @ dpttrs(diagonal, lower, seen)[0]
+        volume[k] = 0.5 * (np.sum(np.log(diagonal)) + np.sum(np.log(shrink))) + len(share) * np.log(size)
+    return rows @ rows.T - grams, volume
 
 
-def _restricted(along: np.ndarray, across: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Minus the restricted log-likelihood, its level integrated out, less the determinant, (P,), of whitened rows (C, n) and
-    (P, C, n): a basis of what the fit can make and, last, the residual; and the level (P,)."""
-    grams = along @ along.T + across @ across.transpose(0, 2, 1)
-    factors = np.linalg.cholesky(grams * (1 + ROUNDING * np.eye(len(along))))
+def _restricted(grams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Minus the restricted log-likelihood, its level integrated out, less the determinant, (P,), and the level (P,), of the Gram
+    matrices (P, C, C) of whitened rows of two channels of n: a basis of what the fit can make and, last, the residual."""
+    factors = np.linalg.cholesky(grams * (1 + ROUNDING * np.eye(grams.shape[1])))
     diagonal = np.diagonal(factors, axis1=1, axis2=2)
-    freedom = 2 * n - len(along) + 1
+    freedom = 2 * n - grams.shape[1] + 1
     cost = np.sum(np.log(diagonal[:, :-1]), axis=1) + freedom * np.log(diagonal[:, -1])
     return cost, diagonal[:, -1] / np.sqrt(freedom)

@@ -90,7 +90,7 @@ def _fitted(
         basis = orthonormal(made if channels == 2 else made.real, ALIKE)
         cost = _restricted(residual, basis, steps, times, channels) + shrunk
     share = np.exp(np.min(cost) - cost)
-    gap, shrink = _gap(typical, times)
+    gap, shrink = forgotten(typical, times)
     error = np.maximum.accumulate(np.sqrt(left[:, 0, 0].real * shrink) / gap)  # of slow noise, but for a factor
     time = np.exp(np.interp([np.log(share @ error / np.sum(share))], np.log(error), np.log(times)))
     left, shrunk = _grams(residual[None], steps, time)
@@ -130,13 +130,13 @@ def _grams(rows: np.ndarray, steps: np.ndarray, times: np.ndarray) -> tuple[np.n
         across = d @ a.conj().T
         sums.append((d @ d.conj().T, across + across.conj().T, a @ a.conj().T))
     moments = np.array(sums)  # (S, 3, C, C)
-    gap, shrink = _gap(np.array([np.mean(steps[group]) for group in groups]), times[:, None])
+    gap, shrink = forgotten(np.array([np.mean(steps[group]) for group in groups]), times[:, None])
     parts = np.stack([1 / shrink, gap / shrink, gap**2 / shrink], axis=-1)
     first = rows[:, :1] @ rows[:, :1].conj().T
     return first + np.tensordot(parts, moments, 2), np.log(shrink) @ np.bincount(which)
 
 
-def _gap(steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def forgotten(steps: np.ndarray, time: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """1 - rho, at least 1e-9, and 1 - rho^2, of the correlation rho that rows so many steps apart have."""
     gap = np.maximum(-np.expm1(-steps / time), 1e-9)
     return gap, gap * (2 - gap)
@@ -154,7 +154,7 @@ def independent(residual: np.ndarray, clock: np.ndarray, time: float) -> np.ndar
 
 def _whitened(values: np.ndarray, steps: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows (..., n) less what each shares with the row before, of unit variance; and the variance (n - 1,) left of each."""
-    gap, shrink = _gap(steps, time)
+    gap, shrink = forgotten(steps, time)
     new = (values[..., 1:] - (1 - gap) * values[..., :-1]) / np.sqrt(shrink)
     first = np.broadcast_to(values[..., :1], (*new.shape[:-1], 1))
     return np.concatenate([first, new], axis=-1), shrink
