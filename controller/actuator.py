@@ -1,4 +1,4 @@
-"""What a rig makes of voltage and frequency: duty ratio or converter code, timer ticks or an increment of the phase."""
+"""From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase increment."""
 
 import math
 from typing import Any, NamedTuple
@@ -90,8 +90,8 @@ class Dds(NamedTuple):
 
 
 class Words(NamedTuple):
-    """All that a rig takes; None for what it has not. `limit` is the voltage's. Frequencies are in Hz, those that come in counted
-    so that the tracker's start is `start`."""
+    """The words that a rig takes; None for those it does not have. `limit` is the voltage's. Frequencies are in Hz, and those
+    passed in are counted so that the tracker's start is `start`."""
 
     limit: float | None
     start: float
@@ -101,7 +101,7 @@ class Words(NamedTuple):
     dds: Dds | None
 
     def of(self, voltage: Any, frequency: Any, xp: Any) -> dict[str, tuple[int | None, Any]]:
-        """By name: what is added to each whole number, None for one that is none, and the value."""
+        """By name: the whole number to be added (None for a real value), and the value."""
         found: dict[str, tuple[int | None, Any]] = {}
         if self.dac is not None:
             found["code"] = (0, self.dac.code(voltage, xp))

@@ -1,10 +1,10 @@
-"""An observer of the plate's pole, and the controller that it makes possible: both amplitude and frequency from one model.
+"""An observer of the plate's pole, and the controller built on it: amplitude and frequency from one model.
 
-The response obeys  Z' = lambda Z + b V,  lambda = -1/tau + j 2 pi (f0 - f),  b = G/tau, and b holds neither finger nor
-temperature: all that a touch or a warm plate does is in lambda. So lambda is estimated on line, from what each sample shows
-beyond what was predicted, and everything else follows: the frequency is the estimated resonance; the voltage is the one that
-the model needs,  b V = (K/T)(reference - Wd) - Re(lambda Z), with feed-forward, decoupling and the finger's share in one term;
-a voltage that is clipped or negative is in the model as it is, so that nothing winds up, and braking needs no rule.
+The response obeys  Z' = lambda Z + b V,  lambda = -1/tau + j 2 pi (f0 - f),  b = G/tau. Neither finger nor temperature changes b:
+a touch or a warmer plate changes lambda alone. So lambda is estimated on line, from the difference of each sample and its
+prediction, and everything else follows. The frequency is the estimated resonance; the voltage is the one that the model needs,  b
+V = (K/T)(reference - Wd) - Re(lambda Z), which is feed-forward, decoupling and the finger's share in one term. A clipped or
+negative voltage enters the model as it is, so nothing winds up, and braking needs no rule.
 """
 
 from typing import Any, NamedTuple

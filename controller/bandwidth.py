@@ -33,7 +33,7 @@ Bound = Literal["stated", "plant", "delay", "posterior", "settling"]
 
 
 class Bandwidth(NamedTuple):
-    """The closed loop's, 1 / (2 pi tau_cl), in Hz; the `limit` that the delay sets; which `bound` decided; and whether the
+    """Bandwidth of the closed loop, 1/(2 pi tau_cl), in Hz; the `limit` set by the delay; which `bound` decided; and whether the
     reference is fed forward."""
 
     hz: float
@@ -43,8 +43,8 @@ class Bandwidth(NamedTuple):
 
 
 def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> Bandwidth:
-    """The bandwidth that is wanted, in Hz, or that of a settling time (5 %) in s, or the fastest. Raises ValueError for what
-    cannot be had, with what stands in the way and the nearest that can."""
+    """The stated bandwidth in Hz, or that of a settling time (5 %) in s, or the fastest possible. Raises ValueError for what
+    cannot be had, with the limit in the way and the nearest that can."""
     if wanted is not None and settled is not None:
         raise ValueError("found bandwidth_hz and settling_time, expected one of them: each decides the other")
     _suited(asked)

@@ -1,17 +1,17 @@
-"""The loop's own sensor beside that of the logs, from a log of both at once: a CSV file with the columns
+"""The loop's own sensor calibrated against that of the logs, from one log of both: a CSV file with the columns
 
     frequency_Hz, wd_*, wq_*, sensor_wd_*, sensor_wq_*
 
-of settled points, the last two as the loop's demodulator shows them, in any unit. It shows
+of settled points, the last two as the loop's demodulator shows them, in any unit. The sensor shows
 
     S = gain e^{j (rotation - 2 pi f delay)} W.
 
-Over the few hundred Hz of a resonance that is a straight line,  S = (a + b (f - mean)) W,  fitted by least squares:
+Over the few hundred Hz of a resonance this is nearly a straight line,  S = (a + b (f - mean)) W,  fitted by least squares:
 
     gain = |a|,     delay = -Im(b/a) / (2 pi),     rotation = arg a + 2 pi mean delay.
 
-The angle at the carrier is that of a, and far better known than rotation and delay alone, whose errors make up for each other.
-Noise in W itself is taken to be small beside W: of relative size s it makes the gain s^2 too small.
+The angle at the carrier is that of a. It is far better known than rotation or delay, whose errors compensate each other. Noise in
+W is assumed small: of relative size s it makes the gain s^2 too small.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Does the loop do what was predicted?  A record of the closed loop beside its controller.json.
+"""A record of the closed loop, compared with the predictions of its controller.json.
 
 The record begins before the amplitude is asked for, and holds it to its end: time, Wd and Wq, the voltage and the frequency.
 """
@@ -22,7 +22,7 @@ TRACKED = 0.1  # of the half bandwidth, for the frequency's distance from the re
 
 
 class Finding(NamedTuple):
-    """One prediction: what was found, what was expected, whether it was kept, and what it hints at where it was not."""
+    """One prediction: what was found, what was expected, whether it was kept, and a likely cause where it was not."""
 
     what: str
     found: str

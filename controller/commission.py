@@ -1,7 +1,7 @@
-"""Commissioning: what to do at the bench one after the other with a new controller, and what must then be seen.
+"""Commissioning a new controller: the steps at the bench, in order, and what each must show.
 
-All numbers follow from controller.json. One axis of the plate settles as e^{-t/tau}; half a bandwidth 1/(2 pi tau) beside the
-resonance its amplitude is 1/sqrt(2) and |Wq| = |Wd|; the PI alone leaves one pole, 1 - K a sample.
+All numbers follow from controller.json. One axis of the plate settles as e^{-t/tau}; half a bandwidth 1/(2 pi tau) from the
+resonance its amplitude is 1/sqrt(2) and |Wq| = |Wd|; the PI alone leaves one pole, 1 - K per sample.
 """
 
 import math
@@ -14,7 +14,7 @@ SETTLED = math.log(20.0)  # time constants to 95 %
 
 
 class Stage(NamedTuple):
-    """What to do, and what is to be seen."""
+    """What to do, and what must be seen."""
 
     name: str
     do: str

@@ -63,8 +63,8 @@ class DemodulatorState(NamedTuple):
 
 
 class Demodulator(NamedTuple):
-    """`scale`: response per unit of a sample. A sample that is missing (not finite) leaves the filters as they are; after
-    `patience` of them in a row Wd and Wq are missing, until the next that is there."""
+    """`scale`: response per unit of a sample. A missing (not finite) sample leaves the filters as they are; after `patience` of
+    them in a row Wd and Wq are missing, until the next valid sample."""
 
     share: float
     scale: float

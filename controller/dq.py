@@ -1,4 +1,4 @@
-"""The paper's structure, figure 7: an amplitude loop on Wd that acts on the voltage, beside a tracker that brings Wq to zero."""
+"""The paper's structure, figure 7: an amplitude loop on Wd sets the voltage, and a tracker brings Wq to zero."""
 
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ class DQState(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a controller asks for: peak `voltage` in the drive unit, `frequency` in Hz (None: not its business)."""
+    """What a controller asks for: peak `voltage` in the drive unit, `frequency` in Hz (None: set by others)."""
 
     voltage: Any
     frequency: Any
@@ -30,7 +30,7 @@ class DQInfo(NamedTuple):
 
 
 class DQ(NamedTuple):
-    """PI and tracker in parallel, on one clock. Without a tracker the frequency is whoever else's."""
+    """PI and tracker in parallel, on one clock. Without a tracker the frequency is set by others."""
 
     amplitude: PI
     tracker: Tracker | SignTracker | PLL | None
@@ -50,8 +50,8 @@ class DQ(NamedTuple):
     def step(
         self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
     ) -> tuple[DQState, Command, DQInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of the PI's gains in,
-        what to drive with out."""
+        """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of the PI's
+        gains. Out: what to drive with."""
         amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share)
         if self.tracker is None:
             return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)

@@ -1,4 +1,4 @@
-"""The plants that a design answers for: draws of the posterior, each with a finger and a temperature of the stated range."""
+"""The plants that a design must serve: draws of the posterior, each with a finger and a temperature from the stated range."""
 
 from typing import Any, NamedTuple
 

@@ -1,8 +1,8 @@
 """A step in fixed point: recorded operation by operation in words of 16 or 32 bits, written as C and run in Python alike.
 
-Each value has a range, followed through the step from those of inputs and state, and from it a scale of its own, a power of
-two: a word n stands for n 2^-point. Sums and products are formed in twice the width, rounded to the nearest (halves away from
-zero) and saturated at +-(2^(bits-1) - 1). The word that is left, -2^(bits-1), stands for a missing measurement. No operation
+Each value has a range, propagated through the step from the ranges of inputs and state, and from it a scale of its own, a power
+of two: a word n stands for n 2^-point. Sums and products are formed in twice the width, rounded to the nearest (halves away from
+zero) and saturated at +-(2^(bits-1) - 1). The remaining word, -2^(bits-1), stands for a missing measurement. No operation
 overflows, whatever comes in, and none depends on how C rounds or shifts negative numbers.
 """
 

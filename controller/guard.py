@@ -1,20 +1,20 @@
-"""What stands between a controller and the bench: limits that hold whatever it asks for, and faults that end the drive.
+"""The guard between a controller and the bench: limits that always hold, and faults that end the drive.
 
-A fault makes the voltage zero and is latched: only `init` arms the controller again. Faults are
+A fault sets the voltage to zero and is latched: only `init` arms the controller again. Faults are
 
     1 missing    no finite reading for `patience` samples
-    2 dead       the sensor shows less than `floor` of what the drive makes of the plate, and of what the voltage would make of it
-                 in time, for `patience` samples
+    2 dead       the sensor shows less than `floor` of the response to the drive, and of what the voltage would reach in time, for
+                 `patience` samples
     3 stuck      the same reading to the last bit for `repeats` samples since the voltage moved by 0.1 % of its limit, or the
                  frequency by 0.2 % of its window
     4 above      |W| above `ceiling` for `patience` samples
     5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere
-    6 reversed   Wq answers the frequency with the wrong sign for `doubts` samples: the tracker is running away
+    6 reversed   Wq responds to the frequency with the wrong sign for `doubts` samples: the tracker is running away
 
-The last is seen before the edge, however far that is. Whatever the voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so that moves of
-f about its own mean, m, move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. Where Wq, less its own mean, goes the other way, by a
-third to three times as much (a finger shortens tau), and A is above a tenth of what the drive makes of the plate, the sign of Wq
-is wrong.
+The last is detected before the frequency reaches the edge, however far that is. At any voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd,
+so moves of f about its own mean m move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. The sign of Wq is wrong where Wq, less its own
+mean, moves the other way by a third to three times as much (a finger shortens tau), and A is above a tenth of the response to the
+drive.
 """
 
 from typing import Any, NamedTuple
@@ -59,7 +59,7 @@ class GuardState(NamedTuple):
 
 
 class GuardInfo(NamedTuple):
-    """For people: the latched `fault`, and what the controller itself says."""
+    """For people: the latched `fault`, and the controller's own info."""
 
     fault: Any
     control: Any

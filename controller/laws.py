@@ -1,4 +1,4 @@
-"""The parts of a controller for a bandwidth: law, tracker, guard, what switches it on, demodulator."""
+"""The parts of a controller for a given bandwidth: control law, tracker, guard, start-up machine, demodulator."""
 
 import math
 from typing import Any, Literal, NamedTuple, get_args
@@ -43,7 +43,7 @@ METHODS = get_args(Method)
 
 
 class Asked(NamedTuple):
-    """All that a control is made from, but the bandwidth."""
+    """Everything that a controller is made from, except the bandwidth."""
 
     plate: Plate
     T: float
@@ -155,7 +155,7 @@ class Asked(NamedTuple):
 
 
 def calibrated(control: Any, asked: Asked) -> Any:
-    """Behind the correction of the loop's own sensor."""
+    """The controller behind the correction of the loop's own sensor."""
     rig, plate = asked.rig, asked.plate
     if rig.sensor is None:
         return control
@@ -166,8 +166,8 @@ def calibrated(control: Any, asked: Asked) -> Any:
 
 
 def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
-    """Faults after 5 ms, or `Asked.patience`; the largest amplitude is that of the voltage limit on the untouched plate, and a
-    fifth more."""
+    """The controller in its guard: faults after 5 ms, or `Asked.patience`; the largest amplitude is 1.2 times what the voltage
+    limit makes of the untouched plate."""
     plate, limits, T = asked.plate, asked.limits, asked.T
     gain = abs(plate.G)
     limit = PI(1.0, 1.0).highest if limits.voltage is None else limits.voltage
@@ -186,7 +186,7 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
 
 
 def switched(control: Guard, asked: Asked) -> Machine:
-    """What switches it on."""
+    """The machine that switches the guarded controller on."""
     amplitude, samples = asked.amplitude, asked.plate.tau / asked.T
     beside = {} if asked.plate.f0 is not None else {"beside": (ANY, ANY)}
     limit = float(math.ceil(max(WAIT / asked.T, 100 * samples, TRIES * asked.patience)))
@@ -195,7 +195,7 @@ def switched(control: Guard, asked: Asked) -> Machine:
 
 
 def demodulated(asked: Asked) -> Demodulator | None:
-    """Wd and Wq are missing when the samples of a whole step of the controller are."""
+    """The demodulator; Wd and Wq are missing when all samples of a controller step are."""
     if asked.plate.f0 is None:
         return None
     adc = asked.rig.adc

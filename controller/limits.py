@@ -1,4 +1,4 @@
-"""Limits of voltage, amplitude and frequency: no further than the logs have seen unless asked for by name."""
+"""Limits of voltage, amplitude and frequency: what the logs have seen, unless others are stated."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,8 @@ HEADROOM = 1.6  # voltage limit over the steady voltage at which 5 ms become 1.5
 
 
 class Limits(NamedTuple):
-    """Largest |V| (drive unit; None: none) and the window of the drive frequency (Hz; None: none), and who says so."""
+    """Largest |V| (drive unit; None: no limit), the window of the drive frequency (Hz; None: no window), and where they come
+    from."""
 
     voltage: float | None
     frequency: tuple[float, float] | None
@@ -25,8 +26,8 @@ class Limits(NamedTuple):
 
 
 class Range(NamedTuple):
-    """What a promise has to hold for: the damping that a finger adds at most, in units of the plate's own, and the `force` at
-    which it does (N; None: not known); degC above the reference temperature, from and to."""
+    """The range that a promise covers: the largest damping added by a finger, in units of the plate's own, and the `force` at
+    which it occurs (N; None: not known); temperatures in degC above the reference, from and to."""
 
     finger: float
     force: float | None
@@ -34,7 +35,7 @@ class Range(NamedTuple):
 
 
 def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float, float] | None) -> Range:
-    """As stated, else as the rig has it, else the untouched plate at its reference temperature."""
+    """The stated range, else the rig's, else the untouched plate at its reference temperature."""
     force = rig.force if finger is None else None
     if finger is None:
         finger = rig.finger or 0.0 if force is None else _damping(plate, force)
@@ -50,7 +51,7 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
 
 
 def _pair(name: str, given: tuple[float, float]) -> tuple[float, float]:
-    """From and to, both finite. Raises ValueError."""
+    """A range from and to, both finite. Raises ValueError."""
     try:
         low, high = (float(v) for v in given)
     except (TypeError, ValueError):
@@ -79,8 +80,8 @@ def _warming(plate: Plate, rig: Rig) -> tuple[float, float]:
 
 
 def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float, plants: Ensemble) -> float:
-    """The amplitude of the promise; refused when the voltage does not suffice for it under the finger. Where none is asked for
-    it is one that leaves the weakest of the plants HEADROOM."""
+    """The amplitude of the promise. Refused if the voltage does not suffice for it under the finger; if none is asked for, one
+    that leaves HEADROOM to the weakest of the plants."""
     if limits.voltage is None:
         return abs(plate.G) if asked is None else positive("amplitude", asked)
     if asked is None:
@@ -98,7 +99,7 @@ def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: floa
 def limits_of(
     plate: Plate, rig: Rig, voltage: float | None, window: tuple[float, float] | None, warming: tuple[float, float]
 ) -> Limits:
-    """As stated, else as the rig has it, but no further than the logs have seen."""
+    """The stated limits, else the rig's, but no further than the logs have seen."""
     logs = [fitted.log for fitted in getattr(plate.fit, "logs", ())]
     driven = [float(np.max(np.abs(log.drive))) for log in logs if log.drive is not None]
     said = "stated" if voltage is not None else "the largest drive of the logs" if driven else "the rig's"
@@ -125,7 +126,7 @@ def limits_of(
 
 
 def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float] | None:
-    """The window that the rig states; an end that it does not is half a bandwidth beyond what the logs were driven at."""
+    """The rig's frequency window; an end that it does not state lies half a bandwidth beyond what the logs were driven at."""
     swept = [log.frequency for log in logs if log.frequency is not None]
     low, high = rig.lowest_frequency, rig.highest_frequency
     if swept:

@@ -1,15 +1,15 @@
-"""How a controller is switched on: off, find the resonance, start softly, lock, run, and a fault that stays until it is reset.
+"""Switching a controller on: off, find the resonance, soft start, lock, run, and a fault that stays until it is reset.
 
-    off    no voltage; enabled, with an amplitude asked for: find
-    find   a small amplitude, until the tracker has brought Wq below half of Wd and the amplitude is there to within a half
-    soft   the amplitude that is asked of the loop rises to the wanted one
-    lock   until amplitude and Wq/Wd are within a tenth and a fifth for a while
+    off    no voltage; when enabled, with an amplitude asked for: find
+    find   a small amplitude, until the tracker has brought Wq below half of Wd and the amplitude is within a half of it
+    soft   the amplitude asked of the loop rises to the wanted one
+    lock   until the amplitude is within a tenth, and Wq/Wd within a fifth, for a while
     run    the loop alone
     fault  no voltage, whatever is asked; only a reset leads to off
 
-What is near is the mean of the latest readings: of the small amplitude a single one may be half noise.
+These conditions are judged by the mean of the latest readings, as half of a single reading of the small amplitude may be noise.
 
-Beside the faults of the guard there is one more, `lost`: it was not found, or did not lock, in time.
+Beside the faults of the guard there is `lost`: the resonance was not found, or the loop did not lock, in time.
 """
 
 from typing import Any, NamedTuple
@@ -41,7 +41,7 @@ class MachineState(NamedTuple):
 
 
 class MachineInfo(NamedTuple):
-    """For people: the latched `fault`, the `mode`, and what the loop itself says."""
+    """For people: the latched `fault`, the `mode`, and the loop's own info."""
 
     fault: Any
     mode: Any
@@ -49,11 +49,10 @@ class MachineInfo(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` what is asked to begin
-    with, `ramp` by how much a soft start rises in a sample. `patience`: samples for which it has to be near before it goes on;
-    `limit`: samples after which it is lost. `memory`: share of the latest reading in a mean. `beside`: the largest |Wq|/Wd to
-    leave find and lock; ANY where there is no tracker.
-    """
+    """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the amplitude to begin
+    with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must be near before it goes on; `limit`:
+    samples after which it is lost. `memory`: weight of the latest reading in a mean. `beside`: the largest |Wq|/Wd to leave find
+    and lock; ANY where there is no tracker."""
 
     control: Any
     amplitude: float

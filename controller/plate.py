@@ -1,4 +1,4 @@
-"""What a design is told of the plate: means, and how far the posterior spreads them."""
+"""The plate as a design sees it: means, and how far the posterior spreads them."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True)
 class Plate:
-    """What is known of the plate: means, and how far the posterior spreads G/tau upwards (99 %)."""
+    """The plate of a design: means, and how far the posterior spreads G/tau upwards (99 %)."""
 
     G: float
     tau: float

@@ -1,4 +1,4 @@
-"""What a design promises: margins and step responses over the plants that it answers for, with the controller that runs."""
+"""The promise of a design: margins and step responses over the plants that it must serve, with the controller that runs."""
 
 import math
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""The steps of a Loop as they are exported: its machine's and its demodulator's, recorded in one of the arithmetics."""
+"""The exported steps of a Loop, its machine's and its demodulator's, recorded in one of the arithmetics."""
 
 import re
 from collections import Counter

@@ -1,7 +1,7 @@
-"""A step written down instead of computed: what a controller does to symbols is recorded, and is its C code.
+"""A step recorded instead of computed: the operations that a controller applies to symbols become its C code.
 
-The record is that of the arithmetic that runs in Python, operation by operation: what is tested is what is exported. It has no
-loop, no branch and no memory but the state; the number of operations is known.
+The record is of the same arithmetic that runs in Python, operation by operation, so what is tested is what is exported. It has no
+loop, no branch and no memory but the state, and a known number of operations.
 """
 
 import re

@@ -1,4 +1,5 @@
-"""Resonance trackers, a drive frequency that follows Wq / Wd: the paper's sign rule, one that knows the fitted tau, and a PLL."""
+"""Resonance trackers, which set the drive frequency from Wq/Wd: the paper's sign rule, one that knows the fitted tau, and a
+PLL."""
 
 from typing import Any, NamedTuple
 

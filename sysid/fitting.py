@@ -63,7 +63,8 @@ def fit(
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
-    """The fit, its error of G that of feedthroughs that may be delays; said where no other log tells G as well."""
+    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
+    well."""
     states = [with_delays(s, found.reference) for s in found.modes]
     if not (said := states[0][1]):
         return found
@@ -77,8 +78,8 @@ def _spanning(question: Question, found: Fit) -> Fit:
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
-    """What the minima amount to; where the error of G is that of nuisances that cancel, they are narrower if that describes the
-    logs."""
+    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are narrowed if that
+    describes the logs."""
     minimiser, best = question.minimiser, states[0]
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
@@ -98,7 +99,7 @@ def _asked(
     reference_temperature: float,
     start: Plant | None,
 ) -> tuple[Question, list[State]]:
-    """What is to be found, and the minima; each log read anew, where its kind or its sampling is not stated, at the best tau."""
+    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best tau."""
     if not logs:
         raise ValueError("no logs to fit")
     if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
@@ -113,29 +114,35 @@ def _asked(
     prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
     minimiser = Minimiser(reference, free, prior)
     states = minimiser.minima(trials, start)
-    again = tuple(reading.read_as(t, log.sampling, np.exp(states[0].theta[1])) for t, log in zip(trials, logs, strict=True))
-    if any(now is not before for now, before in zip(again, trials, strict=True)):
-        states = minimiser.minima(again, start)
-    said = (wording.sampled(t, log.sampling) for t, log in zip(again, logs, strict=True))
+    read = tuple(reading.read_as(t, log.sampling, states[0].tau) for t, log in zip(trials, logs, strict=True))
+    if any(now is not before for now, before in zip(read, trials, strict=True)):
+        states = minimiser.minima(read, start)
+    said = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
     states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     if "thermometer" in nuisances and "k_T" in free:
-        spread = [np.sqrt(np.diag(s.covariance)) for s in states]
-        with_errors = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
-        states = _anew(minimiser, states, [trials for trials, _ in with_errors])
-        unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
-        errors = np.sqrt(np.diag(states[0].covariance))
-        warnings += [*with_errors[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
+        states, doubts = _with_thermometers(minimiser, states, logs)
+        warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
-    again = _with_priors(again, states[0].trials)
-    return Question(minimiser, again, stated, reference_temperature, tuple(warnings)), states
+    read = _with_priors(read, states[0].trials)
+    return Question(minimiser, read, stated, reference_temperature, tuple(warnings)), states
+
+
+def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:
+    """The minima with the errors of the thermometers where these matter, and sentences on what depends on them."""
+    spread = [np.sqrt(np.diag(s.covariance)) for s in states]
+    found = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
+    states = _anew(minimiser, states, [trials for trials, _ in found])
+    unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
+    errors = np.sqrt(np.diag(states[0].covariance))
+    return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
 
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
-    """The trials as they were read, with what was found that the bench may have added to them."""
+    """The trials as they were read, with the nuisances and priors that were found."""
     return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow) for t, f in zip(trials, found, strict=True))
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:
-    """The minima with the trials that were found at each, looked for again where these are others than its own."""
+    """The minima with the trials found at each, refined again where these differ from its own."""
     return [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, found, strict=True)]

@@ -1,4 +1,4 @@
-"""How each log is read at first, what had to be assumed for it, and which parameters logs that are read so could determine."""
+"""How each log is read at first, what is assumed for it, and which parameters logs read in this way could determine."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +17,7 @@ from sysid.verdict import wording
 
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
-    """How each log is read at first, and what had to be assumed."""
+    """How each log is read at first, and sentences on what was assumed."""
     readings = thermometer.of_plates([log.temperature for log in logs], [log.temperature_digit for log in logs])
     recorded = [r.temperature.mean() for r in readings if r is not None]
     found, warnings = [], list(dict.fromkeys(said for log in logs for said in log.warnings))
@@ -48,7 +48,7 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
 
 
 def reference(trials: Sequence[Trial]) -> tuple[float, float]:
-    """Frequency (Hz) and temperature (degC) that offsets are taken from; NaN frequency where none is recorded."""
+    """Frequency (Hz) and temperature (degC) from which offsets are taken; NaN frequency where none is recorded."""
     frequencies = [np.median(t.log.frequency) for t in trials if t.resonant]
     warm = [t.log.temperature.mean() for t in trials if t.log.temperature is not None]
     return (float(np.median(frequencies)) if frequencies else np.nan, float(np.mean(warm)) if warm else 0.0)
@@ -72,8 +72,8 @@ def free(trials: Sequence[Trial]) -> tuple[str, ...]:
 
 
 def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
-    """A timed sweep as it is read where its kind or its `sampling` is not stated. Its rows are settled points if each dwells long
-    enough for `tau`; if its frequency also stays or returns it is a transient, whose rows may belong to their own inputs."""
+    """How a timed sweep is read where its kind or `sampling` is not stated. Its rows are settled points if each dwells long
+    enough for `tau`; if its frequency also stays or returns, it is a transient, whose rows may belong to their own inputs."""
     log, kind = trial.whole or (undelayed(trial.log, -1.0) if trial.steady else trial.log), trial.kind
     if log.kind is None:
         kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"

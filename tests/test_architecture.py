@@ -17,8 +17,8 @@ logs       units textfile cells stamps pieces preamble csvfile csvbody mapping d
            benchwords log
 rows       clock dwell hold rounding thermometer lost glitch condense
 model      plant span rice likelihood prior
-trials     noise whitening trial experiment perturbed projected jitter extra residuals renew
-minimum    guess search start images minimise ridge
+trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
+minimum    guess search start images descent minimise ridge
 verdict    result identify wording flank fitted determined view lone coincidence through term moments terms misfit odd leaning
            late conclusion hidden bench comparison
 reading

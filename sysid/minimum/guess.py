@@ -1,8 +1,8 @@
-"""Starting values from the data alone: candidates (tau, local resonance) of a log, in plain numpy, no optimiser.
+"""Starting values from the data alone: candidates (tau, local resonance) of a log, in plain numpy, without an optimiser.
 
 Sweeps: a rational function with one pole, linear in its coefficients (Sanathanan & Koerner, IEEE TAC 8, 56, 1963), so that a
-complex background with slope is no obstacle. Transients: poles of a matrix pencil on each stretch of constant inputs
-(Hua & Sarkar, IEEE TASSP 38, 814, 1990), which wants neither the start, nor the offset, nor the gain.
+complex, sloping background does no harm. Transients: poles of a matrix pencil on each stretch of constant inputs (Hua & Sarkar,
+IEEE TASSP 38, 814, 1990), which needs neither start nor offset nor gain.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ STILL = 1e-8  # half widths of a window, by which a pole no longer moves
 
 
 def candidates(trial: Trial) -> np.ndarray:
-    """(n, 2) of tau in s and local resonance in Hz (NaN: none), the likely ones first; crude ones fill the range."""
+    """(n, 2) of tau in s and local resonance in Hz (NaN: none), the likely ones first; coarse ones fill the range."""
     log = trial.log
     if log.frequency is not None and np.ptp(log.frequency) > 0:
         found = _sweep(trial)
@@ -73,7 +73,7 @@ def _rational_pole(u: np.ndarray, y: np.ndarray, degree: int) -> complex:
 
 
 def phase_falls(trial: Trial) -> bool:
-    """Whether the phase of a d/q sweep falls through the resonance, as e^{+j omega t} makes it: a pole above the axis."""
+    """Whether the phase of a d/q sweep falls through the resonance, as e^{+j omega t} makes it: a pole above the real axis."""
     log = trial.log
     f, y = log.frequency, log.response if log.drive is None else log.response / np.where(log.drive == 0, 1.0, log.drive)
     if np.ptp(f) == 0 or len(f) < 6:
@@ -82,7 +82,7 @@ def phase_falls(trial: Trial) -> bool:
 
 
 def _lorentzian(f: np.ndarray, w: np.ndarray) -> list[tuple[float, float]]:
-    """1/w^2 is a parabola in f: its vertex the resonance, its width at twice the vertex the half bandwidth."""
+    """1/w^2 is a parabola in f: its vertex is the resonance, and its width at twice the vertex the half bandwidth."""
     centre, half = f.mean(), max(np.ptp(f) / 2, 1e-300)
     u = (f - centre) / half
     if not np.any(w):
@@ -117,7 +117,7 @@ def _transient(trial: Trial) -> list[tuple[float, float]]:
 
 
 def _liveliness(log, begin: int, end: int) -> float:
-    """How much happens in a stretch: its variation, less what the noise of its rows makes."""
+    """How much happens in a stretch: its variation, less that due to the noise of its rows."""
     y = log.response[begin : end + 1]
     if len(y) < 8:
         return 0.0
@@ -141,7 +141,7 @@ def _pencil(t: np.ndarray, y: np.ndarray, signed: bool) -> list[complex]:
 
 
 def _averaged(grid: np.ndarray, t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """y on `grid`: means of the rows nearest to each point where there are many, else between neighbours."""
+    """y on `grid`: means of the rows nearest to each point where there are many, else interpolated."""
     near = np.clip(np.rint((t - grid[0]) / (grid[1] - grid[0])).astype(int), 0, len(grid))
     near[t > grid[-1] + 0.5 * (grid[1] - grid[0])] = len(grid)
     count = np.bincount(near, minlength=len(grid) + 1)[:-1]

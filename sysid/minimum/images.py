@@ -1,4 +1,4 @@
-"""Where else a fit that sees amplitudes alone may have its minimum: images of one that was found, as trials and theta."""
+"""Other minima of a fit that sees only amplitudes: mirror images of one that was found, as trials and theta to start from."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,15 +11,15 @@ Begin = tuple[tuple[Trial, ...], np.ndarray]
 
 
 def images(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
-    """All of a minimum at theta; `drifts`: whether k_T is free."""
+    """All images of a minimum at theta; `drifts`: whether k_T is free."""
     begun = any(t.begun for t in trials)
     return [*_mirrored(trials, theta, reference, drifts), *([as_settled(trials, theta)] if begun else [])]
 
 
 def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
-    """The resonance as far on the other side of each constant drive of which only the amplitude is known, as of settled points
-    that a demodulator of any phase has turned: by its level; by its temperature coefficient, about the temperature of the other
-    logs. That log's start is mirrored with it."""
+    """Images with the resonance on the other side of the drive, at the same distance. There is one for each log at a constant
+    frequency that shows only its amplitude, or that a demodulator of unknown phase has turned: once by shifting f0, and once by
+    changing k_T about the temperature of the other logs. The start of that log is mirrored too."""
     resonant = [t for t in trials if t.resonant]
     level, drift = theta[2:4] * [1, drifts]
     warming = {id(t): float(np.mean(t.hold(reference).warming)) for t in resonant}
@@ -41,7 +41,8 @@ def _of_size_alone(trial: Trial) -> bool:
 
 
 def as_settled(trials: Sequence[Trial], theta: np.ndarray, more: float = 1.0) -> Begin:
-    """Amplitudes that had settled as they began: another start and another G may look alike. `more`: times as much G besides."""
+    """Amplitudes taken as settled at their first row: another start with another G may look the same. `more`: a further factor on
+    G."""
     size = next(abs(1 + t.start) for t in trials if t.begun) or 1.0
     settled = tuple(replace(t, start=0.0) if t.begun else t for t in trials)
     return settled, theta + np.log(size * more) * np.eye(1, len(theta))[0]

@@ -1,48 +1,39 @@
-"""Minima of the cost: Levenberg-Marquardt from the likeliest starting points, each log's noise estimated from its residual."""
+"""Minima of the cost, from the likeliest starting points; the noise of each log is estimated from its residual along the way."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
+from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt
 from sysid.minimum.images import images
 from sysid.minimum.search import Search
 from sysid.minimum.start import joint, local
-from sysid.model.likelihood import Groups, Residual, linearised
+from sysid.model.likelihood import Groups, Residual
 from sysid.model.plant import LOW_Q, Plant
 from sysid.model.prior import FINGER, FLAT, NAMES, Prior
-from sysid.precision import seldom
 from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
 from sysid.trials.trial import Trial, with_noise
 
-SHORTEST = 1e-8  # step that is not shortened any more, whatever it gains
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
-SHORT = 0.3  # of e in G and tau, of a half bandwidth in f0: where nothing holds a parameter Newton's step is long
+SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
 MOST = 128  # steps of a search
-ROUGH = 1e-5  # step and relative fall at which a search ends: the last digits are the rounds' Gauss-Newton steps
-ROUNDING = 1e-28  # of the largest information along a direction, as much of which along another is none
-NONE = 1e-10  # of a sum of squares, below which a step is none
-ROUNDED = 1e-12  # of the noise and of a sum of squares: rounding
-DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
-LEAST_DAMPING = 0.01  # of a step, which is then taken whatever comes of it
-STILL = 1e-3  # relative move of the noise, above which what is left before and after a step does not compare
+ROUNDING = 1e-28  # relative to the largest information along a direction: added to all, so that none is singular
+ROUNDED = 1e-12  # change of the noise, and of a sum of squares, that is only rounding
 STARTS = 4
-RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data is in need of
-MODES = 8.0  # a second minimum whose log-likelihood is within this of the best is a mode
-DOUBTFUL = 1.4  # factor about LOW_Q within which the data say whether the ripple of the fast mode is there
+RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
+MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
+DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fast mode ripples
 
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta as `model.likelihood.basis` has it, its covariance, the logs' noise and nuisances."""
+    """A converged minimum: theta as in `model.likelihood.basis`, its covariance, and the trials with their noise and
+    nuisances."""
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -56,135 +47,32 @@ class State:
     prior: Prior = field(default=FLAT, repr=False)
 
     @property
+    def G(self) -> float:
+        """Response per drive."""
+        return float(np.exp(self.theta[0]))
+
+    @property
+    def tau(self) -> float:
+        """Time constant, s."""
+        return float(np.exp(self.theta[1]))
+
+    @property
+    def half_bandwidth(self) -> float:
+        """1/(2 pi tau), Hz."""
+        return 1 / (2 * np.pi * self.tau)
+
+    @property
     def evidence(self) -> float:
-        """Logarithm of how much of the posterior is about this minimum, up to a constant of the logs (Laplace)."""
+        """Log of the posterior mass about this minimum (Laplace), up to a constant of the logs."""
         bounded = np.diag(self.covariance) > 0
         return 0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1]) - self.volume - self.cost
 
 
 def shares(states: Sequence[State]) -> np.ndarray:
-    """(n,) of the posterior, about each of its minima."""
+    """(n,) share of the posterior about each of its minima."""
     evidence = np.array([s.evidence for s in states])
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum()
-
-
-class _Look(NamedTuple):
-    """What is seen at one theta: half the sum of squares, and of each log, group by group, the Gram matrix of the Jacobian along
-    the directions, the gradient, and the residual. The prior is the last of the groups, and has no residual."""
-
-    cost: Array
-    grams: tuple[Array, ...]
-    gradients: tuple[Array, ...]
-    found: tuple[Residual, ...]
-
-
-class _Search(NamedTuple):
-    """A search under way: the best point so far and what was seen there, the point to look at next, the step to it."""
-
-    theta: Array
-    look: _Look
-    next: Array
-    step: Array
-    trust: Any  # of the trust region: its radius, one over the damping
-    looks: Array
-    done: Array
-
-
-@partial(jax.jit, static_argnames="layouts")  # traced once: for its shapes, and in the loop
-def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
-    def one(x, layout):
-        found, change = linearised(theta, x, layout)
-        jacobian = jax.vmap(change, in_axes=1)(directions)
-        return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
-
-    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
-    grams, gradients, found = zip(*parts, strict=True)
-    slope = precision @ (theta - mean)
-    cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
-    held, pull = directions.T @ precision @ directions, directions.T @ slope
-    return _Look(cost, (*grams, held[None]), (*gradients, pull[None]), found)
-
-
-def _summed(look: _Look) -> Any:
-    """Cost, gradient and J^T J of all logs, as optimistix takes them."""
-    import lineax
-    import optimistix
-
-    gram, gradient = (jnp.concatenate(parts).sum(axis=0) for parts in (look.grams, look.gradients))
-    hessian = lineax.MatrixLinearOperator(gram, lineax.positive_semidefinite_tag)
-    return optimistix.FunctionInfo.EvalGradHessian(look.cost, gradient, hessian)
-
-
-@seldom
-def _search(theta, directions, most, mean, precision, layouts, groups):
-    """The theta + directions @ x that makes the residual rows smallest, by at most `most` steps of Levenberg-Marquardt, and what
-    is seen there.
-
-    The damped Newton step and the trust region are those of optimistix; the loop about them is not, as its own has the plant
-    several times, and a program takes as long to compile and to load as it has equations. It is imported where a program is made:
-    one that is kept needs it no more.
-    """
-    import optimistix
-
-    descent: Any = optimistix.DampedNewtonDescent()
-    region: Any = optimistix.ClassicalTrustRegion()
-
-    def body(s: _Search) -> _Search:
-        new = _looked(s.next, directions, mean, precision, layouts, groups)
-        fall, first = s.look.cost - new.cost, s.looks == 0
-        radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
-        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
-        step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
-        size = jnp.max(jnp.abs(s.step))
-        still = taken & (size < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
-        done = (~first & (still | (size < SHORTEST))) | ~jnp.all(jnp.isfinite(step))
-        return _Search(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
-
-    shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))
-    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    rest = jnp.zeros(directions.shape[1])
-    trust = region.init(rest, _summed(blank))
-    begin = _Search(theta, blank, theta, rest, trust, jnp.zeros((), int), jnp.zeros((), bool))
-    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
-    return end.theta, end.look.grams, end.look.gradients, end.look.found
-
-
-@dataclass
-class _Steps:
-    """Gauss-Newton steps along `next` (None: a search instead), shortened where they lead away from the minimum, as they do where
-    a derivative vanishes on resonance: `left`, g^T (J^T J)^-1 g, which falls on the way to it, would rise."""
-
-    next: np.ndarray | None = None
-    left: float = np.inf  # where the next one begins
-    damping: float = 1.0
-    still: bool = False  # the noise hardly changed before it
-    measured: bool = False  # `left` is that of the noise with which the next one will be judged
-
-    def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
-        """Whether to begin once more where the last step began: it was too long, or the noise had changed before it, and `left`
-        is measured anew by a step of no length."""
-        if self.next is None:
-            return False
-        if not (np.any(self.next) or self.measured):
-            self._begin(left, newton, measured=True)
-            return True
-        if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
-            return False
-        if self.left < NONE and not self.measured:  # that step was none: what is left now is what the new noise makes of it
-            self._begin(left, newton, measured=True)
-            return True
-        shrink = 0.25 if self.measured else 0.0
-        self.next, self.damping = shrink * self.next, self.damping * (shrink or 1.0)
-        return True
-
-    def kept(self, left: float, newton: np.ndarray | None, moved: float) -> None:
-        """Go on from here, where the noise has `moved`; `newton` is the whole step, None where it is too long to be trusted."""
-        self.still = moved < STILL
-        self._begin(left, newton, measured=False)
-
-    def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
-        self.next, self.left, self.measured = None if newton is None else self.damping * newton, left, measured
 
 
 @dataclass(frozen=True)
@@ -225,14 +113,14 @@ class Minimiser:
         return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
 
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
-        """Let the program of the search be made while starting points are looked for: as it will be unless Q is low."""
+        """Start compiling the search while starting points are looked for, on the assumption that Q is not low."""
         theta = np.zeros(len(NAMES))
-        _search.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
+        levenberg_marquardt.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
-        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q, with or without, the lower one.
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with and without.
 
-        `known`: rounds in which the noise of the trials was found; 0: it is looked for from nothing.
+        `known`: rounds in which the noise of the trials has been estimated already; 0: none.
         """
         if not any(t.resonant and not t.steady for t in trials):
             return self._descend(trials, theta, False, rounds, known)
@@ -244,11 +132,11 @@ class Minimiser:
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
     def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int) -> State:
-        """Minimise, estimate each log's noise from its residual, and again until nothing changes any more.
+        """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
-        Once a Gauss-Newton step is short and would change the sum of squares by less than NEAR, it replaces the search.
+        Once a Gauss-Newton step is short and changes the sum of squares by less than NEAR, single steps replace the search.
         """
-        steps, last, converged, unmoved, begin = _Steps(), np.inf, False, False, theta
+        steps, last, converged, unmoved, begin = GaussNewton(), np.inf, False, False, theta
         if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
         k = known
@@ -275,40 +163,45 @@ class Minimiser:
             if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
                 break
         if known:
-            of_logs = zip(trials, models, courses, strict=True)
-            trials = tuple(t.knowing(jitter=jitter.found(t, *seen)) for t, *seen in of_logs)
-        efficient = [trials[i].noise.told for logs in members for i in logs]  # padding stands behind each group's logs
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])  # without the prior
-        count = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
-        shares = (count, np.array(efficient)[:, None, None] * held)
-        told = _informed(*shares, inverse)
-        alone = directions @ _invert(told) @ directions.T
-        flat = not np.any(self.prior.precision)
-        covariance = alone if flat else directions @ _invert(told + self._held(directions)) @ directions.T
+            jitters = map(jitter.found, trials, models, courses)
+            trials = tuple(replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True))
+        # Padding stands behind each group's logs, and the prior behind the groups.
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
+        freedom = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
+        told = np.array([trials[i].noise.told for logs in members for i in logs])
+        information = _informed(freedom, told[:, None, None] * held, inverse)
+        alone, covariance = self._covariances(information, directions)
         volume = _volume(found, members)
         return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
 
+    def _covariances(self, information: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(6, 6) of theta: from the logs alone, whose information along the directions is given, and with the prior."""
+        alone = directions @ _invert(information) @ directions.T
+        if not np.any(self.prior.precision):
+            return alone, alone
+        held = directions.T @ self.prior.precision @ directions
+        return alone, directions @ _invert(information + held) @ directions.T
+
     def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
-        """What `_search` finds from theta, in numpy."""
-        return jax.tree.map(np.asarray, _search(*self._arguments(groups, theta, directions, most)))
+        """What `levenberg_marquardt` finds from theta, in numpy."""
+        return jax.tree.map(np.asarray, levenberg_marquardt(*self._arguments(groups, theta, directions, most)))
 
     def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
         return theta, directions, np.asarray(most), *self.prior, *split(groups)
 
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
-        """The state where the search began, when nothing holds tau: any tau far from it fits as well."""
+        """The state where the search began, for logs that do not bound tau: any tau far from it fits as well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         *_, found = self._seen(groups, theta, directions, 0)
         courses = [Course(t, t.hold(self.reference), theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
-        held = np.eye(directions.shape[1]) / RUNAWAY**2
-        alone, covariance = (directions @ _invert(held + more) @ directions.T for more in (0.0, self._held(directions)))
+        alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0
         return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (n, 3), what each falls short by, and the least residual sum of each log."""
+        """Points (n, 3), the log-likelihood by which each falls short, and the least residual sum of each log."""
         if start is not None:
             f0 = 0.0 if start.f0 is None else start.f0 - self.reference[0]
             k_T = start.k_T or 0.0
@@ -320,7 +213,7 @@ class Minimiser:
         return *_spread(points, score), cost
 
     def _distinct(self, found: list[State]) -> list[State]:
-        """The minima that `found` lead to, each once, as many as are modes."""
+        """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
         for first in found:
             if any(not self._apart(first, other) for other in states):
@@ -338,15 +231,11 @@ class Minimiser:
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
-        """(6, free) what a step of one is in theta: a factor e, a half bandwidth, a tenth of one per degC; of a finger the
-        plate's own damping, a half bandwidth."""
+        """(6, free) unit steps in theta: a factor e in G and tau; a half bandwidth in f0; a tenth of one per degC; for a finger
+        the plate's own damping and a half bandwidth."""
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
-
-    def _held(self, directions: np.ndarray) -> np.ndarray:
-        """What the prior informs of along the directions."""
-        return directions.T @ self.prior.precision @ directions
 
     @property
     def _frequency(self) -> float:
@@ -357,7 +246,7 @@ class Minimiser:
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first few points, and their scores, that are half a bandwidth or a factor of two in tau from any before them."""
+    """The first few points, with their scores, that differ by half a bandwidth or a factor of two in tau from all before them."""
     kept: list[int] = []
     for i, p in enumerate(points):
         half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
@@ -381,12 +270,12 @@ def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
 
 
 def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:
-    """Of the nuisances of all logs; behind each group's logs stands its padding."""
+    """Volume of the nuisances of all logs; the padding behind each group's logs does not count."""
     return float(sum(np.sum(x.volume[: len(logs)]) for x, logs in zip(found, members, strict=True)))
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:
-    """Inverse of the information matrix; what it does not inform about gets an enormous variance, not an infinite one."""
+    """Inverse of an information matrix; where it holds no information the variance becomes very large, not infinite."""
     gram = gram + ROUNDING * np.max(np.diag(gram)) * np.eye(len(gram))
     size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
@@ -395,9 +284,9 @@ def _invert(gram: np.ndarray) -> np.ndarray:
 
 
 def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Information of all logs (logs, p, p), each less the share of its residual that the plant's parameters have taken.
+    """Information of all logs, from (logs, p, p), each less the share of its residual that the plant's parameters have absorbed.
 
-    The noise is that of the largest likelihood, S/freedom; a log whose leverage is tr(gram inverse) has that many fewer.
+    The noise is that of the largest likelihood, S/freedom; a log of leverage tr(gram inverse) has that many degrees fewer.
     """
     leverage = np.einsum("lpq,pq->l", grams, inverse)
     left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)

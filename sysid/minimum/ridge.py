@@ -1,11 +1,11 @@
-"""What amplitudes alone tell of a resonance: a likelihood that is curved along f0.
+"""Amplitudes at a single frequency: the likelihood is curved along f0, and the covariance follows its ridge.
 
     |W| = G V/sqrt(1 + x^2),   x = 2 pi (f - f0) tau
 
-An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood: near x = 0 no normal has its
-shape. At x = 0 J^T J says nothing of f0, and takes what noise leaves of its derivative for information on the others. So the
-ridge is followed: all else is fitted anew with f0 held here and there, until the cost has risen by DEEP; each place is one normal
-of a mixture.
+An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood. Near x = 0 no normal has this
+shape: there J^T J says nothing about f0, and takes the noise in its derivative for information on the other parameters. So the
+ridge is followed: everything else is fitted anew with f0 held at several places, until the cost has risen by DEEP. Each place
+gives one normal of a mixture.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 
 F0 = NAMES.index("f0")
-VAGUE = 0.25  # half bandwidths of standard deviation of f0, to first order, from which on it is none
-BENT = 2.0  # of these standard deviations, from which half of h on they are far too small
+VAGUE = 0.25  # half bandwidths: f0 is vague if its first-order standard deviation is larger
+BENT = 2.0  # of these standard deviations: half of h beyond this shows that they are far too small
 RISE = 2.0  # of the cost: two standard deviations
-NEAR, FAR = 0.02, 8.0  # half bandwidths from which and to which it is looked for
-GAINED = 0.1  # of the cost, within which a minimum at the f0 of a state is the state
-WELL = 5.0  # of the cost, below a ridge that goes as far as that: there is more of the posterior on it
-HALVINGS = 4  # of the interval in which it rises so far
+NEAR, FAR = 0.02, 8.0  # half bandwidths between which the rise is looked for
+GAINED = 0.1  # of the cost: a minimum at the f0 of a state is the state if it gains no more
+WELL = 5.0  # of the cost: a ridge that rises less than this as far as FAR holds more of the posterior
+HALVINGS = 4  # of the interval in which the cost rises so far
 HELD = 1e-4  # half bandwidths to which f0 is held
 STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
 DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations
@@ -34,7 +34,7 @@ MOST = 40  # places on one side of a minimum
 
 
 def bent(minimiser: Minimiser, state: State) -> bool:
-    """Whether all that the logs tell of f0 are amplitudes at one frequency each."""
+    """Whether all information on f0 comes from amplitudes at one frequency each."""
     if "f0" not in minimiser.free or "k_T" in minimiser.free:
         return False
     told = [t for t in state.trials if t.resonant and t.driven]
@@ -42,16 +42,16 @@ def bent(minimiser: Minimiser, state: State) -> bool:
 
 
 def unfolded(minimiser: Minimiser, state: State) -> State:
-    """The state with a covariance as wide as the likelihood, where f0 is vague on a ridge that is bent:
+    """The state with a covariance as wide as the likelihood, where f0 is vague and the ridge is bent:
 
         std f0 = h/2,   covariance = that with f0 held + (std/h)^2 s s^T + 2 (std/h)^4 d d^T
 
-    s: by what theta moves until h and, the other way, -h, as x; d: until both, as x^2. h: where the cost has risen by RISE (a
-    fourth power that rises by 2 at h has a standard deviation of 0.489 h; the variance of x^2 is 2 std^4 if x is normal), at most
-    FAR: an amplitude that had settled and then rings down is the same at any x.
+    h is the distance at which the cost has risen by RISE, at most FAR, as an amplitude that had settled and then rings down is
+    the same at any x. s is the part of theta's move to +-h that is odd in x, d the part that is even. (A fourth power that rises
+    by 2 at h has a standard deviation of 0.489 h; for a normal x the variance of x^2 is 2 std^4.)
     """
     first, begun = float(np.sqrt(state.covariance[F0, F0])), _begun(state)
-    told = first < VAGUE * _half(state)
+    told = first < VAGUE * state.half_bandwidth
     if not bent(minimiser, state) or (told and not begun):
         return state
     middle = _held(minimiser, state, state.theta[F0], state.theta)
@@ -61,14 +61,14 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     if told and 0.5 * h < BENT * first:
         return state
     along, across = 0.5 * (above - below), 0.5 * (above + below) - middle.theta
-    if begun and h == FAR * _half(state):  # G goes with sqrt(1 + x^2) there
+    if begun and h == FAR * state.half_bandwidth:  # G goes with sqrt(1 + x^2) there
         along[0] = 0.5 * np.log1p(FAR**2)
     covariance = middle.covariance + np.outer(along, along) / 4 + np.outer(across, across) / 8
     return replace(state, covariance=covariance, alone=covariance)
 
 
 def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
-    """The places on the ridges through the minima: states with f0 held, and covariances that reach to the places beside them."""
+    """The places on the ridges through the minima: states with f0 held, whose covariances reach the neighbouring places."""
     least = min(s.cost for s in modes)
     ridges: list[list[State]] = []
     for mode in modes:
@@ -94,19 +94,14 @@ def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> l
 
 
 def _begun(state: State) -> list[Trial]:
-    """Amplitudes that are driven at their first row, whose start has a phase that is not seen."""
+    """Amplitudes driven at their first row; the phase of their start is not seen."""
     return [t for t in state.trials if t.begun]
 
 
-def _half(state: State) -> float:
-    """Half bandwidth, Hz."""
-    return float(1 / (2 * np.pi * np.exp(state.theta[1])))
-
-
 def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
-    """The minimum with f0 held, near a theta; with the noise that a mode begins with, so that costs compare."""
+    """The minimum near a theta with f0 held there; it starts from the noise of `mode`, so that costs compare."""
     precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
-    precision[F0, F0], mean[F0] = (HELD * _half(mode)) ** -2, f0
+    precision[F0, F0], mean[F0] = (HELD * mode.half_bandwidth) ** -2, f0
     both = minimiser.prior.precision + precision
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
@@ -121,15 +116,15 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
 
 
 def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
-    """How far f0 goes (Hz) until the cost has risen by RISE, on both sides together, or to FAR; and theta above and below. Where
-    the start's phase is not seen there are minima beside minima: then each side has to rise."""
+    """How far f0 can go (Hz), at most FAR, until the mean cost of both sides has risen by RISE; and theta above and below. Where
+    the start's phase is not seen, there are minima side by side: then each side has to rise."""
 
     def both(off: float) -> tuple[float, list[np.ndarray]]:
         sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
         cost = (min if _begun(mode) else np.mean)([s.cost for s in sides])
         return float(cost) - least, [s.theta for s in sides]
 
-    far = FAR * _half(mode)
+    far = FAR * mode.half_bandwidth
     if _begun(mode) and (furthest := both(far))[0] < WELL:
         return far, furthest[1]
     low, high = 0.0, NEAR / FAR * far

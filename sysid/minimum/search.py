@@ -1,16 +1,16 @@
-"""How well plants fit logs that each have a gain of their own: residual sums over candidates. Plain numpy, nothing compiles.
+"""How well plants fit logs that each have a gain of their own: residual sums over many candidates, in plain numpy.
 
-Of each log no more than SEARCH_ROWS rows are looked at, their noise taken for white. For each candidate (tau, f0, k_T)
+At most SEARCH_ROWS rows of each log are used, and their noise is taken as white. For each candidate (tau, f0, k_T)
 
     y = a h + s e + sum_c nu_c column_c + noise,     |h| and |e| for an amplitude y
 
-with h the plant's response per unit G and e the free decay from the unknown start. The columns of the bench are projected out
-once and for all; a, the gain, and s at each plant, by Gram-Schmidt over all candidates side by side. Priors are those of
-`model.likelihood`, a row each. An amplitude that nothing drives, |s e| lifted by its floor, is linear in its start and its floor
-about what is known of them.
+where h is the plant's response per unit G and e the free decay from the unknown start. The bench's columns are projected out
+once; the gain a and s at each plant, by Gram-Schmidt over all candidates side by side. Priors are those of `model.likelihood`,
+one row each. An undriven amplitude, |s e| lifted by its floor, is linearised in its start and floor about their present values.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -43,11 +43,11 @@ class Search:
         return self(points)[0]
 
     def of(self, k: int, points: np.ndarray) -> np.ndarray:
-        """(n,) those of one log."""
+        """(n,) residual sums of one log."""
         return self._found(self.logs[k], points)[0]
 
     def _found(self, log: "Thinned", points: np.ndarray) -> np.ndarray:
-        """(2, n) sums and gains of one log."""
+        """(2, n) residual sums and gains of one log."""
         found = np.empty((2, len(points)))
         with np.errstate(all="ignore"):  # what overflows is far from any log
             for i in range(0, len(points), log.together):
@@ -56,18 +56,18 @@ class Search:
         return found
 
     def score(self, points: np.ndarray, best: np.ndarray) -> np.ndarray:
-        """(n,) log-likelihood by which each point falls short of every log's own `best` residual sum."""
+        """(n,) log-likelihood by which each point falls short of every log's `best` residual sum."""
         least = np.maximum(best, 1e-300)
         return np.sum(0.5 * self.freedom * np.log(np.maximum(self.sums(points), least) / least), axis=1)
 
 
 class Thinned:
-    """One log at rows enough for a search. Arrays are (N + priors, B): over its rows, and over B candidates side by side."""
+    """One log at as many rows as a search needs. Arrays are (N + priors, B): its rows, and B candidates side by side."""
 
     def __init__(self, trial: Trial, reference: tuple[float, float]):
         rows = _thin(trial)
         kept = np.isin(np.arange(len(trial.log)), rows)
-        self.trial = trial = trial.knowing(time=0.0, levels=(), rounded=None, own=None, kept=kept)
+        self.trial = trial = replace(trial, noise=replace(trial.noise, time=0.0, levels=(), rounded=None, own=None, kept=kept))
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
         hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))
@@ -101,7 +101,7 @@ class Thinned:
         return found.forced, found.free / np.abs(found.free[:1]) if self.trial.begun else found.free
 
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of an amplitude that only decays."""
+        """The same for an amplitude that only decays."""
         trial, scale, floor = self.trial, self.trial.looseness, self.trial.lift
         plate = complex(trial.start) * free
         size, along = rice.mean(plate, floor), rice.towards(plate, floor) * free
@@ -110,13 +110,13 @@ class Thinned:
         return self._explained(shapes, self.response + self._with_priors(self.weight * (begun - size)))
 
     def _with_priors(self, rows: np.ndarray) -> np.ndarray:
-        """Rows, and zeros where the priors are."""
+        """The rows, followed by zeros in the rows of the priors."""
         found = np.zeros((self.priors + OWN, rows.shape[1]), rows.dtype)
         found[: len(rows)] = rows
         return found
 
     def _explained(self, columns: Sequence[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sums of squares (B,) that columns (N, B) leave of the response, and the size of the last one's coefficient."""
+        """Residual sums of squares (B,) after fitting columns (N, B), and the magnitude of the last column's coefficient."""
         units, left, gain = list(self.bench), response, np.ones(response.shape[1])
         for i, column in enumerate(columns):
             column = self._with_priors(self.weight * column)
@@ -130,7 +130,7 @@ class Thinned:
 
 
 def _off(units: Sequence[np.ndarray], v: np.ndarray) -> np.ndarray:
-    """`v` (n, B) less its parts along the units, one after the other: a handful is no work for a library that starts threads."""
+    """`v` (n, B) less its projections on the units, one after the other: for a handful, a threaded library does not pay."""
     for unit in units:
         v = v - _along(unit, v) * unit
     return v
@@ -141,7 +141,7 @@ def _along(unit: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _thin(trial: Trial) -> np.ndarray:
-    """Rows enough for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
+    """The rows for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
     rows = _evenly(trial)
     return rows[trial.there[rows]]
 

@@ -14,7 +14,7 @@ PAIRS = 40  # pairs of logs at different temperatures, furthest apart first
 
 
 def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Best (log tau, local resonance - reference) of each log by itself, (logs, 3) with k_T = 0, and its residual sum."""
+    """The best point (log tau, local resonance - reference, k_T = 0) of each log by itself, (logs, 3), and its residual sum."""
     pools = [_points(candidates(t), search.reference[0]) for t in search.trials]
     if not any(map(len, pools)):
         pools[0] = np.array([[np.log(1e-3), 0.0, 0.0]])
@@ -30,14 +30,15 @@ def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
 
 
 def _points(guessed: np.ndarray, reference: float) -> np.ndarray:
-    """(n, 3) of log tau, f0 - reference and no k_T, of candidates (n, 2)."""
+    """(n, 3) of log tau, f0 - reference and k_T = 0, from candidates (n, 2)."""
     guessed = np.reshape(guessed, (-1, 2))
     return np.column_stack([np.log(guessed[:, 0]), np.nan_to_num(guessed[:, 1] - reference), np.zeros(len(guessed))])
 
 
 def _tried(search: Search, pools: Sequence[np.ndarray], thin: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The best (logs, 3) of what the logs propose, (n, 3) each, and its residual sum (logs,). Each log tries its own points, and
-    those of at most SHARED logs, one of those that are alike if `thin`, which tell it where it tells nothing itself."""
+    """The best point (logs, 3) for each log, and its residual sum (logs,). `pools`: the points (n, 3) that each log proposes.
+    Each log tries its own points and those of at most SHARED logs, which help where it says little itself; with `thin`, only one
+    of those that are alike."""
     proposing = [k for k, points in enumerate(pools) if len(points)]
     shared = proposing[:: -(-len(proposing) // SHARED)]
     points = np.concatenate([pools[k] for k in shared])

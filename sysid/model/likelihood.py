@@ -98,10 +98,9 @@ class Experiment(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Whitened residual rows (the priors' among them), the rows (N,) that the plant drives, and the nuisances' values;
-    `late` in units of `lateness`, `extra` (E,) of the columns; `turn` is by what the demodulator turns the plate's response,
-    times its gain where that is the log's own; `volume` half the logarithm of the determinant of the nuisances' information, as
-    far as it depends on the plant."""
+    """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the nuisances' values:
+    `late` in units of `lateness`, `extra` (E,) of the columns, `turn` the demodulator's rotation times the gain where that is the
+    log's own. `volume` is half the log determinant of the nuisances' information, as far as it depends on the plant."""
 
     rows: Array
     driven: Array
@@ -120,8 +119,8 @@ for _type in (Hold, Experiment, Residual):  # so that a traced program can be ke
 def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex arrays.
 
-    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and of a full contact the damping that it adds in units of the
-    plate's own and its shift of f0 in Hz). A finger divides tau and G, and with it the drive, by one factor.
+    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the added damping in units
+    of the plate's own, and the shift of f0 in Hz). A finger divides tau and G by one factor, and with G the drive.
     """
     tau = jnp.exp(theta[1])
     detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
@@ -142,9 +141,9 @@ def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
 
 
 def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Array], Array]]:
-    """`residual`, and how its rows change with theta: the change of the model with the nuisances held, off all that the
-    nuisances can do (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J the information
-    that is left when the nuisances are eliminated."""
+    """`residual`, and the derivative of its rows by theta: that of the model with the nuisances held, projected off all that the
+    nuisances can adjust (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J is the
+    information with the nuisances eliminated."""
     found, nuisances, off = _eliminated(theta, x, layout)
     if not layout.extra:
         _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
@@ -181,7 +180,7 @@ def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) ->
 
 
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
-    """The residual, the nuisances at their optimum, and what takes from a vector all that nuisances can make of it."""
+    """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances can adjust."""
     shapes = _shapes(theta, x, layout)
     x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
     if layout.amplitude and not layout.own_gain:
@@ -190,8 +189,8 @@ def _eliminated(theta: Array, x: Experiment, layout: Layout):
 
 
 def _pull(theta: Array, x: Experiment, layout: Layout) -> Array:
-    """(N,) what the prior of its thermometer's error, the last of the log's own shapes, holds against a resonance of the log's
-    own: by how much warmer the plate is, in standard deviations."""
+    """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance of the log's own:
+    by how much warmer the plate is, in standard deviations."""
     warmer = (x.tied[0] - theta[2] - theta[3] * x.tied[1]) / jnp.where(theta[3] == 0, 1.0, theta[3])
     row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
     return jnp.zeros(layout.rows).at[row].set(warmer * x.tied[2])

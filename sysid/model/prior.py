@@ -1,8 +1,8 @@
-"""What is known of the plant beforehand, as a normal prior on theta; flat unless stated.
+"""Prior knowledge of the plant, as a normal prior on theta; flat unless stated.
 
-Of G and tau the logarithm is normal, with the standard deviation over the value; of f0, at the reference temperature, of k_T and
-of what a finger does the number itself. As -log p(theta) = 1/2 (theta - mean)^T precision (theta - mean), it is to the fit as one
-more log, of which theta is the model.
+For G and tau the logarithm is normal, with the standard deviation over the value; for f0 (at the reference temperature), k_T and
+the finger parameters the number itself. In the fit, -log p(theta) = 1/2 (theta - mean)^T precision (theta - mean) acts like one
+more log whose model is theta.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Least squares over a few columns, with complex coefficients or, of complex columns too, with real ones; and over an angle."""
+"""Least squares over a few columns, with complex or real coefficients; and over an angle."""
 
 from collections.abc import Sequence
 

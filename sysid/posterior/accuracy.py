@@ -1,12 +1,12 @@
-"""The ladder of accuracies: what each rung asks of the posterior. It holds no numbers of any machine."""
+"""The levels of accuracy and what each requires of the posterior; nothing here depends on the machine."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Rung:
-    """`effective` draws of the worst parameter, by Markov chains; 0: the normal approximation, and no chains. `every_row`: the
-    estimates are those of all rows of the files, where the fit takes the means of neighbouring ones."""
+    """One level: at least `effective` draws of the worst parameter from Markov chains; 0: the normal approximation, without
+    chains. `every_row`: estimates use all rows of the files, where the fit used averages."""
 
     name: str
     effective: int

@@ -19,8 +19,8 @@ MOST = 100  # draws for an effective one: a chain that takes more is stuck, and 
 
 
 class _Independence(emcee.moves.Move):
-    """Independence Metropolis of all walkers: what is proposed does not depend on where they are, so that the proposals of many
-    steps are evaluated together beforehand, and kept: z, the target's log density and the proposal's."""
+    """Independence Metropolis of all walkers. Proposals do not depend on where the walkers are, so those of many steps are
+    evaluated together beforehand and kept: z, the target's log density and the proposal's."""
 
     def __init__(self, proposal: Mixture, target: Target, rng: np.random.Generator):
         self.proposal, self.target, self.rng = proposal, target, rng
@@ -44,7 +44,7 @@ class _Independence(emcee.moves.Move):
 
 
 class Chain:
-    """Walkers that go on until they hold enough effective draws. The same seed gives the same draws."""
+    """Walkers that continue until they hold enough effective draws. The same seed gives the same draws."""
 
     def __init__(self, target: Target, proposal: Mixture, seed: int):
         rng = np.random.default_rng(seed)
@@ -56,9 +56,9 @@ class Chain:
         self.target, self.ess, self.rhat = target, 0.0, np.inf
 
     def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
-        """Go on in rounds until every parameter has `effective` draws and R-hat is below AGREED, or `rounds` are over.
+        """Continue in rounds until every parameter has `effective` draws and R-hat is below AGREED, or `rounds` are over.
 
-        False where a round would have ended after `until` (perf_counter) and was not begun.
+        False where the next round would have ended after `until` (perf_counter) and was not begun.
         """
         for _ in range(rounds):
             if self.reached(effective) or self._sampler.iteration * WALKERS > MOST * effective:

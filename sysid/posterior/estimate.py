@@ -1,13 +1,11 @@
-"""Mean, standard deviation and interval of a parameter, from a normal and from what corrects it.
-
-The mean, standard deviation and interval that are reported are those of the normal approximation N, corrected by importance:
+"""Mean, standard deviation and interval of a parameter: those of the normal approximation N, corrected by importance sampling.
 
     E_p f = E_N f + sum_k (p/q - N/q)(z_k) f(z_k)          ratios normalised to sum one over the proposals z_k ~ q of the chains
 
-E_N f comes from even quantiles of N. The correction's Monte-Carlo error falls with the distance of p from N: where
-the posterior is nearly normal it is a small part of that of a mean of as many draws (control variates: Owen, Monte Carlo theory,
-methods and examples, ch. 8 and 9, 2013). Where the fit looked at means of neighbouring rows, the last rung adds the same sum with
-the density of every row for p and that of the means for N, over as few of the z_k as their likeness allows.
+E_N f comes from even quantiles of N. The Monte-Carlo error of the correction falls with the distance of p from N: where the
+posterior is nearly normal it is a small part of that of a mean over as many draws (control variates: Owen, Monte Carlo theory,
+methods and examples, ch. 8 and 9, 2013). Where the fit used averages of neighbouring rows, the highest accuracy adds the same sum
+with the density of every row for p and that of the averages for N, over as few z_k as their similarity allows.
 """
 
 from collections.abc import Sequence
@@ -40,7 +38,8 @@ class Estimate(NamedTuple):
 
 
 def moved(even: tuple[np.ndarray, np.ndarray], *corrections: tuple[np.ndarray, Sequence[np.ndarray]]) -> Estimate:
-    """Of even points of N with their weights, and of points with the log ratios of p and of N to what they were drawn from."""
+    """The estimate from even points of N with their weights, and corrections: points, with the log ratios of p and of N to their
+    proposal."""
     x, weights = [even[0]], [even[1]]
     for points, ratios in corrections:
         if len(points):

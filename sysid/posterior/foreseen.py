@@ -1,9 +1,10 @@
-"""What a controller would promise if the plate were known so well: the posterior that is foreseen, and the design for it.
+"""What a controller would promise after a further experiment, from the posterior that is expected then.
 
-After an experiment the posterior is near a normal about the same mean, of a covariance that its information shrinks. Draws of
-it stand for the posterior, a controller is designed for them, and its promise read. All experiments share the same even draws, so
-that promises differ by the experiments alone. What a margin lacks of that of a plate known exactly is foreseen to 15 % of what it
-lacks before; the latter moves with the estimate of tau, by which the bandwidth is chosen.
+After the experiment the posterior is expected to be nearly normal about the same mean, with a covariance shrunk by the new
+information. Draws of it stand for the posterior, a controller is designed for them, and its promise is read. All experiments
+share the same even draws, so that promises differ by the experiments alone. The gap between a margin and that of an exactly known
+plate is predicted to 15 % of the gap before; the margin of the known plate itself moves with the estimate of tau, by which the
+bandwidth is chosen.
 """
 
 from collections.abc import Callable
@@ -37,8 +38,8 @@ PROMISES = {"margin": Quantity("disk margin", "disk", "1", 0.0), "settling": Qua
 
 @dataclass(frozen=True)
 class Foreseen:
-    """A posterior as `controller.design` reads one: `draws` (EVEN,) of each of PLANT that is determined, f0 at the fit's
-    reference temperature; means and standard deviations."""
+    """A posterior with what `controller.design` reads: `draws` (EVEN,) of each determined parameter, f0 at the fit's reference
+    temperature; means and standard deviations."""
 
     fit: Fit
     draws: dict[str, np.ndarray] = field(repr=False)
@@ -74,14 +75,14 @@ def _known(values: np.ndarray, most: float, unit: str) -> Parameter:
 
 
 def promised(fit: Fit, covariance: np.ndarray, design: Design, quantity: Quantity) -> float:
-    """What `design` promises when theta is known with this covariance (6, 6). Raises ValueError when it refuses."""
+    """What `design` promises if theta is known with this covariance (6, 6). Raises ValueError if it refuses."""
     return float(getattr(design(Foreseen.of(fit, covariance)).promise, quantity.field))
 
 
 @dataclass(frozen=True)
 class Raised:
-    """An experiment with what is promised of the closed loop `before` and `after` it, its seconds at the bench, and what would be
-    promised of a plate that is known exactly (`best`). `parameter`: "margin" (1) or "settling" (s)."""
+    """An experiment with the promise for the closed loop `before` and `after` it, its seconds at the bench, and the promise for
+    an exactly known plate (`best`). `parameter`: "margin" (1) or "settling" (s)."""
 
     experiment: Any
     parameter: str
@@ -103,17 +104,17 @@ class Raised:
 
     @property
     def rate(self) -> float:
-        """What the margin, or 1/settling (1/s), gains per second."""
+        """Gain of the margin, or of 1/settling (1/s), per second at the bench."""
         after, before = (self.after, self.before) if self.parameter == "margin" else (1 / self.after, 1 / self.before)
         return (after - before) / self.seconds
 
     @property
     def settles(self) -> bool:
-        """Whether there is a controller afterwards."""
+        """Whether a controller exists afterwards."""
         return self.after != PROMISES[self.parameter].without
 
     @property
     def worthwhile(self) -> bool:
-        """Whether the promise gets better by more than what it is known to."""
+        """Whether the promise improves by more than its own uncertainty."""
         worse, better = (self.before, self.after) if self.parameter == "margin" else (self.after, self.before)
         return better > MOVED * worse

@@ -1,4 +1,4 @@
-"""Normal and Student-t mixtures about the minima of a fit: what the posterior is approximated by, and proposed from."""
+"""Normal and Student-t mixtures about the minima of a fit: the approximation of the posterior, and the proposal of its chains."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,7 @@ class Mixture:
     tails: float = np.inf
 
     def heavy(self) -> "Mixture":
-        """The same with the tails of a proposal."""
+        """The same mixture with the heavier tails of a proposal."""
         return replace(self, tails=TAILS)
 
     def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
@@ -30,8 +30,8 @@ class Mixture:
         return self._placed(which, t)
 
     def spread(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """(n, p) even draws of the normal mixture, n even: a lattice of the generalised golden ratio, randomly shifted, and its
-        mirror image, of unit covariance before it is placed; each component has its share to one draw. In random order."""
+        """(n, p) even draws of the normal mixture, n even: a randomly shifted lattice of the generalised golden ratio and its
+        mirror image, scaled to unit covariance; each component gets its share to within one draw. In random order."""
         m, p = self.centres.shape
         ratio = np.roots([1.0, *np.zeros(p - 1), -1.0, -1.0]).real.max()  # x^(p+1) = x + 1
         lattice = (rng.random(p) + np.arange(1, n // 2 + 1)[:, None] / ratio ** np.arange(1, p + 1)) % 1.0

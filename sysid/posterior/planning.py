@@ -234,9 +234,8 @@ class _Bench:
         if not trials or np.sqrt(state.covariance[1, 1]) > (KNOWN if shows_transient(state.trials) else RELATIVE):
             return None
         alone, beside = (_information(t, fit) for t in (state.trials, [loosened(t) for t in state.trials]))
-        G, tau = (float(x) for x in np.exp(state.theta[:2]))
-        known = limits(G, tau)
-        units = np.array([G, tau, 1.0, 1.0, 1.0, 1.0])
+        known = limits(state.G, state.tau)
+        units = np.array([state.G, state.tau, 1.0, 1.0, 1.0, 1.0])
         return cls(fit, trials, alone, beside, np.array([known[n] for n in NAMES]), units)
 
     def covariance(self, information: np.ndarray, aside: float = UNKNOWN) -> np.ndarray:
@@ -283,9 +282,8 @@ class _Bench:
 
     def experiments(self, drive: float | None, temperatures: Sequence[float] | None) -> Iterator[Experiment]:
         """Steps on resonance and beside it, sweeps narrow and wide, at each temperature."""
-        theta, (f, degC) = self.fit.modes[0].theta, self.fit.reference
-        tau = float(np.exp(theta[1]))
-        hb = 1 / (2 * np.pi * tau)
+        state, (f, degC) = self.fit.modes[0], self.fit.reference
+        theta, tau, hb = state.theta, state.tau, state.half_bandwidth
         seen = [t.spacing for t in self.trials if t.spacing > 0 and not t.steady]
         spacing = max(min([*seen, tau / FINE]), tau / 200)
         drive = max(float(np.max(np.abs(t.log.drive))) for t in self.trials) if drive is None else drive

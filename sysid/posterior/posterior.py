@@ -1,6 +1,6 @@
-"""The posterior of the plant, rung by rung: the fit's normal approximation; Markov chains, which correct it; every row.
+"""The posterior of the plant, by level of accuracy: the fit's normal approximation; Markov chains that correct it; every row.
 
-What is reported is the mean, the standard deviation and the interval of the normal approximation, corrected by importance: see
+Reported are the mean, standard deviation and interval of the normal approximation, corrected by importance sampling: see
 `posterior.estimate`.
 """
 

@@ -1,9 +1,9 @@
-"""The posterior's density at a fraction of its price: each log's sum of squares as a polynomial, checked against the exact one.
+"""A cheap posterior density: each log's sum of squares as a polynomial, checked against the exact density.
 
-Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. From the points of a design, where
-they are evaluated, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, m the monomials at z and M those at the design's
-points; so its sum of squares is w K w^T with K_ij = Re r_i^* r_j, whatever the number of rows. Points further than FAR are
-evaluated exactly, and where the polynomial is not FAITHFUL at other points, all are.
+Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. Evaluated at the points z_i of a
+design, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, where m are the monomials at z and M those at the design's
+points. Its sum of squares is w K w^T with K_ij = Re r_i^* r_j, at a cost independent of the number of rows. Points further away
+than FAR are evaluated exactly; where the polynomial is not FAITHFUL at other points, all are.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -43,7 +43,7 @@ def _rows(thetas, layouts, groups):
 
 
 def prepare(state: State, reference: tuple[float, float]) -> None:
-    """Let the program of the density about a minimum be made, beside what goes on here."""
+    """Start making the program of the density about a minimum in the background."""
 
     def arguments() -> Sequence:
         groups, _ = group(state.trials, reference, low_q=state.low_q)
@@ -58,10 +58,10 @@ def _batch(groups: Groups) -> int:
 
 
 class Density:
-    """Log density at points z (n, p), in standard deviations from a minimum; `theta` makes parameters (n, 6) of them.
+    """Log density at points z (n, p), in standard deviations from a minimum; `theta` converts them to parameters (n, 6).
 
-    `smooth`: whether the polynomial is used; `error` its largest deviation where it was checked. `pace`: seconds that a point
-    takes which is evaluated exactly. After `until` (perf_counter) no further one is: TimeoutError.
+    `smooth`: whether the polynomial is used; `error`: its largest deviation where it was checked. `pace`: seconds per exact
+    evaluation. None is begun after `until` (perf_counter): TimeoutError.
     """
 
     def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf):
@@ -82,7 +82,7 @@ class Density:
         return value
 
     def _build(self, p: int) -> None:
-        """The polynomial, unless it misses the exact density somewhere."""
+        """Make the polynomial; it is dropped if it misses the exact density somewhere."""
         design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
         n, z = len(design), np.concatenate([design, checks])
         products, volumes = self._products(z)

@@ -1,4 +1,4 @@
-"""The posterior density of a fit, in coordinates that make it nearly standard normal; counted and timed as it is evaluated."""
+"""The posterior density of a fit, in coordinates in which it is nearly standard normal; evaluations are counted and timed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,10 +24,10 @@ QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 
 
 class Target:
-    """log p(z) up to a constant, theta = best + triangle z over the parameters `names` that the data bound at all.
+    """log p(z) up to a constant, theta = best + triangle z, over those parameters `names` that the data bound at all.
 
-    `every_row`: of the files, where the fit took the means of neighbouring rows. `evaluations` counts points, most of which are
-    those of `posterior.surrogate` where there is one minimum; `pace` is the seconds that one takes once the programs are there.
+    `every_row`: of the files, where the fit used averages of neighbouring rows. `evaluations` counts points; with a single
+    minimum most of them are those of `posterior.surrogate`. `pace`: seconds per point, loading of programs aside.
     """
 
     def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf):
@@ -50,7 +50,7 @@ class Target:
         self.evaluations, self._warm, self._seconds = 0, 0, 0.0
 
     def _whole(self, trial: Trial) -> Trial:
-        """The trial over every row of the file."""
+        """The trial over all rows of the file."""
         whole, best = trial.uncondensed(), self.fit.modes[0]
         course = Course(whole, whole.hold(self.fit.reference), best.theta)
         return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
@@ -66,7 +66,7 @@ class Target:
         return self._named(self.fit.modes[0].theta @ self._carried.T + z @ self._along.T)
 
     def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Of the normal approximation: of each parameter even quantiles, and their weights."""
+        """Even quantiles of each parameter under the normal approximation, and their weights."""
         normal = self.normal()
         centres = self.fit.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
         widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
@@ -76,13 +76,13 @@ class Target:
         return {name: (values, weight) for name, values in self._named(x).items()}
 
     def _named(self, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Of the numbers of theta the parameters."""
+        """The parameters by name, from their components of theta."""
         f0 = self.fit.reference[0]
         return {n: np.exp(v) if n in ("G", "tau") else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
 
     @cached_property
     def _places(self) -> Sequence[State]:
-        """The minima; of ridges that are bent, the places along them."""
+        """The minima; on ridges that are bent, the places along them."""
         fit = self.fit
         minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
         return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
@@ -118,7 +118,7 @@ class Target:
 def _bounded(fit: Fit) -> tuple[str, ...]:
     """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
     state = fit.modes[0]
-    widest = limits(1.0, np.exp(state.theta[1])) | {"tau": limits(1.0, 1.0)["tau"]}
+    widest = limits(1.0, state.tau) | {"tau": limits(1.0, 1.0)["tau"]}
     std = np.sqrt(np.diag(state.covariance))
     kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
     return kept or ("tau",)

@@ -18,7 +18,7 @@ UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 def show(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], folder: Path, file: IO[str]) -> None:
     """Print what fit.json says (`document`), with the `derived` quantities and where the files are."""
-    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
+    console = _console(file)
     console.print(_logs(document["logs"]), "")
     console.print(_parameters(document, derived), "")
     console.print(_sentences(document, folder))
@@ -26,21 +26,24 @@ def show(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], 
 
 def findings(found: Sequence[Any], file: IO[str]) -> None:
     """Print what a closed loop did beside what was predicted of it."""
-    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
     table = _table("", "found", "expected", "")
     for f in found:
         said = Text("as predicted", style="green") if f.kept else Text(clean(f"no: {f.hint}"), style="red")
         table.add_row(*(Text(clean(cell)) for cell in (f.what, f.found, f.expected)), said)
-    console.print(table)
+    _console(file).print(table)
 
 
 def rows(cells: Sequence[Sequence[str]], file: IO[str]) -> None:
     """Print a table whose first row is its header."""
-    console = Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
     table = _table(*cells[0], right=tuple(cells[0][1:]))
     for row_ in cells[1:]:
         table.add_row(*row_)
-    console.print(table)
+    _console(file).print(table)
+
+
+def _console(file: IO[str]) -> Console:
+    """Plain text, as wide as the terminal."""
+    return Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
 
 
 def _logs(logs: list[Mapping[str, Any]]) -> Table:

@@ -1,4 +1,4 @@
-"""Time stamps of an even clock that were rounded: rows 0.3 ms apart whose stamps are whole milliseconds."""
+"""Rounded time stamps of an even clock: rows 0.3 ms apart whose stamps are whole milliseconds."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ FIRM = 2e-3  # of its period, to which the clock has to be known: half of what t
 
 
 def even(time: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """The times (n,) of the even clock whose stamps (n,) were rounded, and the digit (s) that they were rounded to; None where
-    they are even already, or show no such clock.
+    """The times (n,) of the even clock behind rounded stamps (n,), and the digit (s) they were rounded to; None where the stamps
+    are even already, or show no such clock.
 
-    Rounded to a digit q, a period of (m + x) q is m q or (m + 1) q from stamp to stamp; from a line through n stamps of rounding
-    errors q/sqrt(12) it is known to q n^(-3/2).
+    Rounded to a digit q, a period of (m + x) q appears as m q or (m + 1) q between stamps. A line through n stamps with rounding
+    errors q/sqrt(12) gives the period to q n^(-3/2).
     """
     n = len(time)
     if n < LEAST or time[-1] <= time[0]:

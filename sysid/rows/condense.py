@@ -1,9 +1,9 @@
-"""Logs of millions of rows, as the means of neighbouring rows: what the fit then takes, with nothing assumed about tau.
+"""Logs of millions of rows, averaged over blocks of neighbouring rows, without an assumption about tau.
 
-Blocks are densest after each change of the inputs and widen with the time since, as the response slows down. A block keeps
-the mean and the variance of its times, so that the model of its mean response is exact to fourth order in (block / tau); of a
-mean amplitude, which is none of a mean response, to second order. Rows behind a filter that are closer than it can tell apart
-are taken together in logs of any length.
+Blocks are shortest after each change of the inputs and widen with the time since, as the response slows down. A block keeps the
+mean and variance of its times, so that the model of its mean response is exact to fourth order in (block/tau); for a mean
+amplitude, which is not the amplitude of a mean response, to second order. Rows behind a filter that are closer than it can
+resolve are averaged in logs of any length.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ LEAST = 16  # of each stretch of the same inputs, be these as many as they are
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """A log as a fit takes it."""
+    """The rows of a log as a fit uses them."""
 
     log: Log
     inputs: Hold
@@ -36,7 +36,7 @@ class Rows:
 
 
 def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
-    """The log, condensed where it has more than `longest` rows, settled points without the delay of their sensor."""
+    """The log, condensed where it has more than `longest` rows; settled points without the delay of their sensor."""
     dark, steady = lost(log), kind == "steady"
     spoilt = glitches(filled(log, dark)) & ~dark
     gone = dark | spoilt
@@ -72,8 +72,8 @@ def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
 
 
 def _weights(gone: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray | None, np.ndarray, np.ndarray]:
-    """Weight of each row in the mean of its block (None: all one); of each block, how many rows with a signal it has, at least 1;
-    and which have any."""
+    """Weight of each row in the mean of its block (None: all one); for each block the number of rows with a signal, at least 1,
+    and whether it has any."""
     length = np.diff(np.append(edges, len(gone)))
     if not np.any(gone):
         return None, length.astype(float), np.ones(len(length), bool)
@@ -82,8 +82,8 @@ def _weights(gone: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray | None, np
 
 
 def levelled(log: Log) -> Log:
-    """A log whose drive was measured and flickers about levels, which are few: with these levels, unless the response flickers as
-    the drive does. Of a long log the frequency as well."""
+    """The log with a measured drive that flickers about a few levels replaced by these levels, unless the response flickers with
+    it; in a long log the frequency as well."""
     drive = _levels(log.drive, 2e-2)
     if len(log) > LONG:
         return replace(log, drive=drive, frequency=_levels(log.frequency, 1e-5))
@@ -91,8 +91,8 @@ def levelled(log: Log) -> Log:
 
 
 def _followed(log: Log, level: np.ndarray) -> bool:
-    """Whether the response goes with the drive beside its level: it is smoother, row after row, per drive; or it moves after the
-    drive did. A drive of a few values is no meter's noise."""
+    """Whether the response follows the drive's deviations from its level: divided by the drive it is smoother from row to row, or
+    it moves after the drive did. A drive of a few values is not a meter's noise."""
     beside = log.drive - level
     if len(np.unique(beside)) <= DIGITS * len(np.unique(level)):
         return True
@@ -106,8 +106,8 @@ def _followed(log: Log, level: np.ndarray) -> bool:
 
 
 def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
-    """(n,) the mean of each stretch between jumps, unless the values do more within one than flicker from row to row, or by more
-    than `most` of the largest."""
+    """(n,) the mean of each stretch between jumps; the values themselves where they vary more within a stretch than they flicker
+    from row to row, or flicker by more than `most` of the largest."""
     if values is None:
         return None
     moves = np.abs(np.diff(values))
@@ -121,7 +121,7 @@ def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
 
 
 def _independent(values: np.ndarray, most: float) -> bool:
-    """Whether values of zero mean are noise of their own in each row, as far as their moves and the means of blocks tell."""
+    """Whether values of zero mean are noise, independent from row to row, judged by their moves and the means of blocks."""
     moves = np.diff(values)
     back = -0.5 * float(moves @ moves)  # the product of a move and the next, if so
     blocks = [rows for rows in BLOCKS if rows <= len(values)]
@@ -136,8 +136,8 @@ def _off(values: np.ndarray, rows: int) -> float:
 
 
 def undelayed(log: Log, sign: float = 1.0) -> Log:
-    """Settled d/q points without the turn e^{-j omega t} of a stated delay t, but for what is common to all of them, which is the
-    demodulator's. `sign` -1: with it again."""
+    """Settled d/q points without the phase e^{-j omega t} of a stated delay t, except for the part common to all, which belongs
+    to the demodulator. `sign` -1 applies the delay again."""
     late = log.bench.get("delay_s", 0.0)
     if not late or log.amplitude_only or log.frequency is None:
         return log
@@ -177,10 +177,11 @@ MOVED = 3.0  # times the usual change from row to row, and what the slope of the
 
 
 def gaps(log: Log) -> np.ndarray:
-    """(n,) s before each row of a transient in which an input changed, who knows when, as rows are missing; else 0.
+    """(n,) length (s) of the gap before each row of a transient in which an input changed at an unknown time, as rows are
+    missing; else 0.
 
-    By the contract a change is at a row. Of `instant` rows it was not where the response moved before, though it had been still;
-    of `settled` ones it may never be.
+    By contract a change happens at a row. For `instant` rows it did not if the response moved before although it had been still;
+    for `settled` rows it may never have.
     """
     found = np.zeros(len(log))
     if log.time is None or log.theta is not None or len(log) < 3:
@@ -206,7 +207,7 @@ def gaps(log: Log) -> np.ndarray:
 
 
 def _slope(time: np.ndarray, response: np.ndarray) -> float:
-    """Of rows, per second: from the mean of their first half to that of the second."""
+    """Slope of rows, per second: from the mean of their first half to that of the second."""
     half = len(time) // 2
     rise, over = (np.mean(v[half:]) - np.mean(v[:half]) for v in (response, time))
     return float(np.abs(rise) / max(over, 1e-300))
@@ -226,8 +227,8 @@ def _inputs(log: Log, kind: str, unseen: np.ndarray) -> Hold:
 
 
 def _contact(log: Log) -> np.ndarray | None:
-    """Of the recorded force, of either sign, held from row to row, or at its middle where it runs on; None where there is none
-    but the sensor's own."""
+    """Contact of the recorded force, of either sign, held from row to row, or at its middle where it changes over several rows;
+    None where there is only the sensor's noise."""
     if log.force is None or np.max(np.abs(log.force)) < LEAST_FORCE:
         return None
     force = np.abs(log.force)

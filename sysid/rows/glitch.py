@@ -1,9 +1,9 @@
-"""Rows that a recorder spoilt: one, or a few in succession, that those before and after do not predict, by more than all that the
-rest of the log shows. A fit that saw them would take them for the resonance.
+"""Rows spoilt by a recorder: one to three in succession that deviate from their neighbours by more than anything else in the log.
 
-Where the inputs stay, or run on as in a sweep, six rows about a window of one to three lie on a line, but for their own scatter
-and what the response bends. Of smaller deviations the noise takes care (`trials.noise`). A resonance that is narrower than the
-steps of a sweep is a row or two as well: then its tails, G V/(j (omega - omega0) tau), are what the rest of the sweep shows.
+A fit that saw them would take them for the resonance. Where the inputs are constant, or change steadily as in a sweep, the six
+rows about a window of one to three lie on a line, apart from their own scatter and the curvature of the response. Smaller
+deviations are left to the noise (`trials.noise`). A resonance narrower than the steps of a sweep also looks like a row or two: it
+is recognised by its tails, G V/(j (omega - omega0) tau), in the rest of the sweep.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ WORSE = 3.0  # times what that leaves of it, by one of the spoilt rows; of a nar
 
 
 def glitches(log: Log) -> np.ndarray:
-    """(n,) which rows of a log were spoilt."""
+    """(n,) which rows of a log are spoilt."""
     found = np.zeros(len(log), bool)
     if len(log) < LEAST_ROWS:
         return found

@@ -1,10 +1,10 @@
-"""Rows in which the signal was lost: a recorder then writes exactly zero, as for a vibrometer whose speckle is dark, or goes on
-with what it read last.
+"""Rows in which the signal was lost: the recorder writes exactly zero, as for a vibrometer's dark speckle, or repeats its last
+reading.
 
-A plate at rest before its first drive may read exactly zero, and a response that decays passes through small numbers on its way
-there; exact zeros among rows that are far larger than the recorder's finest step are neither. A coarse recorder repeats itself;
-Wd and Wq that both stand still among rows that move by hundreds of steps were not measured anew, be it in one row, in a stretch,
-or in every second row of a recorder that is quicker than its lock-in.
+A plate at rest before its first drive may read exactly zero, and a decaying response passes through small numbers; lost rows are
+exact zeros among rows far larger than the recorder's finest step. A coarse recorder repeats itself; but where both Wd and Wq
+stand still among rows that move by hundreds of steps, they were not measured anew: in one row, in a stretch, or in every second
+row of a recorder that samples faster than its lock-in.
 """
 
 from collections.abc import Sequence

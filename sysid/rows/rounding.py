@@ -1,17 +1,18 @@
-"""Rounding to the steps of a recorder, an ADC or a text of few decimals, where the noise is too small to blur them.
+"""Steps of a recorder, an ADC or a text with few decimals, where the noise is too small to blur them.
 
-A channel in steps of q shows x + n as the nearest whole multiple. With noise n of standard deviation s its error, averaged over
-where x lies between two steps, has the variance q^2/12, and beside it the part of n. Of it the part
+A channel in steps of q shows x + n as the nearest whole multiple. With noise n of standard deviation s, the error has the
+variance q^2/12 beside that of n, averaged over the position of x between two steps. The part
 
     b^2 = q^2/(2 pi^2) sum_m exp(-(2 pi m s/q)^2)/m^2
 
-is a function of x alone (Widrow & Kollar, Quantization Noise, Cambridge 2008, ch. 19): noise of half a step makes it nothing, and
-without noise it is all. Rows of one x share it, however many there are: a plateau is off by up to half a step, and no average
-helps. The error's correlation falls as 1 - 6 d + ... with the distance d of two x in steps, whose range is a sixth of a step.
+of it is a function of x alone (Widrow & Kollar, Quantization Noise, Cambridge 2008, ch. 19): with noise of half a step it
+vanishes, without noise it is all there is. Rows of the same x share it, however many there are: a plateau is off by up to half a
+step, and averaging does not help. The correlation of the error falls as 1 - 6 d + ... with the distance d of two x in steps, so
+its range is a sixth of a step.
 
-So a row that shares its rounding error with r - 1 others is taken to have r - 1 times that part of the variance more. No sum of
-rows then has less variance than it should: a diagonal matrix whose entries are the row sums of a covariance that is not
-negative is no smaller than it (Gershgorin).
+A row that shares its rounding error with r - 1 others is therefore given r - 1 times that variance in addition. No sum of rows
+then has too little variance: a diagonal matrix of the row sums of a covariance without negative entries is no smaller than it
+(Gershgorin).
 """
 
 import numpy as np
@@ -29,10 +30,8 @@ LITTLE = 0.05  # of the rows' information, which is not worth a model of how the
 
 
 def steps(response: np.ndarray) -> tuple[float, ...]:
-    """The steps of d and of q, or of the one channel, in which a response (n,) is recorded; 0.0 where none show.
-
-    A channel that hardly moves shows none: it is taken to have those of the other.
-    """
+    """The steps in which the d and q of a response (n,), or its only channel, are recorded; 0.0 where none show. A channel that
+    hardly moves is taken to have the steps of the other."""
     rows = response[:: len(response) // ROWS + 1]
     found = [_step(v) for v in ((rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,))]
     seen = [s for s in found if s]
@@ -40,7 +39,7 @@ def steps(response: np.ndarray) -> tuple[float, ...]:
 
 
 def _step(values: np.ndarray) -> float | None:
-    """None where the values are too few to tell."""
+    """The step of one channel; 0.0 where none shows, None where the values are too few to tell."""
     scale = float(np.max(np.abs(values))) or 1.0
     distinct = np.unique(np.round(values / scale, DIGITS))  # beyond which texts and units round
     if len(distinct) < 3:
@@ -57,15 +56,16 @@ def _step(values: np.ndarray) -> float | None:
 
 
 def shared(variance: float) -> float:
-    """Part of the variance (steps squared) of a row's noise, rounding included, that rows of one value share."""
+    """Share of the variance (steps squared) of a row's noise, rounding included, that rows of one value have in common."""
     blur = max(variance - 1 / 12, 0.0)
     part = np.sum(np.exp(-((2 * np.pi * TERMS) ** 2) * blur) / TERMS**2) / (2 * np.pi**2)
     return float(min(part / max(variance, 1 / 12), 1.0))
 
 
 def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each of a channel's modelled rows (n,), the means of `count` rows of noise `std`: its noise over that of a mean of rows
-    which share nothing, as it shares the rounding error of all rows of its value; and which part of it is its own (0 to 1)."""
+    """For each modelled row (n,) of a channel, the mean of `count` rows with noise `std`: its noise relative to the mean of
+    independent rows, as it shares the rounding error of all rows of its value; and the fraction of it that is its own (0 to
+    1)."""
     if not step:
         return np.ones(len(model)), np.ones(len(model))
     order = np.argsort(model)
@@ -77,5 +77,5 @@ def spread(model: np.ndarray, step: float, std: float, count: np.ndarray) -> tup
 
 
 def least(step: float) -> float:
-    """The least noise that rounding to a step makes, beside any other."""
+    """The least noise that rounding to a step makes."""
     return step / np.sqrt(12)

@@ -1,15 +1,15 @@
-"""The plate's temperature, of what a thermometer reads: the noise of its readings is not the plate's.
+"""The plate's temperature from a thermometer's readings, whose noise is not the plate's.
 
-A reading is y_k = T_k + sqrt(r) e_k. T is constant, or a straight line and what goes on beside it: a random walk (m = 1: the
-local level model of Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) or one of its
-slope (m = 2: a smoothing spline). The cosines c_k of the rows (DCT-II) of what is beside the line are then nearly independent, of
-variance r (1 + s / e_k^m), e_k = 2 - 2 cos(pi k / n). So r has a closed form for each s, the likelihood of s is a sum, and T has
-the cosines times s / (s + e_k^m). Readings without noise have the largest s there is, and stay what they are.
+A reading is y_k = T_k + sqrt(r) e_k. T is constant, or a straight line plus a random walk (m = 1: the local level model of
+Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) or a random walk of its slope (m = 2:
+a smoothing spline). The cosine coefficients c_k (DCT-II) of the readings less the line are then nearly independent, of variance r
+(1 + s/e_k^m), e_k = 2 - 2 cos(pi k/n). So r has a closed form for each s, the likelihood of s is a sum, and T has the
+coefficients times s/(s + e_k^m). Readings without noise have the largest possible s and stay as they are.
 
-A reading in steps of q is off by up to half a step, evenly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1); whole degrees, one for each
-log, are set points, which nobody has read. Logs of one reading are off
-alike, so that each of k of them is taken to be off by sqrt(k) as much: their mean is then no better than one of them. Readings
-that pass several steps, or flicker about them, tell where the steps lie.
+A reading in steps of q is off by up to half a step, uniformly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1). Logs with one whole degree
+each have set points, which were not read. Logs with the same reading share its error, so each of k of them is given sqrt(k) times
+the error: their mean is then no better than one of them. Readings that pass several steps, or flicker about them, show where the
+steps lie.
 """
 
 from collections.abc import Sequence
@@ -40,8 +40,9 @@ class Reading(NamedTuple):
 
 
 def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None = None) -> list[Reading | None]:
-    """What the readings of each log tell; None where none was read. Logs whose temperatures differ by no more than their noise
-    were recorded at one. `digits` (degC): one of the last digit that each was written with; 0 where that is not known."""
+    """The temperature from the readings of each log; None where there are none. Logs whose temperatures differ by no more than
+    their noise are taken as recorded at one temperature. `digits` (degC): the last digit each was written with; 0 where it is not
+    known."""
     digits = [0.0] * len(logs) if digits is None else digits
     step = step_of(logs, digits)
     steps = [step if digit and not exact else 0.0 for digit, exact in zip(digits, _set_points(logs), strict=True)]
@@ -56,8 +57,8 @@ def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None 
 
 
 def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float:
-    """The coarsest step (degC) of a thermometer, of 1 or less, that all the readings have which were written: 0.5 of 22 and 30.5;
-    0.1 of 22.0 and 30.0, whose zeros are readings too. 0 where none were."""
+    """The coarsest step (degC) of 1 or less of which all written readings are multiples: 0.5 for 22 and 30.5; 0.1 for 22.0 and
+    30.0, whose zeros count as read. 0 where none were written."""
     written = [y for y, digit in zip(logs, digits, strict=True) if y is not None and digit]
     if not written:
         return 0.0
@@ -70,14 +71,14 @@ def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float
 
 
 def _set_points(logs: Sequence[np.ndarray | None]) -> list[bool]:
-    """Which logs have one temperature that was set rather than read: where those of all such logs are whole degrees."""
+    """Which logs have a temperature that was set rather than read: one each, if those of all such logs are whole degrees."""
     alone = [y is not None and np.ptp(y) == 0 for y in logs]
     whole = all(y[0] == np.rint(y[0]) for y, one in zip(logs, alone, strict=True) if one and y is not None)
     return [one and whole for one in alone]
 
 
 def _rounded(logs: Sequence[np.ndarray | None], found: list[Reading | None], steps: Sequence[float]) -> list[Reading | None]:
-    """What is found of each log, with the error of the step that it was read in."""
+    """The temperatures with the error of the step in which they were read."""
     means = np.array([np.nan if x is None else x.temperature.mean() for x in found])
     new = list(found)
     for k, (y, x, q) in enumerate(zip(logs, found, steps, strict=True)):
@@ -88,8 +89,8 @@ def _rounded(logs: Sequence[np.ndarray | None], found: list[Reading | None], ste
 
 
 def _rounding(y: np.ndarray, x: Reading, step: float) -> float:
-    """Variance (degC^2) of what all readings of a log are off alike: where they pass the steps, that of the rows before the first
-    and behind the last."""
+    """Variance (degC^2) of the error common to all readings of a log; where they pass the steps, only that of the rows before the
+    first and after the last of these counts."""
     if x.temperature is not y and np.ptp(x.temperature) >= step:
         passed = np.flatnonzero(np.diff(y))
         return (1 - (passed[-1] - passed[0]) / len(y)) * step**2 / 12
@@ -98,7 +99,7 @@ def _rounding(y: np.ndarray, x: Reading, step: float) -> float:
 
 
 def _steady(y: np.ndarray, step: float = 0.0) -> Reading:
-    """What the readings of one log tell, in steps of a size that is known, or not."""
+    """The temperature from the readings of one log; `step`: their step, 0 where it is not known."""
     if _held(y):
         return Reading(_crept(y, max(COARSE, 1.01 * step)) if len(y) <= LONG else y, 0.0)
     moves = np.abs(np.diff(y))
@@ -110,8 +111,8 @@ def _steady(y: np.ndarray, step: float = 0.0) -> Reading:
 
 
 def _crept(y: np.ndarray, coarse: float) -> np.ndarray:
-    """A temperature whose reading has steps of one size, no larger than `coarse`, passes between two readings where it steps from
-    one to the other, and goes straight from there to the next; set points stay."""
+    """The temperature of a reading that creeps in equal steps, no larger than `coarse`: at each step halfway between the two
+    readings, and linear from one step to the next. Set points are kept."""
     rows = np.flatnonzero(np.diff(y))
     steps = np.abs(np.diff(y)[rows])
     if len(rows) < 2 or steps.max() > min(1.5 * steps.min(), coarse):
@@ -135,14 +136,14 @@ def _end(at: np.ndarray, between: np.ndarray, reading: float, begin: float) -> l
 
 
 def _held(y: np.ndarray) -> bool:
-    """Set points, or the steps of a coarse reading that goes one way: most readings are the one before, and few come again."""
+    """Set points, or a coarse reading that goes one way: most readings repeat the one before, and few values come again."""
     moves = y[1:] != y[:-1]
     many = np.count_nonzero(moves)
     return bool(many <= 0.5 * len(moves) and many <= AGAIN * len(np.unique(y[1:][moves])))
 
 
 def _smooth(y: np.ndarray) -> Reading:
-    """The same of readings without a jump."""
+    """The temperature from readings without a jump."""
     if len(y) < FEW:
         return Reading(y, 0.0)
     if len(y) > LONG:

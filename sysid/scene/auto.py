@@ -1,7 +1,7 @@
-"""Which fidelity a scene needs: the cheapest, with the largest step, whose error the scene's tolerance allows.
+"""The choice of fidelity for a scene: the cheapest, with the largest step, whose error is within the scene's tolerance.
 
-Nothing is looked up: each candidate is simulated, without noise, on those stretches of the scene where its plate does most, and
-compared with the exact envelope at steps so small that halving them changes nothing any more.
+Each candidate is simulated without noise on those stretches of the scene where the plate does most, and compared with the exact
+envelope at steps so small that halving them changes nothing.
 """
 
 import dataclasses

@@ -1,9 +1,9 @@
-"""The carrier itself: raw samples of drive and response as a fast recorder takes them, and rows by a lock-in behind it.
+"""The carrier: raw samples of drive and response as from a fast recorder, and rows from a lock-in behind it.
 
     v(t) = Re[jV e^{j theta}]        w(t) = Re[(Wd + j Wq) e^{j theta}]        theta' = omega
 
-The envelope is the exact one, so the samples are exact too; what turns a phase, a sensor's or a demodulator's, turns the response
-and not the drive; theta is counted in whole turns from the beginning of each chunk.
+The envelope is exact, so the samples are exact too. A phase shift of a sensor or a demodulator turns the response and not the
+drive. theta is counted in whole turns from the beginning of each chunk.
 """
 
 import dataclasses

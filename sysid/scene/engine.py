@@ -1,11 +1,11 @@
-"""The simulation: a plant and its effects over held inputs, chunk by chunk, in one compiled program per scene.
+"""The simulation: a plant and its effects under held inputs, chunk by chunk, in one compiled program per scene.
 
 Between two changes of the inputs the equation of motion is linear with constant coefficients and is solved exactly by its two
-modes (see `model.plant`). What is carried from one interval to the next is (Z, U), the response in the frame of the drive and
-its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s + j omega: both are continuous whatever changes, drive,
-frequency, damping or resonance. Intervals of a chunk are taken in lanes side by side. Only effects that depend on the response
-itself (softening, self-heating) need one interval after the other; they are frozen at each interval's middle, an error of
-second order.
+modes (see `model.plant`). The state carried from one interval to the next is (Z, U): the response in the frame of the drive, and
+its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s + j omega. Both are continuous whatever changes: drive,
+frequency, damping or resonance. The intervals of a chunk are taken in lanes side by side. Only effects that depend on the
+response itself (softening, self-heating) need one interval after the other; they are frozen at the middle of each interval, with
+an error of second order.
 """
 
 import math
@@ -26,7 +26,7 @@ RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
 
 
 class Felt(NamedTuple):
-    """What an effect that depends on the response is told: its squared amplitude, and the temperature it has made."""
+    """What an effect that depends on the response receives: the squared amplitude, and the temperature that it has caused."""
 
     power: Array
     heat: Array
@@ -40,7 +40,7 @@ class Mode(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a chunk leaves to the next: each resonance, self-heating, the filter's stages, the noise."""
+    """The state passed from chunk to chunk: each resonance, self-heating, the filter's stages, the noise."""
 
     modes: tuple[Mode, ...]
     heat: Array | None
@@ -155,7 +155,7 @@ def advance(
 
 
 def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Leaf, spacing: Leaf) -> tuple[Array, tuple]:
-    """Rows with the noise of chunk `count` on them, and what the recorder makes of them; and the noise's states after it."""
+    """Rows of chunk `count` with noise and the recorder's effects added; and the state of the noise afterwards."""
     drawn = []
     for e, before in zip((e for e in effects if e.kind == "noise"), states, strict=True):
         response, after = e.noise(response, key_for(key, e, count + 1), spacing, before)
@@ -164,7 +164,7 @@ def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Lea
 
 
 def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf) -> tuple[Array, State]:
-    """The response at each row, as the filter passes it, before what of the sensor comes after."""
+    """The response at each row behind the lock-in's filter, before the sensor effects that follow it."""
     if rung == "steady":
         settled = [_settled(p, chunk, effects, reference) for p in resonances(plant, effects)]
         return _together(settled, effects), state
@@ -202,7 +202,7 @@ def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
 
 
 def seen(effects: tuple, state: State, inputs: Inputs) -> Array:
-    """What the sensor shows of a state, before noise; `inputs` are those that have held until now."""
+    """What the sensor shows in a state, before noise; `inputs` are those held until now."""
     response = state.filter[-1] if state.filter else _together([mode.response for mode in state.modes], effects)
     return _sensed(effects[len(_before_filter(effects)) :], response, inputs)
 

@@ -1,4 +1,4 @@
-"""Profiles: what one input does over a scene. A constant, steps, straight lines and a table are all one type."""
+"""Profiles: one input over the time of a scene; constants, steps, ramps and tables are one type."""
 
 from dataclasses import dataclass
 from fractions import Fraction

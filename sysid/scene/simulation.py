@@ -1,4 +1,4 @@
-"""The log of a scene: which fidelity it takes, its rows, and what a log says of them."""
+"""The log of a scene: its fidelity, its rows and its metadata."""
 
 import dataclasses
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The time of a scene: its inputs at any moment; the intervals in which they hold, chunk by chunk; and the rows of those."""
+"""The timeline of a scene: its inputs at any moment, the intervals in which they hold, in chunks, and the rows of these."""
 
 import math
 from collections.abc import Callable, Iterator

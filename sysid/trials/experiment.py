@@ -1,4 +1,4 @@
-"""From trials to the arrays that the likelihood takes: padding, groups of one layout."""
+"""From trials to the padded arrays of the likelihood, in groups of one layout."""
 
 from collections.abc import Iterable, Sequence
 

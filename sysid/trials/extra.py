@@ -1,21 +1,21 @@
-"""What else the bench may have done to a d/q log: one number nu each, times a shape that depends on the plate.
+"""Further effects of the bench on a d/q log: one number nu each, times a shape that depends on the plate.
 
     drift         Hz     the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
-    lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
+    lag           s      the plate is warmer by nu dT/dt than the temperature sensor        prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
-    thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
-    filter        1      a lock-in's time constant is 1 + nu times what it is taken for     prior: one
-    poles         1      of n poles it is as blurred as of n' with 1/n' = 1/n + nu          prior: a half
+    thermometer   degC   the plate is warmer by nu than the reading                         prior: the error of reading
+    filter        1      a lock-in's time constant is 1 + nu times the assumed one          prior: one
+    poles         1      of n poles it blurs like one of n' with 1/n' = 1/n + nu            prior: a half
 
-All but the gain add 2 pi j Z times the shift (Hz) to the slow mode's Z' = a Z + b V, as in `trials.perturbed`: to first order,
-so that it should stay well within the half bandwidth. Shapes are held at the present plate and made anew in each round. Where the
-thermometer's error is fitted the log has a resonance of its own, about which its shape is taken: only the error's prior ties that
-to f0 and k_T, which may go as far as it lets them.
-The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
-The thermometer's error is fitted where it moves the resonance by as much as the logs could tell, a filter that is not stated
-where they cannot be described without it (`verdict.hidden`), and a gain where a sweep's feedthrough may
-be a delay (`verdict.through`). A baseline that goes on with the time, on request as well, does not
-depend on the plate: it is one of `Trial.shapes`.
+Except for gain, filter and poles, each adds 2 pi j Z times a shift of the resonance (Hz) to the slow mode's Z' = a Z + b V, as in
+`trials.perturbed`. This is to first order, so the shift should stay well within the half bandwidth. Shapes are computed at the
+current plate and anew in each round. Where the thermometer's error is fitted, the log gets a resonance of its own, about which
+the shape is taken; only the prior of that error ties it to f0 and k_T.
+
+Drift, lag and gain are fitted on request only: in a sweep of one direction a drift hides in f0 and tau, and a gain of a log's own
+in G. The thermometer's error is fitted where it moves the resonance by as much as the logs could show, an unstated filter where
+the logs cannot be described without it (`verdict.hidden`), and a gain where a sweep's feedthrough may be a delay
+(`verdict.through`). A drifting baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,23 +29,24 @@ from sysid.trials.trial import Extra, Trial
 EXTRA = ("drift", "lag", "gain", "baseline")
 FILTER = ("filter", "poles")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s", "poles": "1"}
-STRIDE = 0.5  # half bandwidths, of which a response to first order tells
-PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
-BLURRED = 0.5  # in 1/n of n poles, which is 1, 1/2 and 1/4
-SHARE = 0.1  # of the log's duration, and of the gain
-TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 by which a thermometer's error matters, and is said where it is not fitted
+STRIDE = 0.5  # half bandwidths: the most that a resonance moves in one round, within reach of the first order
+PART = 1e-3  # of a time constant: the step of a central difference, whose error is its square
+BLURRED = 0.5  # standard deviation of 1/n of n poles, which is 1, 1/2 or 1/4
+SHARE = 0.1  # prior, as a share of the log's duration and of the gain
+TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 from which a thermometer's error is fitted, and mentioned where it cannot be
 
 
 def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
-    """Those that are asked for, of those that the log can hold, by name."""
+    """The effects that are asked for and that the log can show, by name; arguments as in `possible`."""
     if set(UNITS).isdisjoint(trial.nuisances):
         return {}
     return {name: extra for name, extra in possible(trial, course, beside).items() if name in trial.nuisances}
 
 
 def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
-    """The trial with the shapes that are asked for. With its thermometer's error its resonance is its own, that of theta first,
-    and moves by what `numbers` (E,) of the course's columns add to it to first order: far away it is come to step by step."""
+    """The trial with new shapes for the effects asked for. With its thermometer's error it has a resonance of its own: first that
+    of theta, then moved to first order by `numbers` (E,), the coefficients of the course's columns. A resonance far away is
+    reached in several rounds."""
     if set(UNITS).isdisjoint(new.nuisances):
         return new
     trial, (f0, k_T) = course.trial, course.theta[2:4]
@@ -61,8 +62,8 @@ def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
 
 
 def with_thermometers(trials: Sequence[Trial], k_T: float, k_T_std: float, f0_std: float) -> tuple[tuple[Trial, ...], list[str]]:
-    """The trials of a fit, each with its thermometer's error where that matters; and sentences on those that cannot have it.
-    By the largest k_T that the logs allow: where it is not known, it may be small by chance."""
+    """The trials of a fit, each with its thermometer's error where that matters; and a sentence for each log where it matters but
+    cannot be fitted. Judged by the largest k_T that the logs allow: one that is not known may be small by chance."""
     found, said, largest = [], [], abs(k_T) + 2 * k_T_std
     for trial in trials:
         error = trial.log.bench.get("temperature_std_degC", 0.0)
@@ -78,7 +79,7 @@ def with_thermometers(trials: Sequence[Trial], k_T: float, k_T_std: float, f0_st
 
 
 def possible(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
-    """Those that the log can hold, by name; `beside`: start and lateness, as `Course.changed` has them."""
+    """The effects that the log can show, by name; `beside`: start and lateness, as for `Course.changed`."""
     if not (trial.signed and trial.driven):
         return {}
     found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course, beside)}

@@ -1,15 +1,15 @@
-"""Noise of the phase: a reference that jitters turns the response by phi(t), and what that adds, j phi W, is no additive noise.
+"""Phase noise: a reference that jitters by phi(t) turns the response, adding j phi W, which is not additive noise.
 
-It lies across the response, is as large as that is, and rows share it: phi is taken for an Ornstein-Uhlenbeck process, seen in
-white noise of one level sigma. In the frame of the modelled response, W = |W| u,
+It lies across the response, grows with it, and is shared by neighbouring rows. phi is modelled as an Ornstein-Uhlenbeck process
+in white noise of level sigma. In the frame of the modelled response, W = |W| u,
 
     Re(r u*) = e_1            Im(r u*) = |W| phi + e_2
 
-so that the likelihood of a residual r is that of a Markov process in noise, and as in `trials.noise` the restricted one, in which
-what the fit can make of a log is integrated out. It is found where it is likelier than additive noise of the colour that the fit
-has.
+so the likelihood of a residual r is that of a Markov process in noise. As in `trials.noise` it is the restricted likelihood, in
+which all that the fit can adjust is integrated out. Jitter is reported where it is likelier than additive noise of the fitted
+colour.
 
-The fit keeps the weights W of that. Its estimates have then no bias, and the covariance of `trials.projected`, with
+The fit keeps its weights W. Its estimates stay unbiased, with the covariance of `trials.projected` for
 
     S = sigma^2 + std^2 |W| |W'| exp(-|t - t'|/time)        across the response, sigma^2 along it.
 """
@@ -18,29 +18,28 @@ import numpy as np
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 from sysid.model.span import orthonormal, times
-from sysid.trials.noise import ROUNDING, WORTH, forgotten
+from sysid.trials.noise import ALIKE, ROUNDING, WORTH, forgotten
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, whitened
 
-ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
-APART = 1e-9  # of the largest, an eigenvalue of the information of columns that are sums of others, as lateness and feedthrough
-LEAST = 40  # rows, of which a colour that differs from channel to channel can be told
-SUSPECT = 1.5  # standard deviations of the difference of the channels in white noise, below which the likelihood is not asked
-TWO = 1.0  # log-likelihood more that two numbers, a size and a time, have to gain
-SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # rows, and share of the log, between which so many correlation times are tried
-SIZES = np.geomspace(0.3, 100.0, 10)  # |W| phi of the largest response over sigma
+APART = 1e-9  # of the largest eigenvalue of the information: smaller ones belong to columns that are sums of others
+LEAST = 40  # rows: the least that show a colour differing between the channels
+SUSPECT = 1.5  # standard deviations of the channels' difference in white noise, below which the likelihood is not evaluated
+TWO = 1.0  # further log-likelihood to be gained by two numbers, a size and a time
+SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # range of correlation times, in rows and as a share of the log, and how many are tried
+SIZES = np.geomspace(0.3, 100.0, 10)  # tried ratios of |W| phi at the largest response to sigma
 
 
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
-    """What a log of d and q holds of it, of rows (n,) that the fit models; None where that is not worth two numbers."""
+    """The phase noise of a d/q log whose modelled rows are `model` (n,); None where it is not worth two numbers."""
     seen = _likeliest(trial, model, course)
     return seen and seen._replace(left=_efficiency(trial, model, course, seen))
 
 
 def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
-    """Its size and its time, of the information that it leaves nothing yet."""
+    """The likeliest size and time of the phase noise; its cost in information is not yet computed."""
     used = trial.noise.used
     size = np.abs(model[used])
     left = (trial.log.response - model)[used]
@@ -76,7 +75,7 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
 
 
 def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
-    """Information about G, tau and f0 that a log holds over what is stated of it: the least of them, at most 1."""
+    """The share of the stated information on G, tau and f0 that is left; the least of the three, at most 1."""
     used = trial.noise.used
     made = (course.design() * trial.turn)[used].T
     made = np.concatenate([made, 1j * made])
@@ -97,7 +96,7 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
 
 
 def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
-    """Whether what lies across a strong response is larger than what lies along it, or is shared by more of its neighbours."""
+    """Whether a strong response has more residual across it than along it, or neighbours that share more of it."""
     strong = size**2 / np.mean(size**2)
     power = np.stack([across.imag**2 - across.real**2, np.zeros(len(size))])
     power[1, 1:] = across.imag[1:] * across.imag[:-1] - across.real[1:] * across.real[:-1]

@@ -1,15 +1,15 @@
-"""The noise of one log, from its residual: a level, white or coloured by an Ornstein-Uhlenbeck process, with or without outliers.
+"""The noise of one log, estimated from its residual: a level, white or Ornstein-Uhlenbeck, with or without outliers.
 
-OU noise has correlation exp(-|t - t'| / noise_time), on any time grid: what a first-order low-pass makes of white noise. A fit
-takes slow noise for signal, so its residual looks whiter than the noise is: the likelihood of the correlation time is the
-restricted one, in which what the fit can make of a log is integrated out (Harville, JASA 72, 320, 1977). Of its posterior under a
-prior flat in its logarithm one time is taken: that at which the error that slow noise makes, as the square root of its power
-sigma^2 (1 + rho)/(1 - rho), has its mean there. At the mean of the time itself intervals of a few hundred rows are too narrow, at
-the mean of the power those of a few dozen too wide.
+OU noise has correlation exp(-|t - t'|/noise_time) on any time grid: the result of a first-order low-pass on white noise. A fit
+takes slow noise for signal, so its residual looks whiter than the noise is. The likelihood of the correlation time is therefore
+the restricted one, in which all that the fit can adjust is integrated out (Harville, JASA 72, 320, 1977). From its posterior,
+under a prior flat in log time, one time is chosen: that of the mean error due to slow noise, which goes as the square root of its
+power sigma^2 (1 + rho)/(1 - rho). The mean of the time itself would make intervals of a few hundred rows too narrow, the mean of
+the power those of a few dozen too wide.
 
-Outliers of white noise: a Student-t distribution, whose degrees of freedom are chosen from a few; a row's weight is what it
-expects of it. Outliers on top of coloured noise (a recorder's spikes) are rows that their neighbours do not predict: without
-them it is an OU process on another grid. Two channels are one noise until levels of their own are worth it.
+Outliers in white noise follow a Student-t distribution, with degrees of freedom chosen from a few values; the weight of a row is
+the one expected under it. Outliers in coloured noise (a recorder's spikes) are rows that their neighbours do not predict; without
+them the noise is an OU process on another grid. Both channels share one noise unless separate levels are worth their cost.
 """
 
 from collections.abc import Callable
@@ -21,19 +21,19 @@ from scipy.special import gammaln
 from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
-WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less is within the chance of one more number
-TIMES = 24  # correlation times that are tried, and scatters of stamps
-ALIKE_STEPS = 1e-6  # of the longest step between rows, within which two are one: what digits of stamps make of a steady clock
-FEW_STEPS = 8  # between rows: a steady clock with outliers left out
-MOST_APART = 100.0  # times the noise of the other channel: a channel without noise is not a quiet one
-SHARE = 0.25  # of the rows are outliers at most
+WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less may be chance
+TIMES = 24  # number of correlation times, and of scatters of stamps, that are tried
+ALIKE_STEPS = 1e-6  # of the longest step between rows: closer ones are alike, as stamps of a steady clock have few digits
+FEW_STEPS = 8  # different steps between rows: those of a steady clock with outliers left out
+MOST_APART = 100.0  # largest ratio of the channels' noise: a channel without any noise is not a quiet one
+SHARE = 0.25  # largest share of the rows that may be outliers
 MEDIAN = {1: 0.455, 2: 1.386}  # of chi-square, by its degrees of freedom
-SURE = 12.0  # of chi-square, from which a row is an outlier at first: of two channels, one normal row in 400
-ALIKE = 1e-4  # of a unit column, which is a sum of others but for as little
-ROUNDING = 1e-13  # of a sum of squares, by which it may be wrong, and less than nothing be left of it
-SHARES = np.append(0.0, 1 / (1 + np.geomspace(3.0, 1e-3, 16) ** 2))  # of the noise, proportional to the response, that are tried
-ALONE = 3.0  # standard deviations of a lag-one correlation, from which neighbours share what they hold
-TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # degrees of freedom that are tried
+SURE = 12.0  # of chi-square: rows above are outliers at first; of two channels, one normal row in 400
+ALIKE = 1e-4  # of a unit column: what is left of one that is nearly a sum of others
+ROUNDING = 1e-13  # relative rounding error of a sum of squares, which could otherwise leave less than nothing
+SHARES = np.append(0.0, 1 / (1 + np.geomspace(3.0, 1e-3, 16) ** 2))  # of the noise, proportional to the response, to be tried
+ALONE = 3.0  # standard deviations of a lag-one correlation, from which neighbours share noise
+TAILS = np.array([1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0])  # tried degrees of freedom
 
 
 class Level(NamedTuple):
@@ -53,8 +53,8 @@ def estimate(
 ) -> tuple[float, float]:
     """Standard deviation per channel and correlation time (0: white) of a residual (n,), real or complex.
 
-    `design()` (n, K): what the fit can make of a log, with coefficients of the residual's own kind; called when it is needed.
-    `time`: the correlation time, where it is known. `worth`: what colour must gain.
+    `design()` (n, K): what the fit can adjust, with coefficients of the residual's own kind; called only if needed. `time`: the
+    correlation time, where it is known. `worth`: the log-likelihood that colour must gain.
     """
     if time is None:
         std, time, _ = _fitted(residual, clock, freedom, design, worth)
@@ -112,11 +112,11 @@ def _restricted(residual: np.ndarray, basis: np.ndarray, steps: np.ndarray, time
 
 
 def _grams(rows: np.ndarray, steps: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(T, C, C) Gram matrices of rows (C, n) whitened for each correlation time, and (T,) sums of the logarithms of the variance
-    that is left of each row.
+    """(T, C, C) Gram matrices of rows (C, n) whitened with each correlation time, and (T,) sums of the log variances left in the
+    rows.
 
-    With x = a + d, a row after the one before it, and g = 1 - rho, what whitening leaves is (d + g a) / sqrt(1 - rho^2): of each
-    step between rows, where they are few, the sums of d d^H, d a^H and a a^H are those of all times.
+    With x = a + d, a row after the one before it, and g = 1 - rho, whitening leaves (d + g a)/sqrt(1 - rho^2). If there are few
+    different steps between rows, the sums of d d^H, d a^H and a a^H over each serve all times.
     """
     kinds, which = np.unique(np.rint(steps / (ALIKE_STEPS * np.max(steps))), return_inverse=True)
     if len(kinds) > FEW_STEPS:
@@ -148,7 +148,7 @@ def power_of(v: np.ndarray) -> np.ndarray:
 
 
 def independent(residual: np.ndarray, clock: np.ndarray, time: float) -> np.ndarray:
-    """The residual with what each row shares with the one before taken out."""
+    """The residual with the part that each row shares with the one before removed."""
     return _whitened(residual, np.diff(clock), time)[0] if time > 0 else residual
 
 
@@ -161,13 +161,13 @@ def _whitened(values: np.ndarray, steps: np.ndarray, time: float) -> tuple[np.nd
 
 
 def tails(residual: np.ndarray) -> tuple[np.ndarray, float]:
-    """Weight (n,) of each row of a white residual, real or complex, and the information that a row holds over that of a normal
-    one of the same level: 1 and 1 where the noise is normal.
+    """Weight (n,) of each row of a white residual, real or complex, and the information per row relative to normal noise of the
+    same level; all 1 where the noise is normal.
 
     Student-t of nu degrees of freedom in d channels, by its EM: w = (nu + d)/(nu + |u|^2), u = residual/level (Lange, Little &
-    Taylor, JASA 84, 881, 1989), expanded so that it takes few steps (Kent, Tyler & Vardi, Commun. Stat. 23, 441, 1994). The
-    noise need not be of that kind: the information on a location is A^2/B with psi = w u, A = E psi' and B = E psi^2 (Huber,
-    Robust Statistics, 1981).
+    Taylor, JASA 84, 881, 1989), expanded to converge in few steps (Kent, Tyler & Vardi, Commun. Stat. 23, 441, 1994). The noise
+    need not be Student-t: the information on a location is A^2/B with psi = w u, A = E psi' and B = E psi^2 (Huber, Robust
+    Statistics, 1981).
     """
     channels, square = 2 if np.iscomplexobj(residual) else 1, np.abs(residual) ** 2
     _, weight, nu = _likeliest(square, channels)
@@ -192,9 +192,9 @@ def _likeliest(square: np.ndarray, channels: int) -> tuple[float, np.ndarray, fl
 
 
 def apart(residual: np.ndarray, weight: np.ndarray) -> float:
-    """Noise of q over that of d, of a white complex residual (n,); 1.0 where that is not worth a number of its own.
+    """Ratio of q's noise to d's in a white complex residual (n,); 1.0 where that is not worth a number of its own.
 
-    `weight` (n,): what `tails` gives. With outliers both levels are those of one elliptical Student-t distribution.
+    `weight` (n,): from `tails`. With outliers both levels belong to one elliptical Student-t distribution.
     """
     d, q = residual.real**2, residual.imag**2
     if len(residual) < 20 or not (np.any(d) and np.any(q)):
@@ -213,7 +213,7 @@ def apart(residual: np.ndarray, weight: np.ndarray) -> float:
 
 
 def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
-    """`apart` of coloured noise, whose channels may differ in level and in correlation time: worth two numbers of their own."""
+    """`apart` for coloured noise, whose channels may differ in level and in correlation time: two numbers of their own."""
     n, channels = float(len(residual)), (residual.real, residual.imag)
     if len(residual) < 20 or not all(np.any(v) for v in channels):
         return 1.0
@@ -224,10 +224,10 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
 
 
 def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, known: bool) -> float:
-    """Share of the noise's variance, where the response is largest, that is proportional to the response: noise of `least` (n,)
-    times a level, and of `size` (n,), the response over its largest, times another. The likeliest of SHARES; unless it is `known`
-    to be, 0.0 where a level of its own, beside what outliers explain, is not worth it, or neighbours share what is left, as they
-    do of a wrong model at a peak."""
+    """Share of the noise's variance, at the largest response, that is proportional to the response. The noise is `least` (n,)
+    times one level and `size` (n,), the response over its largest, times another; the share is the likeliest of SHARES. It is
+    0.0, unless the noise is `known` to be proportional, where a level of its own is not worth its cost beside outliers, or where
+    neighbours share what is left, as they do for a wrong model at a peak."""
     n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
     square = np.abs(residual) ** 2
     if n < 20 or not np.any(square):
@@ -246,11 +246,11 @@ def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, know
 
 
 def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) -> float:
-    """Standard deviation (s) of time stamps that scatter, over the level of white noise beside it: 0.0 where that is not worth a
-    number of its own, beside what outliers explain, or neighbours share what is left, as they do of a wrong model.
+    """Standard deviation (s) of scattering time stamps, over the level of the white noise beside it. 0.0 where that is not worth
+    a number of its own beside outliers, or where neighbours share what is left, as they do for a wrong model.
 
-    A row of a response that moves by `rate` (n,), complex, and is read t late is off by t rate: along the rate, not across. Up
-    to the scatter `longest` (s) it is tried.
+    A row read t late, while the response moves at `rate` (n,), complex, is off by t rate: along the rate, not across it. Scatters
+    up to `longest` (s) are tried.
     """
     n, speed = len(residual), np.abs(rate)
     along = (residual * np.exp(-1j * np.angle(rate))).real
@@ -271,11 +271,11 @@ def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) ->
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:
-    """(n,) which rows of coloured noise are no outliers; None where it has none, or is white without them.
+    """(n,) which rows of coloured noise are regular; None where there are no outliers, or the noise is white without them.
 
-    The noise is an OU process; a share of the rows holds a normal deviation of another size besides. Rows are told apart by the
-    likelier of the two, of what their neighbours leave of them, in turn with time, levels and share (classification EM; Celeux &
-    Govaert, Comput. Stat. Data Anal. 14, 315, 1992).
+    The noise is an OU process; a share of the rows has an additional normal deviation of another size. Rows are assigned to the
+    likelier of the two, given their neighbours, in turn with time, levels and share (classification EM; Celeux & Govaert, Comput.
+    Stat. Data Anal. 14, 315, 1992).
     """
     n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
     square = np.abs(residual) ** 2

@@ -1,12 +1,12 @@
-"""The course of a log at theta, and what a small change of the physics adds to it: the shapes of `verdict.terms`.
+"""The response of a log at theta, in plain numpy, and how a small change of the physics alters it.
 
-All is the model of the fit, `model.plant.respond`, in plain numpy, which has nothing to compile. Near theta the slow mode obeys
-Z' = s Z + b V. A change of the physics that adds epsilon c(t) to s adds epsilon dZ to the response,
+The model is that of the fit, `model.plant.respond`. Near theta the slow mode obeys Z' = s Z + b V. A change of the physics that
+adds epsilon c(t) to s changes the response by epsilon dZ,
 
     dZ = (Z[s + epsilon c] - Z[s - epsilon c]) / (2 epsilon),
 
-c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on; the derivatives by tau, f0 and k_T
-are such changes too. What goes on from row to row is held from each to the next at its value halfway.
+with c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on. The derivatives by tau, f0 and
+k_T are such changes too. What changes from row to row is held between rows at its value halfway.
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,14 +21,14 @@ from sysid.rows.hold import Hold, cut, read_at
 from sysid.trials.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
-STEP = 1e-4  # of 1/tau, of a difference: its square is what that is off by, and what it loses is four digits of sixteen
-FAR = 1e150  # rad/s, of a carrier so fast that the slow mode is all there is
+STEP = 1e-4  # of 1/tau: the step of a central difference, whose error is its square, and which costs four digits of sixteen
+FAR = 1e150  # rad/s, a carrier so fast that only the slow mode is left
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The course of one log at theta, as `model.likelihood.basis` has it, per unit rotation; arrays over its rows (n,). Of low Q
-    too the fast mode has settled: how it rings hangs on the carrier's phase, of which much may be wrong."""
+    """The response of one log at theta, per unit rotation, as `model.likelihood.basis` computes it; arrays over the rows (n,). At
+    low Q the fast mode is taken as settled: how it rings depends on the carrier's phase, which may be far off."""
 
     trial: Trial
     hold: Hold = field(repr=False)
@@ -45,12 +45,12 @@ class Course:
 
     @cached_property
     def damped(self) -> np.ndarray:
-        """(M,) by what a finger multiplies the damping."""
+        """(M,) factor by which a finger multiplies the damping."""
         return 1 + self.theta[4] * self.hold.contact
 
     @cached_property
     def detuning(self) -> np.ndarray:
-        """(M,) omega0 - omega of each interval, rad/s; none where no frequency is recorded."""
+        """(M,) omega0 - omega of each interval, rad/s; zero where no frequency is recorded."""
         hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
         if self.trial.tied:
             shift = self.trial.resonance - drift * self.warming
@@ -59,23 +59,23 @@ class Course:
 
     @property
     def warming(self) -> float:
-        """The mean of the rows', degC above the reference, as it was read."""
+        """Mean temperature of the rows as read, degC above the reference."""
         return float(np.mean(self.hold.warming[self.hold.interval]))
 
     @property
     def warmer(self) -> float:
-        """degC, by which a plate whose resonance is the log's own is warmer than was read."""
+        """By how many degC the plate is warmer than read, where the log has a resonance of its own."""
         drift = self.theta[3]
         return (self.trial.resonance - self.theta[2]) / drift - self.warming if self.trial.tied and drift else 0.0
 
     @property
     def pole(self) -> np.ndarray:
-        """Slow pole of a slowly varying envelope at each row."""
+        """Slow pole at each row, rad/s, of the slowly varying envelope."""
         return (-self.damped / self.tau + 1j * self.detuning)[self.hold.interval]
 
     @property
     def push(self) -> np.ndarray:
-        """b V over the step that ends at each row."""
+        """b V, the drive of the slow mode, over the interval of each row."""
         return self.gain / self.tau * self.hold.drive[self.hold.interval]
 
     @cached_property
@@ -89,7 +89,7 @@ class Course:
 
     @property
     def free(self) -> np.ndarray:
-        """Decay of a unit start at the beginning of the first interval; of one more settled response, where the log began so."""
+        """Decay of a unit start at the first interval; in units of the settled response where the log began settled."""
         return self.response.free
 
     @property
@@ -99,16 +99,17 @@ class Course:
 
     @cached_property
     def envelope(self) -> "Course":
-        """Without what is not of the slowly varying envelope, of order 1/Q."""
+        """The same in the approximation of a slowly varying envelope, without terms of order 1/Q."""
         return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)))
 
     def later(self, delay: float) -> np.ndarray:
-        """`forced`, later by `delay` (s), or earlier."""
+        """`forced` with a further `delay` (s), which may be negative."""
         log = self.trial.log
         return replace(self, hold=read_at(self.hold, log.time, log.bench.get("delay_s", 0.0) + delay)).forced
 
     def behind(self, taus: np.ndarray, order: int) -> np.ndarray:
-        """(n, K) `forced` behind `order` poles of a lock-in's filter, of each of the time constants (K,), whatever is stated."""
+        """(n, K) `forced` behind `order` poles of a lock-in's filter with each of the time constants (K,), whatever the log
+        states."""
         return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
     def driven(self, drive: np.ndarray) -> np.ndarray:
@@ -116,8 +117,8 @@ class Course:
         return replace(self, hold=self.hold._replace(drive=drive)).forced
 
     def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None) -> Response:
-        """The response of each row (n,), or (n, K), with `rates` (M,), or (M, K), rad/s, added to the slow pole. `filter`: time
-        constant and number of poles of one that is not the stated one."""
+        """Response of each row, (n,) or (n, K), with `rates` (M,) or (M, K), rad/s, added to the slow pole. `filter`: time
+        constant and number of poles, instead of the stated ones."""
         trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
         own = [v if rates.ndim == 1 else v[:, None] for v in (self.damped / self.tau, self.detuning, hold.drive / self.tau)]
         if rates.ndim > 1:
@@ -134,7 +135,8 @@ class Course:
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 
     def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
-        """(n,), or (n, K), what `rates` (M,), or (M, K), rad/s, on the slow pole add to forced + start free + late rate."""
+        """(n,) or (n, K): by how much `rates` (M,) or (M, K), rad/s, added to the slow pole change forced + start free + late
+        rate."""
         each = rates if rates.ndim > 1 else rates[:, None]
         size = np.max(np.abs(each), axis=0) * self.tau
         step = STEP / np.where(size > 0, size, 1.0)
@@ -143,7 +145,7 @@ class Course:
         return ((above - below) / (2 * step)).reshape(len(above), *rates.shape[1:])
 
     def along(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
-        """`changed` of what goes on from row to row, (n,)."""
+        """`changed` for rates (n,) that vary from row to row."""
         if self.trial.steady:
             return self.changed(rates)
         row = self.towards
@@ -151,12 +153,12 @@ class Course:
 
     @cached_property
     def by_row(self) -> "Course":
-        """The same, with intervals (M') that end at the rows as well."""
+        """The same with the intervals (M') also cut at each row."""
         return replace(self, hold=self._cut[0])
 
     @property
     def towards(self) -> np.ndarray:
-        """(M') the row that each interval of `by_row` leads to."""
+        """(M',) the row at which each interval of `by_row` ends."""
         return self._cut[1]
 
     @cached_property
@@ -164,7 +166,8 @@ class Course:
         return cut(self.hold)
 
     def design(self) -> np.ndarray:
-        """(n, K) what the fit can make of this log, to first order: plant and nuisances, with coefficients of the log's kind."""
+        """(n, K) derivatives of this log by all that the fit can adjust, plant and nuisances; real or complex as its coefficients
+        are."""
         trial, plate = self.trial, self.forced + self.trial.start * self.free
         shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
         if not trial.steady:
@@ -177,7 +180,7 @@ class Course:
         return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)
 
     def derivatives(self, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
-        """(n, 6) of forced + start free + late rate by the numbers of theta."""
+        """(n, 6) of forced + start free + late rate by the six components of theta."""
         hold, tau = self.hold, self.tau
         turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
         rates = (self.damped / tau, turning, turning * hold.warming, -hold.contact / tau, turning * hold.contact)

@@ -1,12 +1,12 @@
-"""Amplitudes of coloured noise: what of it they show, and how much less they tell than if it were their own.
+"""Coloured noise in amplitudes: how much less information they hold than the fit assumes.
 
-A demodulator's filter colours the noise of Wd + j Wq, n(t), an Ornstein-Uhlenbeck process; an amplitude shows Re n e^{-j phi},
-what lies along the response, whose phase phi turns through a resonance. Two rows then share
+A demodulator's filter colours the noise n(t) of Wd + j Wq, an Ornstein-Uhlenbeck process. An amplitude shows only Re n e^{-j
+phi}, the part along the response, whose phase phi turns through a resonance. Two rows then share
 
     exp(-|t - t'|/noise_time) cos(phi - phi')
 
-and not the first factor alone, for which the fit takes it. Its estimates are those of generalized least squares with weights
-W of another covariance than the noise has, S: they have no bias, and the covariance (White, Econometrica 50, 1, 1982)
+while the fit assumes the first factor alone. Its estimates are those of generalized least squares with weights W for another
+covariance than the true one, S: they are unbiased, with the covariance (White, Econometrica 50, 1, 1982)
 
     (J^T W J)^-1 J^T W S W J (J^T W J)^-1        instead of (J^T W J)^-1
 """
@@ -20,7 +20,7 @@ from sysid.trials.whitening import whitened
 
 
 def efficiency(trial: Trial, course: Course) -> float:
-    """Information about the plant that a log of amplitudes holds over what is stated of it: the least of its parameters, at most
+    """Information about the plant in a log of amplitudes, relative to what the fit states: the least over the parameters, at most
     1."""
     noise, used = trial.noise, trial.noise.used
     now, before = noise.whitening()

@@ -1,22 +1,26 @@
-"""What is known of each log, anew at the present theta: its noise, its nuisances, its cost."""
+"""The update of each log in every round of a fit: its noise, its nuisances and its cost at the present theta."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from sysid.model.likelihood import Residual
 from sysid.rows import rounding
 from sysid.trials.extra import renewed
 from sysid.trials.perturbed import Course
-from sysid.trials.residuals import HELD, heard
+from sysid.trials.residuals import heard
+from sysid.trials.rounds import HELD
 from sysid.trials.trial import Trial, freedom, freedoms, numbers_left
 from sysid.trials.whitening import Noise
 
 
-def update(trials, members, found, courses: Sequence[Course], round_: int):
-    """Noise and nuisances of each log from the residual at the present theta; the modelled rows; the cost there; the largest
-    relative move."""
-    updated, models, cost, moved = list(trials), list(trials), 0.0, 0.0
+def update(
+    trials: Sequence[Trial], members: Sequence[Sequence[int]], found: Sequence[Residual], courses: Sequence[Course], round_: int
+) -> tuple[tuple[Trial, ...], tuple[np.ndarray, ...], float, float]:
+    """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the modelled rows of
+    each, the total cost, and the largest relative change."""
+    updated, models, cost, moved = list(trials), [t.log.response for t in trials], 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
             driven = np.empty_like(detail.driven[k][: len(trials[i].log)])
@@ -24,9 +28,9 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
             models[i] = trials[i].completed(driven)
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
-            own = start, float(detail.floor[k]), float(detail.late[k])
-            new = replace(_renew(trials[i], models[i], courses[i], *own, round_), turn=turn)
-            new = renewed(new, courses[i], detail.extra[k]).floored(driven, models[i])
+            floor, late = float(detail.floor[k]), float(detail.late[k])
+            new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, round_), turn=turn)
+            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new
@@ -34,7 +38,7 @@ def update(trials, members, found, courses: Sequence[Course], round_: int):
 
 
 def _moved(noise: Noise, new: Noise) -> float:
-    """The largest relative change of a level or a correlation time."""
+    """The largest relative change of a level or a correlation time; 1 where the kind of noise has changed."""
     if len(noise.parts) != len(new.parts) or noise.left_out != new.left_out:
         return 1.0
     pairs = list(zip(noise.parts, new.parts, strict=True))
@@ -44,7 +48,7 @@ def _moved(noise: Noise, new: Noise) -> float:
 
 
 def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
-    """By how much a resonance of the log's own has moved, in errors of its thermometer; 1 where it has become that."""
+    """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new."""
     if not trial.tied:
         return float(new.tied)
     return abs(new.resonance - trial.resonance) / (abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny)
@@ -67,7 +71,7 @@ def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
 
 
 def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
-    """Of the rows that are left out, whose noise is normal with a level of its own."""
+    """The share of rows that are left out: their noise is normal, with a level of its own."""
     outliers = trial.noise.left_out - trial.lost
     if not outliers:
         return 0.0
@@ -77,7 +81,7 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 
 
 def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows, and the nuisances of an amplitude log."""
+    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor."""
     new = heard(trial, model.real if trial.log.amplitude_only else model, course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:

@@ -1,9 +1,7 @@
-"""The noise of a log, and which of its rows are outliers, anew from the residual that a fit leaves of it.
+"""The noise of a log and its outliers, estimated anew from the residual in each round of a fit."""
 
-Round after round the noise follows the fit and the fit the noise: what could circle is held after some of them.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,9 +9,7 @@ import numpy as np
 
 from sysid.model import rice
 from sysid.model.span import times
-from sysid.rows import rounding
 from sysid.trials.noise import (
-    SURE,
     WORTH,
     Level,
     apart,
@@ -27,49 +23,49 @@ from sysid.trials.noise import (
 )
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import efficiency
-from sysid.trials.trial import Trial, freedom, freedoms, with_noise
+from sysid.trials.rounded import with_rounding
+from sysid.trials.rounds import HELD, SETTLED, WHOLE, halfway
+from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.trials.whitening import joined
 
-MUCH = 0.3  # of a log
-COARSE = 0.6  # of a recorder's step, below which noise is not large enough to be more than its rounding everywhere
-HELD = 10  # rounds after which rows keep their weights: weights that follow the fit may circle
-EARLY = 2  # rounds in which noise that goes with the response is looked for in a transient: later ones only refine it
-BEGINS = 5  # rows after a change, which a response that begins in another way is off by, as behind a filter: they tell no scatter
-FEW = 100  # rows, of which noise that is coloured by as much as matters may look white
-ROUNDS = 3  # to the level of noise that rounding is part of, and to which rows share it, which hangs on that level
-WHOLE = 6  # rounds in which a correlation time is taken as it is found, and mostly stays; later ones go half of the way
-SETTLED = 20  # rounds after which noise keeps its correlation time, for the same reason
+MUCH = 0.3  # of a log's variation: a larger residual is not noise
+COARSE = 0.6  # of a recorder's step: less noise than this is mostly rounding somewhere in the log
+EARLY = 2  # rounds in which noise proportional to the response is looked for in a transient; later ones only refine it
+BEGINS = 5  # rows after a change that show no scatter of stamps: a response may begin differently, as behind a filter
+FEW = 100  # rows: fewer may look white although their noise is coloured enough to matter
 
 
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows; `floor`: of an amplitude log."""
+    """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes, of an amplitude
+    log."""
     decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
-    new = _with_rounding(trial, model, round_) if any(trial.steps) else None
-    new = new or _with_noise_of(trial.knowing(rounded=None, own=None), model, course.design, round_)
+    new = with_rounding(trial, model, round_) if any(trial.steps) else None
+    new = new or _with_noise_of(replace(trial, noise=replace(trial.noise, rounded=None, own=None)), model, course.design, round_)
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
-        return new.knowing(efficiency=efficiency(new, course))
+        return replace(new, noise=replace(new.noise, efficiency=efficiency(new, course)))
     return new
 
 
 def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with how its noise differs from row to row: as Rice's does, by what is proportional to the response, or by what
-    that moves while time stamps scatter."""
+    """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional to the response, or
+    the effect of time stamps that scatter while the response moves."""
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
     share = _share(trial, model, size, least, round_)
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
     if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
         return trial
-    if share == 0 and scatter == 0 and np.all(least == 1):
-        return trial if trial.noise.spread is None else trial.knowing(share=share, scatter=scatter, spread=None)
-    spread = np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
-    return trial.knowing(share=share, scatter=scatter, spread=spread)
+    flat = share == 0 and scatter == 0 and np.all(least == 1)
+    if flat and trial.noise.spread is None:
+        return trial
+    spread = None if flat else np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
+    return replace(trial, noise=replace(trial.noise, share=share, scatter=scatter, spread=spread))
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
-    """By how much a transient's time stamps scatter over its noise, as rows show that the response moves past, and how fast it
-    does, (n,). By more than from row to row it is something else."""
+    """By how much a transient's time stamps scatter, over its noise level, judged from rows past which the response moves; and
+    how fast it moves, (n,). A scatter of more than a row has another cause."""
     log, still = trial.log, (0.0, np.zeros(len(model)))
     if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
         return still
@@ -86,8 +82,8 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
 
 
 def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
-    """(n,) noise of each row over that of a strong response: Rice's, which of a transient it need not be; there it is if likelier
-    than even noise."""
+    """(n,) noise of each row over that of a strong response: Rice's, in a transient only where that is likelier than even
+    noise."""
     even = np.ones(len(model))
     if trial.signed or floor <= 0 or (trial.log.relative_noise and not trial.steady):
         return even
@@ -101,7 +97,7 @@ def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
 
 
 def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray, round_: int) -> float:
-    """What part of the noise's variance is proportional to the response, as the residual shows."""
+    """The share of the noise's variance that is proportional to the response."""
     known = trial.log.relative_noise
     if not trial.steady and not known and (trial.noise.time > 0 or trial.noise.left_out > trial.lost):
         return 0.0  # of a colour few rows are independent, and of those at rest fewer
@@ -118,9 +114,9 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
 
 
 class _Residual(NamedTuple):
-    """What a fit leaves of the rows of a log that hold a signal, in units of their weights; arrays are of these rows.
+    """The weighted residual of the rows with a signal; arrays are over these rows.
 
-    `trial` is the log without what is known of its outliers. Of the rows, `used` are those that are not left out.
+    `trial` is the log without knowledge of its outliers. `used` are the rows that are not left out.
     """
 
     trial: Trial
@@ -132,41 +128,43 @@ class _Residual(NamedTuple):
 
     @classmethod
     def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
-        plain = trial.knowing(tail=None, kept=trial.there)
+        plain = replace(trial, noise=replace(trial.noise, tail=None, kept=trial.there))
         rows = np.arange(len(trial.log))[plain.noise.used]
         left = times(joined([p.weight for p in plain.noise.parts]), trial.log.response - model)[rows]
         return cls(plain, rows, trial.noise.clock[rows], left, design)
 
     def without(self, regular: np.ndarray) -> "_Residual":
-        """Only with the rows that are no outliers."""
+        """Without the outliers."""
         used = np.flatnonzero(regular)
         kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
-        return self._replace(trial=self.trial.knowing(kept=kept), used=used)
+        return self._replace(trial=replace(self.trial, noise=replace(self.trial.noise, kept=kept)), used=used)
 
     def shapes(self) -> np.ndarray:
         return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
 
     def level(self, ratio: float, time: float | None, worth: float = WORTH) -> tuple[float, float]:
-        """Standard deviation and correlation time, the noise of q being `ratio` times that of d; `time`: where it is held;
-        `worth`: what colour must gain."""
+        """Standard deviation and correlation time, with q's noise `ratio` times that of d. `time`: the correlation time, where it
+        is fixed; `worth`: the log-likelihood that colour must gain."""
         even = _scaled(self.left, ratio)[self.used]
         return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
 
     def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray]:
-        """Weight of each row, the information that they hold, and which rows are none of the outliers of coloured noise."""
+        """Weight of each row; the information per row, relative to normal noise; and which rows are not outliers of coloured
+        noise."""
         even = _scaled(self.left, ratio)
         weight, told = tails(independent(even, self.clock, time))
         regular = spikes(even, self.clock) if told < 1 else None
         return weight, told, np.ones(len(even), bool) if regular is None else regular
 
     def apart(self, weight: np.ndarray, time: float) -> float:
-        """Noise of q over that of d."""
+        """Ratio of q's noise to d's."""
         if time > 0:
             return apart_in_colour(self.left[self.used], self.clock[self.used])
         return apart(self.left, weight)
 
     def levels(self, weight: np.ndarray, before: tuple[Level, ...], round_: int) -> tuple[Level, ...]:
-        """Of d and of q, in which the fit can make complex multiples of its shapes; weighted rows are of white noise."""
+        """Noise of d and of q. The fit adjusts complex multiples of its shapes, which both channels share. Weighted rows have
+        white noise."""
         left, counted = (np.sqrt(weight) * self.left)[self.used], 0.5 * freedom(self.trial)
         held, clock = before if round_ > SETTLED else (), self.clock[self.used]
         shapes = None if held or np.any(weight != 1) else self.shapes()
@@ -177,15 +175,15 @@ class _Residual(NamedTuple):
             else:
                 made = np.concatenate([(turn * shapes).real, -(turn * shapes).imag], axis=1)
                 std, time = estimate(channel, clock, counted, partial(np.asarray, made))
-                time = _halfway(time, before[k].time) if before and round_ > WHOLE else time
+                time = halfway(time, before[k].time) if before and round_ > WHOLE else time
             found.append(Level(std, time))
         return tuple(found)
 
 
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
-    """The trial with the noise that its residual shows. Which rows are outliers, and whether d and q are apart, is decided anew
-    in each round between the first and HELD; correlation times stay after SETTLED."""
-    trial = trial if round_ else trial.knowing(kept=trial.there, levels=(), tail=None)
+    """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided anew in each round
+    between the first and HELD; correlation times are fixed after SETTLED."""
+    trial = trial if round_ else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = known.time if round_ > SETTLED else None
@@ -205,7 +203,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     plain = time == 0 and told == 1 and ratio == 1 and even and found.trial.noise.left_out == found.trial.lost
     if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
         std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
-    time = _halfway(time, known.time) if round_ > WHOLE else time
+    time = halfway(time, known.time) if round_ > WHOLE else time
     if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
         ratio = found.apart(weight, time)
         if ratio != 1 and told < 1:
@@ -215,104 +213,19 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     levels = () if ratio == 1 else found.levels(weight, known.levels, round_)
     if levels:
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    new = with_noise(found.trial, std, time, levels).knowing(efficiency=told)
+    new = with_noise(found.trial, std, time, levels)
     if told == 1:
-        return new
+        return replace(new, noise=replace(new.noise, efficiency=told))
     tail = np.ones(len(trial.log))
     tail[found.rows] = weight
-    return new.knowing(tail=tail)
-
-
-class _Channel(NamedTuple):
-    """What a fit leaves of one channel (n,) in units of the weights but those of its rounding; its modelled rows, the step of its
-    recorder; which rows share their rounding error, as `rounding.spread` has it."""
-
-    left: np.ndarray
-    model: np.ndarray
-    step: float
-    spread: np.ndarray
-    own: np.ndarray
-    time: float  # of its colour, as known so far
-
-    @classmethod
-    def of(cls, trial: Trial, left: np.ndarray, model: np.ndarray) -> list["_Channel"]:
-        """Of d and q, or the one."""
-        d_q = [(left.real, model.real), (left.imag, model.imag)] if np.iscomplexobj(left) else [(left, model)]
-        if trial.noise.rounded is None:
-            return [cls(*pair, step, *2 * (np.ones(len(left)),), 0.0) for pair, step in zip(d_q, trial.steps, strict=True)]
-        known = zip(d_q, trial.steps, trial.noise.parts, strict=True)
-        return [cls(*pair, step, p.rounded, p.own, p.time) for pair, step, p in known]
-
-
-def _with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
-    """The trial with noise that holds the rounding to a recorder's steps, where it is small enough for rows to share that
-    (`rows.rounding`); else None. Which rows do is held after HELD rounds."""
-    if round_ >= HELD and trial.noise.rounded is None:
-        return None
-    plain = trial.knowing(levels=(), rounded=None, own=None, tail=None, kept=trial.there)
-    channels = _Channel.of(trial, trial.residual(model) * plain.noise.weight, model)
-    tail, told = np.ones(len(model)), 1.0
-    if round_ and trial.noise.tail is not None:
-        tail, told = trial.noise.tail, trial.noise.efficiency
-    stds = _levels_beside(plain, channels, tail)
-    for _ in range(ROUNDS if round_ < HELD else 0):
-        shares = [rounding.spread(c.model, c.step, std, trial.noise.count) for c, std in zip(channels, stds, strict=True)]
-        channels = [c._replace(spread=s, own=own) for c, (s, own) in zip(channels, shares, strict=True)]
-        stds = _levels_beside(plain, channels, tail)
-    if np.mean([c.own[plain.noise.used] for c in channels]) > 1 - rounding.LITTLE:
-        return None
-    if 0 < round_ < HELD:
-        scaled = joined([c.left[plain.noise.used] / std for c, std in zip(channels, stds, strict=True)])
-        tail, told = np.ones(len(model)), 1.0
-        if np.max(np.abs(scaled)) ** 2 > SURE:  # rounding leaves none, and many that are small, on plateaus
-            tail[plain.noise.used], told = tails(scaled)
-    levels = [Level(std, 0.0) for std in stds]
-    if told == 1:
-        counts = freedoms(_sharing(plain, channels))
-        levels = [_coloured(plain, c, n, trial.noise.rounded is None, round_) for c, n in zip(channels, counts, strict=True)]
-    new = _sharing(plain, channels).knowing(tail=None if told == 1 else tail, efficiency=told)
-    std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
-    return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
-
-
-def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
-    """The trial whose rows share their rounding errors so; of d and q, with levels to be found."""
-    levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
-    rounded, own = joined([c.spread for c in channels]), joined([c.own for c in channels])
-    return plain.knowing(levels=levels, rounded=rounded, own=own)
-
-
-def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:
-    """Standard deviation of each channel's noise, rows weighted by `tail`, never below that of its rounding."""
-    counts = freedoms(_sharing(plain, channels))
-    powers = [float(np.sum(tail * (c.left / c.spread) ** 2)) for c in channels]
-    return [max(float(np.sqrt(p / n)), rounding.least(c.step)) for c, p, n in zip(channels, powers, counts, strict=True)]
-
-
-def _coloured(plain: Trial, channel: _Channel, count: float, first: bool, round_: int) -> Level:
-    """Level of a channel's noise of `count` degrees of freedom, with the colour that rows show which share no rounding error: one
-    of each that do."""
-    used = plain.noise.used
-    left, clock = channel.left[used], plain.noise.clock[used]
-    alone = np.flatnonzero(np.diff(np.floor(np.cumsum(channel.own[used])), prepend=-1.0))
-    time = channel.time
-    if round_ <= SETTLED:
-        time = estimate(left[alone], clock[alone], float(len(alone)))[1]
-        time = time if first or round_ <= WHOLE else _halfway(time, channel.time)
-    std, time = estimate(left / channel.spread[used], clock, count, time=time)
-    return Level(max(std, rounding.least(channel.step)), time)
+    return replace(new, noise=replace(new.noise, efficiency=told, tail=tail))
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
-    """Whether the residual is small enough for noise: what a wrong model leaves, if it is much, differs in d and q too."""
+    """Whether the residual is small enough to be noise: the error of a wrong model differs between d and q too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
 
 
 def _scaled(left: np.ndarray, ratio: float) -> np.ndarray:
-    """With the noise of q, `ratio` times that of d, as large as that of d."""
+    """The residual with q, whose noise is `ratio` times that of d, scaled to the same level."""
     return left if ratio == 1 else left.real + 1j * left.imag / ratio
-
-
-def _halfway(time: float, before: float) -> float:
-    """The fit follows the noise and the noise the fit: half steps do not circle."""
-    return float(np.sqrt(time * before)) if time > 0 and before > 0 else time

@@ -1,8 +1,8 @@
-"""One log, how it is read, and the present knowledge of its noise (`trials.whitening`) and of what the bench added to it."""
+"""A `Trial`: one log as it is read, with the current estimates of its noise (`trials.whitening`) and of what the bench added."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,16 +18,16 @@ from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer", "filter")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
-DIED = 0.1  # of a response at the first row: what is driven to no more than that by the inputs there is a free decay
-UNKNOWN = 0.05  # of the largest response: a noise level of which nothing is known yet
-FLOOR = 1e-10  # of the largest response: least noise level, above what rounding makes of the model
-SLOPED = 8  # points of a sweep, of which plant, rotation, feedthrough and slope take half
-DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB that is proportional to it, at first
+DIED = 0.1  # of the response at the first row: if its inputs sustain no more than that, the log begins with a free decay
+UNKNOWN = 0.05  # of the largest response: the noise level while nothing is known of it
+FLOOR = 1e-10  # of the largest response: the least noise level, above the model's rounding errors
+SLOPED = 8  # points of a sweep, of whose numbers plant, rotation, feedthrough and slope take half
+DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB proportional to the response, at first
 
 
 class Extra(NamedTuple):
-    """What one unit of `trials.extra` adds to the response, (n,), not turned by the demodulator; the standard deviation of the
-    number."""
+    """An effect of `trials.extra`: its `shape` (n,) per unit of its number, not turned by the demodulator, and the number's prior
+    std."""
 
     shape: np.ndarray
     prior: float
@@ -35,7 +35,7 @@ class Extra(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One log, how it is read, and the present knowledge of its noise and of what the bench added."""
+    """One log as it is read, with the current estimates of its noise and of what the bench added."""
 
     log: Log  # condensed where it is long
     kind: str  # "transient" | "steady"
@@ -65,7 +65,7 @@ class Trial:
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
-        """A log as it is read at first: nothing known of its noise."""
+        """A log as it is first read: nothing is known of its noise."""
         read = prepare(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
@@ -91,9 +91,9 @@ class Trial:
         )
 
     def uncondensed(self) -> "Trial":
-        """The trial over as many rows as there may be, with what is known of its noise but the weights of single rows. Each row's
-        noise is spread, and shares its rounding error, as those of the means about it: what was measured there, with its own
-        noise, says neither."""
+        """The trial over all rows of the file, with the same noise but without the weights of single rows. The spread of each
+        row's noise, and its share of rounding errors, are interpolated from the means about it: a single row, with its own noise,
+        shows neither."""
         if self.whole is None:
             return self
         read = prepare(self.whole, self.kind, len(self.whole))
@@ -109,10 +109,6 @@ class Trial:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
         return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
 
-    def knowing(self, **noise: Any) -> "Trial":
-        """The trial with this known of its noise."""
-        return replace(self, noise=replace(self.noise, **noise))
-
     @property
     def steady(self) -> bool:
         return self.kind == "steady"
@@ -124,20 +120,22 @@ class Trial:
 
     @property
     def undriven_sweep(self) -> bool:
-        """Amplitudes over frequency without a drive, as the spectrum of a plate that its own noise moves: they scatter as they
-        are large, by half if none are averaged."""
+        """Amplitudes over frequency without a drive, like the spectrum of a plate moved by its own noise: they scatter in
+        proportion to their size, by half if none are averaged."""
         return self.steady and self.resonant and not self.signed and self.log.drive is None
 
     @property
     def lift(self) -> float:
-        """Square of the noise that lifts a mean amplitude (`model.rice`), as known so far; nothing where the gain is its own."""
+        """Square of the noise that lifts a mean amplitude (`model.rice`), as known so far; negligible where the log has a gain of
+        its own."""
         if self.steady and self.log.drive is None:
             return FLOOR * self.scale**2
         return self.floor or (1e-3 * self.scale) ** 2
 
     @property
     def rounding(self) -> float:
-        """Square of the noise that float64 makes over the log's; 1 where rounding makes it, and its level is known."""
+        """Square of float64's rounding noise over the log's; 1 where the noise comes from a recorder's steps, so that its level
+        is known."""
         return 1.0 if self.noise.rounded is not None else (FLOOR * self.scale / self.noise.std) ** 2
 
     @cached_property
@@ -193,15 +191,15 @@ class Trial:
 
     @cached_property
     def start_free(self) -> bool:
-        """The state at the first row is to be found."""
+        """The state at the first row is fitted."""
         if self.steady or self.from_rest or "start" not in self.nuisances:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
 
     @cached_property
     def begun(self) -> bool:
-        """An amplitude that is driven at its first row, by more than an offset: its start is counted from the settled response,
-        and in units of it."""
+        """An amplitude log with more than an offset at its first, driven row: its start is relative to the settled response, and
+        in units of it."""
         if not self.start_free or self.signed or not self.driven or self.inputs.drive[0] == 0:
             return False
         first = np.abs(self.log.response[self.inputs.interval == 0])
@@ -209,14 +207,14 @@ class Trial:
 
     @cached_property
     def at_one_frequency(self) -> bool:
-        """Settled d/q points at one frequency: of their response and a feedthrough they show the sum."""
+        """Settled d/q points at one frequency: they show only the sum of the plate's response and a feedthrough."""
         if not (self.steady and self.signed and self.driven and "background" in self.nuisances):
             return False
         return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
 
     @property
     def lost(self) -> int:
-        """How many of them hold no signal, or were spoilt; the others are outliers."""
+        """Number of rows that hold no signal, or were spoilt; other rows that are left out are outliers."""
         return int(np.sum(~self.there))
 
     def residual(self, model: np.ndarray) -> np.ndarray:
@@ -226,9 +224,9 @@ class Trial:
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
-        """Known shapes (n,) that the bench adds, by name: offset, feedthrough of the drive, its slope (per Hz) over a sweep; a
-        baseline (per s) that goes on with the time; what the lock-in's filter still holds of what was before a log that begins
-        amid a drive."""
+        """Known shapes (n,) of what the bench adds, by name: an offset; feedthrough of the drive and, over a sweep, its slope
+        (per Hz); a baseline that drifts (per s); what a lock-in's filter still holds from before a log that begins amid a
+        drive."""
         if self.under is not None:
             return {"floor": self.under}
         if not self.signed or (not self.driven and self.steady and not self.resonant):
@@ -259,12 +257,12 @@ class Trial:
 
     @cached_property
     def columns(self) -> np.ndarray:
-        """The known shapes that the bench adds, (K, n), each at most 1."""
+        """The known shapes, (K, n), each scaled to at most 1."""
         columns = [shape / np.max(np.abs(shape)) for shape in self.shapes.values()]
         return np.array(columns).reshape(len(columns), len(self.log))
 
     def _filtered(self) -> np.ndarray:
-        """What the lock-in's filter makes of the drive itself, (n,), at whose first level it had settled."""
+        """(n,) the drive behind the lock-in's filter, which had settled at its first level."""
         (tau, order), drive = self.smoothing, self.inputs.drive
         if not order:
             return drive[self.inputs.interval]
@@ -274,19 +272,19 @@ class Trial:
         return drive[0] + smoothed(still - 1.0, still, step, hold, order, None, np).forced.real
 
     def _remembered(self) -> dict[str, np.ndarray]:
-        """How the states of the lock-in's filter at the first row die away, (n,) each: e^-x x^k for each of its poles."""
+        """How the initial states of the lock-in's filter die away, (n,) each: e^-x x^k for each of its poles."""
         tau, order = self.smoothing
         x = (self.log.time - self.log.time[0]) / tau if order else self.log.time
         return {f"memory{k}": np.exp(-x) * x**k for k in range(order)}
 
     @property
     def extra_columns(self) -> dict[str, np.ndarray]:
-        """Shapes (n,) of what else may have been done to the log, each of a number whose prior is as wide as `looseness`."""
+        """Shapes (n,) of the effects in `trials.extra`, scaled so that each coefficient's prior is as wide as `looseness`."""
         return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
 
     @property
     def tied(self) -> bool:
-        """Its resonance is its own, and tied to those of the other logs by the error of its thermometer alone."""
+        """The log has a resonance of its own, tied to those of the other logs only by the error of its thermometer."""
         return self.resonance is not None and "thermometer" in self.nuisances
 
     @property
@@ -296,7 +294,7 @@ class Trial:
 
     @cached_property
     def smoothing(self) -> tuple[float, int]:
-        """Time constant (s) and number of poles of the lock-in's filter, as far as it is stated, or fitted, and matters."""
+        """Time constant (s) and number of poles of the lock-in's filter, stated or fitted; (0, 0) where it does not matter."""
         if self.filter is not None:
             return self.filter
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
@@ -304,8 +302,8 @@ class Trial:
 
     @cached_property
     def lateness(self) -> float:
-        """Standard deviation (s) of how late the response may be: a row, the gap in which an input changed, or a radian of the
-        carrier, where that is longer. 0 where it is known or nothing depends on it."""
+        """Standard deviation (s) of the prior of the lateness: a row, or the gap in which an input changed, combined with a
+        radian of the carrier. 0 where the lateness is known or nothing depends on it."""
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
         row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
@@ -314,14 +312,15 @@ class Trial:
 
     @cached_property
     def sideways(self) -> float:
-        """The same of its imaginary part, over `lateness`. A trigger and a filter have none, and the carrier's phase no more than
-        a radian; which over a sweep tells G and tau several times better. In a step it tells nothing, and 1 is faster."""
+        """The same for the imaginary part of the lateness, over `lateness`. A trigger or a filter has none, and the carrier's
+        phase is within a radian; using this makes G and tau several times more accurate over a sweep. In a step it brings
+        nothing, and 1 is faster."""
         swept = self.resonant and not self.log.amplitude_only and np.ptp(self.log.frequency) > 0
         return min(self._radian / self.lateness, 1.0) if swept and self.lateness else 1.0
 
     @property
     def _radian(self) -> float:
-        """Of the carrier, in s."""
+        """Time (s) in which the carrier turns by a radian; 0 where no frequency is recorded."""
         highest = float(np.max(self.log.frequency)) if self.resonant else 0.0
         return 1 / (2 * np.pi * highest) if highest else 0.0
 
@@ -331,19 +330,20 @@ class Trial:
 
     @property
     def started(self) -> float:
-        """Standard deviation of the start's prior over `looseness`; one settled response, where it is counted in those."""
+        """Standard deviation of the start's prior over `looseness`; of a start in units of the settled response that is one of
+        these."""
         return (1.0 if self.begun else self.prior("start")) / self.looseness
 
     @cached_property
     def spans(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each part: orthonormal basis (n + K, K) of the whitened columns of the used rows, with each one's prior, and the
-        triangle R of it."""
+        """For each part of the noise: an orthonormal basis (n + K, K) of the whitened columns of the used rows, with a row for
+        each prior, and the triangular factor R."""
         columns = self.columns[:, self.noise.used]
         prior = np.diag([1 / self.prior(name) for name in self.shapes])
         return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.noise.parts]
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
-        """The modelled rows: `driven` by the plant, and the columns of the bench at their optimum beside it."""
+        """The modelled rows: `driven`, the plate's, and the bench's columns at their optimum beside it."""
         if not len(self.columns):
             return driven
         white = whitened((self.log.response - driven)[self.noise.used], *self.noise.whitening())
@@ -352,10 +352,10 @@ class Trial:
         return driven + joined(found) @ self.columns
 
     def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
-        """An undriven sweep with the floor that it shows, its modelled rows (n,) beside those of the plate alone.
+        """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model` (n,) all of it.
 
-        A floor is a sensor's noise, whose power adds to the plate's. Of w^2 = |W|^2 + floor the rise w - |W| is the floor times
-        a shape, which is that of the floor found with the shape before.
+        A floor is noise of a sensor, whose power adds to the plate's. With w^2 = |W|^2 + floor, the rise w - |W| is the floor
+        times a shape that depends on the floor: the one found before is used.
         """
         if not self.undriven_sweep or "background" not in self.nuisances:
             return self
@@ -377,14 +377,14 @@ def freedom(trial: Trial) -> float:
 
 
 def freedoms(trial: Trial) -> tuple[float, ...]:
-    """Of each part, at least 1: rows that share a rounding error count as one."""
+    """The same for each part of the noise, at least 1: rows that share a rounding error count as one."""
     parts = trial.noise.parts
     alike = [0.0 if p.own is None else float(np.sum(1 - p.own[p.used])) for p in parts]
     return tuple(max(numbers_left(trial) / len(parts) - shared, 1.0) for shared in alike)
 
 
 def numbers_left(trial: Trial) -> int:
-    """Real numbers in a log less those of its nuisances."""
+    """Real numbers in a log, less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
         return len(trial.log) - trial.noise.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
@@ -394,7 +394,7 @@ def numbers_left(trial: Trial) -> int:
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
-    """The trial with a noise level (never below what float64 resolves) and correlation time, and those of d and q."""
+    """The trial with a noise level (never below float64's resolution) and correlation time; `levels`: those of d and q."""
     return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
 
 

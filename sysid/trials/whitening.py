@@ -24,7 +24,7 @@ class Jitter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """An Ornstein-Uhlenbeck process over the rows of one log, and by what each row's noise differs from it. Arrays are (n,)."""
+    """An Ornstein-Uhlenbeck process over the rows of one log, and how each row's noise differs from it. Arrays are (n,)."""
 
     clock: np.ndarray = field(repr=False)  # what orders it, as `clock_of` has it
     count: np.ndarray = field(repr=False)  # rows of the file that each row is the mean of
@@ -43,17 +43,17 @@ class Noise:
 
     @property
     def told(self) -> float:
-        """`efficiency`, less what the noise of the phase takes."""
+        """`efficiency`, less what phase noise costs."""
         return self.efficiency * (self.jitter.left if self.jitter else 1.0)
 
     @property
     def coloured(self) -> bool:
-        """Neighbouring rows of a channel share some of it."""
+        """Whether neighbouring rows of a channel share noise."""
         return any(p.time for p in self.parts)
 
     @property
     def parts(self) -> tuple["Noise", ...]:
-        """Of each channel, d and q, where they differ; else itself."""
+        """The noise of each channel, d and q, where they differ; else itself alone."""
         parts = tuple(replace(self, std=x.std, time=x.time, levels=()) for x in self.levels) or (self,)
         if self.rounded is None or self.own is None or not self.levels:
             return parts
@@ -67,17 +67,18 @@ class Noise:
 
     @property
     def order(self) -> np.ndarray:
-        """The rows as an experiment has them, those that are left out last."""
+        """All rows in the order of an experiment: those that are left out come last."""
         return np.argsort(~self.kept, kind="stable")
 
     @property
     def left_out(self) -> int:
-        """How many rows are."""
+        """Number of rows that are left out."""
         return int(np.sum(~self.kept))
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(n,) by which each row's noise is smaller: the mean of many rows, or a small response where noise goes with it."""
+        """(n,) factor by which each row's noise is smaller than the level: for the mean of many rows, or where noise goes with
+        the response."""
         weight = np.sqrt(self.count)
         if self.time > 0 and np.any(self.count > 1):
             # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
@@ -97,8 +98,8 @@ class Noise:
         return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
 
     def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """(a, b) of `whitened`, of the used rows, in units of the noise (OU, any time grid): complex where d and q have their
-        own. `coloured`: False to leave what neighbours share."""
+        """(a, b) of `whitened` for the used rows, in units of the noise (OU, any time grid); complex where d and q have noise of
+        their own. `coloured`: False ignores what neighbours share."""
         if self.levels:
             now, before = zip(*(p.whitening(coloured) for p in self.parts), strict=True)
             return joined(now), joined(before)
@@ -108,14 +109,14 @@ class Noise:
         return weight / left, memory * np.roll(weight, 1) / left
 
     def at(self, std: float, time: float, levels: tuple[Level, ...], least: float) -> "Noise":
-        """With a level, never below the `least`, and a correlation time, and with those of d and q."""
+        """The noise with another level, at `least` that, and correlation time; `levels`: those of d and q."""
         levels = levels if all(x.std > least for x in levels) else ()
         new = replace(self, std=max(std, least), time=time if std > least else 0.0, levels=levels)
         apart = np.iscomplexobj(self.rounded)  # which rows share their rounding is of d and of q
         return replace(new, rounded=None, own=None) if apart and not levels else new
 
     def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float) -> "Noise":
-        """The same process over other rows of the log, with nothing known of single ones. `scale`: of the clock."""
+        """The same process over other rows of the log, without knowledge of single rows. `scale`: of the clock."""
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
         process = (self.std, scale * self.time, levels, self.share)
@@ -123,7 +124,7 @@ class Noise:
 
 
 def clock_of(log: Log) -> np.ndarray:
-    """What orders the noise: time, with equal stamps spread evenly; row number where no time is recorded."""
+    """What orders the noise: time, with equal stamps spread evenly; the row number where no time is recorded."""
     if log.time is None:
         return np.arange(len(log), dtype=float)
     if np.all(np.diff(log.time) > 0):
@@ -137,8 +138,8 @@ def clock_of(log: Log) -> np.ndarray:
 
 
 def uneven(share: float, response: np.ndarray) -> np.ndarray | None:
-    """(n,) noise of each row over that of the largest response, of whose variance a share is proportional to the response; None
-    where it has none."""
+    """(n,) noise of each row over that at the largest response, where a `share` of its variance is proportional to the response;
+    None for a share of zero."""
     if not share:
         return None
     size = np.abs(response)
@@ -146,7 +147,7 @@ def uneven(share: float, response: np.ndarray) -> np.ndarray | None:
 
 
 def joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """One array of those of each part: that of q is its imaginary part."""
+    """One array of the parts: that of q becomes its imaginary part."""
     return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
 
 

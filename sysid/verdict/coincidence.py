@@ -1,25 +1,27 @@
-"""What the bench adds to a step, where nothing else in the logs tells it from the gain: two things that would have to cancel.
+"""What the bench adds to a step, where nothing else separates it from the gain: two effects that would have to cancel.
 
-A step shows what it settles at, A = G + nu, and how it begins, B = G (1 + t/tau): a feedthrough nu, a response that is late by
-t and the gain are three numbers for two. With a lateness of up to a row G would be known to a row's share of tau, though A = B
-within the noise says that neither is there, or that they cancel. That they should cancel is the less likely the better A and B
-agree: both are given normal priors of one size, s in the unit of the response, by what the log itself shows of their difference,
+A step shows the level at which it settles, A = G + nu, and how it rises, B = G (1 + t/tau): the feedthrough nu, the lateness t
+and the gain are three unknowns for two numbers. With a lateness of up to a row, G would be known only to a row over tau, although
+A = B within the noise means that both are absent or that they cancel. Cancelling is the less likely the better A and B agree. So
+both get normal priors of one size s, in the unit of the response, from the difference that the log itself shows,
 
-    s^2 = |A - B|^2/2 + variance(A - B)        of each of Wd and Wq,
+    s^2 = |A - B|^2/2 + variance(A - B)        for each of Wd and Wq,
 
-so that G is known about as well as A and B agree (empirical Bayes, Efron & Morris, JASA 70, 311, 1975). That is twice what an
-unbiased s^2 is, with the noise added where it would be subtracted: the size of two numbers is hardly known from one, and an s
-that is too small is worse than one that is too large. Of 60 logs each, with lateness drawn from a row and a feedthrough of its
-own 97 % of the intervals held the truth (with half of s^2: 85 %); of a bench without either, all. Real rows, those of a
-first-order log, show one difference and no second. Of two normal numbers of one size the sum over the difference is a Student t
-of one degree of freedom: 95 % lie within 12.7, not 1.96, so that s^2 is the unbiased (A - B)^2/2 times the square of their ratio.
-Several logs that leave G open show the size together, in seconds: in one of many the two cancel by chance. As a bench has one
-feedthrough, what it does to G is in all of them and does not average, so that s^2 grows with their number. Where other logs tell
-G the priors stay wide; a feedthrough and a lateness that cancel there are taken for what is simpler, a gain of the log's own.
+and G is known about as well as A and B agree (empirical Bayes, Efron & Morris, JASA 70, 311, 1975). This is twice the unbiased
+s^2, with the noise added instead of subtracted: one number hardly shows the size of two, and an s that is too small does more
+harm than one that is too large. In a study of 60 logs each, with the lateness drawn from a row and an independent feedthrough, 97
+% of the intervals held the truth (with half of s^2: 85 %); on a bench without either, all did.
 
-In the same way a rest before the step that is short beside tau shows the sum of an offset and of a plate that still rings, and
-neither alone: both get priors of the size of that sum. And settled points at one frequency show the sum of the plate's response
-and of a feedthrough: that is as large, per volt, as those of the other logs.
+Real rows, those of a first-order log, show only one difference. The sum of two normal numbers of one size over their difference
+is a Student t of one degree of freedom: 95 % lie within 12.7 instead of 1.96, so s^2 is the unbiased (A - B)^2/2 times the square
+of that ratio. Several logs that leave G open show the size together, in seconds: in one of many the two may cancel by chance. The
+feedthrough of a bench affects G in all its logs and does not average out, so s^2 grows with their number. Where other logs
+determine G the priors stay wide; a feedthrough and a lateness that cancel there are taken for the simpler explanation, a gain of
+the log's own.
+
+In the same way, a rest before the step that is short beside tau shows only the sum of an offset and of a plate that still rings:
+both get priors of the size of that sum. Settled points at one frequency show only the sum of the plate's response and a
+feedthrough, which is taken to be as large, per volt, as those of the other logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,7 +43,7 @@ REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that
 
 
 def tightened(state: State, reference: tuple[float, float], names: Sequence[str]) -> tuple[Trial, ...]:
-    """The trials with priors of the size that they show, for a state in which the error of G is that of `names`."""
+    """The trials with priors of the size that they show, for a state whose error of G is due to `names`."""
     trials = list(state.trials)
     views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
     for pair in (PAIRS[name] for name in names):
@@ -54,8 +56,8 @@ def tightened(state: State, reference: tuple[float, float], names: Sequence[str]
 
 
 def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
-    """The trials, those of settled points at one frequency with a feedthrough, whose prior is of the size that the others show;
-    as they are where none can show one."""
+    """The trials; those of settled points at one frequency with a feedthrough, whose prior is as wide as the feedthroughs in the
+    other logs. Unchanged where no log can show one."""
     if not any(t.at_one_frequency for t in state.trials):
         return state.trials
     squares = []
@@ -77,22 +79,20 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
 
 
 def loosened(trial: Trial) -> Trial:
-    """The trial with the priors that it has beside others."""
+    """The trial with the wide priors that it has beside other logs."""
     return replace(trial, narrow={})
 
 
 def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
-    """Whether the error of G is that of not knowing how "late" the response is, or the "start": without it, G would be known
-    much better."""
+    """The nuisances, "late" or "start", that cause the error of G: without them it would be known much better."""
     if "G" not in free:
         return ()
-    tau = float(np.exp(state.theta[1]))
-    held = [name for name, pair in PAIRS.items() if any(pair.held(t, tau) for t in state.trials)]
+    held = [name for name, pair in PAIRS.items() if any(pair.held(t, state.tau) for t in state.trials)]
     return tuple(name for name in held if hangs_on((name,), state, reference, free))
 
 
 def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
-    """Whether the error of G is that of not knowing these nuisances: without them it is less than MOSTLY of it."""
+    """Whether these nuisances cause the error of G: without them it is less than MOSTLY of what it is."""
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
         kept = tuple(n for n in trial.nuisances if n not in names)
@@ -104,8 +104,8 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
 
 
 def cancelling(view: View) -> tuple[float, float] | None:
-    """The gain of a log over that of the others when its feedthrough and its lateness cancel: with what that is worth in
-    log-likelihood, against a feedthrough of any phase and of the size that is seen. None where the feedthrough is not seen."""
+    """The gain of a log relative to the others if its feedthrough and its lateness cancel; and what that is worth in
+    log-likelihood, against a feedthrough of any phase and of the size seen. None where no feedthrough is seen."""
     if not (view.trial.signed and _step(view.trial, view.course.tau)):
         return None
     both = _Both.of_step(view)
@@ -127,8 +127,8 @@ def _rest(trial: Trial, tau: float) -> bool:
 
 
 class _Both(NamedTuple):
-    """Two things that may cancel: the first of them, in the unit of the response; what is `left` of their sum, in which the gain
-    has no part; the error of that per channel. With the plant's parameters of the covariance `plant` of theta, or held."""
+    """Two effects that may cancel: the first of them, in the unit of the response; what is `left` of their sum, which the gain
+    does not affect; its error per channel. With the plant's parameters held, or of the covariance `plant` of theta."""
 
     first: complex
     left: complex
@@ -175,7 +175,7 @@ def _common(both: Sequence[_Both], units: Sequence[float]) -> list[float]:
 
 
 def complex_of(view: View, name: str, factor: complex) -> np.ndarray:
-    """What makes a complex coefficient of the columns of d and q, as a linear form."""
+    """The linear form that gives a complex coefficient from the columns of d and q."""
     return np.array([factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns])
 
 

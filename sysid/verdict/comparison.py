@@ -1,11 +1,13 @@
-"""Which descriptions of the same logs predict them: the fit's own, and others with something left out, by leave-one-out.
+"""How well the fit's description of the logs predicts them beside others with something left out, by leave-one-out.
 
-A row that is left out is predicted from all others (with its leverage h, without fitting again) as normal about what is fitted,
-its residual r/(1 - h), of variance sigma^2/(1 - h); the sum of its log densities is the elpd of a description (Vehtari, Gelman &
-Gabry, Stat. Comput. 27, 1413, 2017; for a linear model exact: Allen, Technometrics 16, 125, 1974). Descriptions are compared row
-by row, so that the difference has a standard error. The plant is linear about the fit, the noise of each log of the fit's colour.
+A row left out is predicted from all others, without a new fit, as normal about its fitted value: with its leverage h the residual
+is r/(1 - h) and the variance sigma^2/(1 - h). The sum of the log densities is the elpd of a description (Vehtari, Gelman & Gabry,
+Stat. Comput. 27, 1413, 2017; exact for a linear model: Allen, Technometrics 16, 125, 1974). Descriptions are compared row by row,
+which gives their difference a standard error. The plant is linearised about the fit, and each log keeps the noise colour of the
+fit.
 
-What is found here is told, and chooses nothing: intervals that were made as if the chosen description were certain do not hold.
+The comparison is for information and selects nothing: intervals computed as if a selected description were certain would be too
+narrow.
 """
 
 from collections.abc import Sequence
@@ -42,7 +44,7 @@ class Comparison:
 
 
 def compare(fit: Fit) -> tuple[Comparison, ...]:
-    """Every description that leaves something out of the fit's, the worst first."""
+    """Every description that leaves out one part of the fit's, the worst first."""
     logs = _Logs(fit)
     every = tuple(n for n in (*NUISANCES, *EXTRA) if n not in FILTER)  # a filter that is fitted is part of all descriptions
     full = logs.described(every)

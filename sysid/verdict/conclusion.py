@@ -59,7 +59,7 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
 def _fit(question: Question, states: Sequence[State]) -> Fit:
     """The plant and its covariance, as if the model described the logs."""
     best, free, reference = states[0], question.minimiser.free, question.minimiser.reference
-    G, tau = np.exp(best.theta[:2])
+    G, tau = best.G, best.tau
     index = [NAMES.index(n) for n in free]
     # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
     drifts = "k_T" in free and np.sqrt(best.alone[3, 3]) <= identify.limits(G, tau)["k_T"]
@@ -127,7 +127,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         model = model.real if trial.log.amplitude_only else model
         what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
         if not what and not named & {i, None}:
-            what, doubt = wording.misfit(trial, model, trial.residual(model), float(np.exp(state.theta[1])))
+            what, doubt = wording.misfit(trial, model, trial.residual(model), state.tau)
             doubts += [f"{trial.log.name}: {doubt}"] if doubt else []
         said += [f"{trial.log.name}: {what}"] if what else []
     if harmful:

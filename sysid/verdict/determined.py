@@ -28,7 +28,7 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
         return Parameter(value, std, ci95, fit.units[name], True)
     state = fit.modes[0]
     modes = _modes(fit, name) if state.converged else ()
-    said = identify.why(name, state.trials, np.exp(state.theta[1]), fit.names, len(modes) if state.converged else 1)
+    said = identify.why(name, state.trials, state.tau, fit.names, len(modes) if state.converged else 1)
     if not state.converged:
         said = f"{said} (the fit did not converge)"
     elif name in fit.priors and not _told(fit, name):
@@ -37,28 +37,27 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
 
 
 def informed(fit: Fit, name: str, value: float, std: float) -> bool:
-    """Whether the logs say what a parameter is, to its limit and in one way, if it is a peak that they show."""
+    """Whether the logs determine a parameter, within its limit and as a single solution, provided that they show a peak."""
     told = fit.modes[0].converged and _told(fit, name) and np.isfinite(value)
     return bool(told and std <= _limit(fit, name) and not _modes(fit, name))
 
 
 def _told(fit: Fit, name: str) -> bool:
-    """Whether the logs alone tell it."""
+    """Whether the logs alone determine it."""
     return name in fit.names and (not fit.priors or alone(fit, name)[1] <= _limit(fit, name)) and _shown(fit, name)
 
 
 def _limit(fit: Fit, name: str) -> float:
-    """The largest error of what is determined: where tau is vague, a half bandwidth is as narrow as it may be."""
+    """The largest error of a determined parameter; where tau is vague, that for the narrowest half bandwidth it allows."""
     state = fit.modes[0]
-    G, tau = np.exp(state.theta[:2])
-    vague = float(np.sqrt(state.covariance[1, 1]))
+    tau, vague = state.tau, float(np.sqrt(state.covariance[1, 1]))
     if vague > identify.RELATIVE and name in ("f0", "k_T"):
         tau = tau * np.exp(min(2 * vague, 10.0))
-    return identify.limits(G, tau)[name]
+    return identify.limits(state.G, tau)[name]
 
 
 def _shown(fit: Fit, name: str) -> bool:
-    """Whether the logs show more than what chance makes of a few readings, or of noise with a tau that is anything."""
+    """Whether the logs show more than a few readings show by chance, or than noise shows with an arbitrary tau."""
     state = fit.modes[0]
     if not fit.priors and identify.hopeless(state.trials, fit.names):
         return False
@@ -69,8 +68,8 @@ def _shown(fit: Fit, name: str) -> bool:
 
 
 def alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
-    """What the logs alone make of a parameter, to first order, and its standard deviation; f0 at `at` (degC), else where it is
-    reported."""
+    """First-order estimate of a parameter from the logs alone, without the prior, and its standard deviation; f0 at `at` (degC),
+    by default where it is reported."""
     state, row, k = fit.modes[0], np.zeros(len(NAMES)), NAMES.index(name)
     row[k] = 1.0
     if name == "f0":

@@ -1,8 +1,8 @@
-"""A resonance outside of all frequencies at which it was driven: what settled points then tell of it.
+"""A resonance outside all driven frequencies, and what settled points then tell of it.
 
-At x half bandwidths beside its resonance a plate answers with 1/sqrt(1 + x^2) of its peak, and its phase has arctan(1/x) left to
-turn. Of the flank beyond that a background, a second resonance or another physics make what G, tau and f0 make. A transient is
-another matter: its beat is the difference of drive and resonance, however far they lie apart.
+At x half bandwidths from its resonance a plate responds with 1/sqrt(1 + x^2) of its peak, and its phase has arctan(1/x) left to
+turn. In the flank beyond, a background, a second resonance or other physics look like changes of G, tau and f0. A transient is
+different: its beat is the difference of drive and resonance, however far apart they are.
 """
 
 from typing import NamedTuple
@@ -19,8 +19,8 @@ TAIL = 3.0  # half bandwidths, from which settled points alone determine nothing
 
 
 class Flank(NamedTuple):
-    """By how much a resonance lies above (below: negative) all frequencies that were driven, in Hz and in half bandwidths; the
-    lowest and the highest of these; whether the logs hold settled points `alone`."""
+    """How far a resonance lies above (negative: below) all driven frequencies, in Hz and in half bandwidths; the lowest and the
+    highest of these; whether the logs hold settled points `alone`."""
 
     beyond: float
     halves: float
@@ -46,7 +46,7 @@ class Flank(NamedTuple):
 def seen(state: State, reference: tuple[float, float]) -> Flank | None:
     """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at its own temperature;
     None where it does not, or where a transient has a frequency: its beat tells f0."""
-    theta, tau = dict(zip(NAMES, state.theta, strict=True)), float(np.exp(state.theta[1]))
+    theta, tau = dict(zip(NAMES, state.theta, strict=True)), state.tau
     resonant = [t for t in state.trials if t.resonant]
     if not resonant or not all(_settled(t, tau) for t in resonant):
         return None

@@ -1,11 +1,11 @@
-"""A lock-in's filter that no log states, fitted where the logs cannot be described without.
+"""A lock-in's filter that no log states, fitted where the logs cannot be described without it.
 
-Behind n poles a response begins late and bends as it does; to first order, which is all that lateness has, it is a delay.
-Filters of the 1, 2 and 4 poles that lock-ins have, the same for all transients, are fitted, each from the time constant that is
-best to first order in all else and the likeliest first, until one is worth more than chance and no other, and no delay, is
-worth more. By how much its time constant is another, and how sharply it cuts, are nuisances of each log (`trials.extra`): a log
-may not tell how many poles it has, and that it is one of these is no more than likely. Transients alone, whose feedthrough,
-lateness and gain look alike to first order, do not tell their gain behind any: they stay a misfit.
+Behind n poles a response begins late and curves; to first order, which is all that a lateness covers, this is a delay. Filters of
+1, 2 and 4 poles, as lock-ins have them, are tried, the same for all transients, each from the time constant that is best to first
+order, and the likeliest first. The first one is kept that is worth more than chance, if no other filter and no delay is worth
+more. Deviations of its time constant and steepness are nuisances of each log (`trials.extra`), as a log may not show how many
+poles there are. Transients alone remain a misfit: to first order their feedthrough, lateness and gain look alike behind any
+filter.
 """
 
 from collections.abc import Sequence
@@ -40,8 +40,8 @@ class _Tried(NamedTuple):
 
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
-    """The question anew, and its minimum, with the filter that the logs show; None where they show none, or a delay besides, or
-    where the error of G is that of how it begins."""
+    """The question and its minimum with the filter that the logs show; None where they show none, or a delay besides, or where
+    the error of G would be due to how the filtered response begins."""
     reference, free = question.minimiser.reference, question.minimiser.free
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
     if not hidden or len(hidden) == len(state.trials):
@@ -77,6 +77,7 @@ def _fitted(question: Question, state: State, hidden: Sequence[int], tried: _Tri
 
 def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order: int) -> tuple[Trial, ...]:
     """The trials, those whose filter is hidden behind this one."""
+
     def behind(t: Trial) -> Trial:
         nuisances = tuple(dict.fromkeys((*t.nuisances, "filter", "poles")))
         return replace(t, nuisances=nuisances, filter=(time, order), extra={}, late=0.0)
@@ -85,7 +86,7 @@ def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order
 
 
 def _longer(views: Sequence[View]) -> float:
-    """By how much the logarithm of the time constant is larger, of all logs together that tell."""
+    """Change of the log time constant, averaged over the logs that determine it."""
     values, weights = [0.0], [TINY]
     for view in views:
         for k in (k for k, column in enumerate(view.columns) if column.name == "filter_d"):
@@ -96,7 +97,8 @@ def _longer(views: Sequence[View]) -> float:
 
 
 def _may_be(trial: Trial) -> bool:
-    """A transient of a known drive that changes, of which no filter is stated; of means a filter would want shorter ones."""
+    """A transient with a known, changing drive and no stated filter. Not one of means: with a filter these would have to be
+    shorter."""
     moved = not trial.steady and trial.signed and trial.driven and trial.changes > 0 and trial.log.theta is None
     return moved and trial.whole is None and "late" in trial.nuisances and "lockin_tau_s" not in trial.log.bench
 

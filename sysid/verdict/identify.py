@@ -1,13 +1,14 @@
-"""What these logs determine and what they do not: the limits, the reasons in words, and what to record next.
+"""Which parameters the logs determine: the limits, the reasons in words, and what to record next.
 
-A parameter is determined when its interval is finite, comes from the data, belongs to one mode, and is narrow enough to use:
+A parameter is determined when its interval is finite, comes from the data, belongs to a single solution and is narrow enough to
+use:
 
     G, tau    standard deviation below 20 % of the value
     f0        standard deviation below half of the half bandwidth 1/(2 pi tau)
     k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth, and the logs' temperatures are three
               errors of their thermometers apart
 
-and when no one reading decides it (`verdict.lone`).
+and when no single reading decides it (`verdict.lone`).
 """
 
 from collections.abc import Sequence
@@ -58,7 +59,7 @@ def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) 
 
 
 def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
-    """A sentence when nothing at all can be told from these logs; else None."""
+    """A sentence when nothing can be determined from these logs; else None."""
     if all(t.silent for t in trials):
         return "cannot tell, because the response is the same in every row; see whether the sensor and what reads it were on"
     if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
@@ -70,17 +71,17 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
 
 
 def buried(trials: Sequence[Trial]) -> bool:
-    """Whether all that changes in the logs is noise, as far as neighbouring rows tell."""
+    """Whether all variation in the logs is noise, judged by neighbouring rows."""
     return all(t.silent or _buried(t) for t in trials)
 
 
 def ambiguous(name: str, trials: Sequence[Trial], free: Sequence[str]) -> bool:
-    """Whether settled amplitudes at one frequency each hold a parameter only as one of many images, one for each temperature."""
+    """Whether settled amplitudes at one frequency each leave a parameter as one of many images, one for each temperature."""
     return name in ("G", "f0", "k_T") and "k_T" in free and _one_amplitude(trials)
 
 
 def shows_transient(trials: Sequence[Trial]) -> bool:
-    """Whether a log shows part of a transient: else what a fit says of a tau that it does not determine is a guess."""
+    """Whether a log shows part of a transient; else the estimate of an undetermined tau is a guess."""
     return not _one_frequency(trials) and any(not (t.steady or _settles_between(t) or _buried(t)) for t in trials)
 
 
@@ -105,8 +106,8 @@ def _buried(trial: Trial) -> bool:
 
 
 def within_errors(trials: Sequence[Trial]) -> bool:
-    """The logs' temperatures lie about as near to one another as their thermometers may be off: then a small k_T has small errors
-    of its own, and a large one large errors, so that no interval about the estimate says which it is."""
+    """Whether the logs' temperatures are as close together as their thermometers' errors. Then a small k_T has small errors and a
+    large one large errors, so that no interval about the estimate tells which it is."""
     told = [t for t in trials if t.resonant and t.log.temperature is not None]
     if not any("thermometer" in t.nuisances for t in told):
         return False

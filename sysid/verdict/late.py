@@ -1,8 +1,8 @@
-"""By how much a response is late that is later than its first order: the delay with which its log fits best.
+"""The delay of a log whose response is late by more than the fit's first order covers.
 
-Everything else is fitted anew at each of a few delays, with white noise of one level, so that what is left compares. In a step a
-delay within a row looks like a gain and a feedthrough that cancel; the less of them is the likelier, so that the feedthrough has
-a prior of THROUGH of the response.
+Everything else is fitted anew at each of several delays, with white noise of one level so that costs compare. In a step a delay
+of less than a row looks like a gain and a feedthrough that cancel; as little of them as possible is likelier, so the feedthrough
+has a prior of THROUGH of the response.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ VAGUE, CLEAR = 0.5, 0.01  # of tau, that they span, from which no delay is told,
 
 
 def timed(found: Sequence[Found], state: State, reference: tuple[float, float], free: Sequence[str]) -> list[Found]:
-    """What the logs hold, those that begin late, or early, with the delay with which they fit best."""
+    """The effects that the logs show; those late or early with the delay at which their log fits best."""
     minimiser, anew = Minimiser(reference, tuple(free), state.prior), {}
     for f in found:
         if f.name in SIDES and f.log is not None and f.log not in anew and state.trials[f.log].log.theta is None:
@@ -60,7 +60,7 @@ def _with(found: Found, timed: _Timed) -> Found:
 
 def _timed(costs: "_Costs", side: int) -> _Timed:
     """The delay to state, with those that fit as well; no number where the log does not tell it."""
-    log, tau, tried = costs.trial.log, float(np.exp(costs.state.theta[1])), _tried(costs, side)
+    log, tau, tried = costs.trial.log, costs.state.tau, _tried(costs, side)
     best = min(tried, key=tried.__getitem__)
     alike = [delay for delay, cost in tried.items() if cost < tried[best] + ALIKE]
     low, high, rest = min(alike), max(alike), (tried[costs.stated] - tried[best], costs.moves(best))
@@ -77,7 +77,7 @@ def _timed(costs: "_Costs", side: int) -> _Timed:
 def _tried(costs: "_Costs", side: int) -> dict[float, float]:
     """What is left at delays (s) about the best."""
     row, stated = costs.trial.spacing, costs.stated
-    span = max(ROWS * row, TAUS * float(np.exp(costs.state.theta[1])))
+    span = max(ROWS * row, TAUS * costs.state.tau)
     tried = costs.at(np.append(stated, stated + side * np.linspace(-BEFORE * row, span, POINTS)))
     for _ in range(WIDER):
         end = side * max(side * delay for delay in tried)
@@ -121,7 +121,7 @@ def _delayed(trial: Trial, delay: float) -> Trial:
     """The trial as it would be if the delay were stated, with white noise."""
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
     spread = uneven(trial.noise.share, log.response)
-    plain = trial.knowing(spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None)
+    plain = replace(trial, noise=replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0, jitter=None))
     inputs, narrow = read_at(trial.inputs, log.time, delay), {"feedthrough": THROUGH * trial.scale}
     new = replace(plain, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)

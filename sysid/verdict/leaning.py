@@ -1,12 +1,12 @@
-"""A peak that leans over: a resonance that goes with the square of the amplitude by more than its first order.
+"""A peak that leans over: a resonance whose shift with the squared amplitude exceeds the first order.
 
-A plate of Duffing's kind settles as one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979, 4.1):
-with more than 8/sqrt(27) = 1.54 half bandwidths of it at G V it jumps, elsewhere upwards than downwards. |W| of a settled point
-is recorded. So whichever way it came, row k shows what a linear plate shows at
+A Duffing plate settles like one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979, 4.1). Above
+8/sqrt(27) = 1.54 half bandwidths of shift at G V it jumps, at different frequencies upwards and downwards. As |W| of each settled
+point is recorded, row k shows, whichever way the sweep came, what a linear plate shows at
 
     f_k - kappa w_k^2
 
-and one number kappa, beside the parameters of the linear plate, fits all of them.
+so a single number kappa, beside the parameters of the linear plate, fits all rows.
 """
 
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ LEFT = 0.2  # of what a lean gains, no more than which anything else is then wor
 
 
 def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str | None:
-    """A sentence when logs of settled points, which `state` does not describe, are described by a peak that leans over, and
-    better than by all that was `found`; else None."""
+    """A sentence where logs of settled points, which `state` does not describe, are described by a leaning peak, and better than
+    by anything in `found`; else None."""
     if not all(_swept(t) for t in state.trials):
         return None
     top = max(float(np.max(np.abs(t.log.response))) for t in state.trials)

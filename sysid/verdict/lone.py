@@ -1,14 +1,15 @@
-"""A value that one reading decides: nothing in the logs shows whether that reading is right.
+"""Parameters that a single reading decides: nothing in the logs shows whether that reading is right.
 
-Of points that lie many half bandwidths apart one at most shows the peak, and tau and G are what makes the model go through it:
-its residual is nothing, whatever it reads, so that its noise is that of the other rows only by assumption, and a spike, a point
-that had not settled or a line that is no Lorentzian look like another tau. What independent rows tell without the rows R of one
-reading is known from the fit of all (Cook & Weisberg, Residuals and Influence in Regression, 1982, 2.2): with the whitened
-Jacobian X of everything that is fitted and C = (X'X)^-1,
+Of points many half bandwidths apart, at most one shows the peak, and tau and G are whatever makes the model pass through it. Its
+residual is zero whatever it reads, its noise is that of the other rows only by assumption, and a spike, a point that had not
+settled or a line that is not Lorentzian look like another tau. The covariance without the rows R of one reading follows from the
+fit of all (Cook & Weisberg, Residuals and Influence in Regression, 1982, 2.2). With the whitened Jacobian X of everything fitted
+and C = (X'X)^-1,
 
     C(-R) = C + C X_R' (1 - H_R)^-1 X_R C,        H_R = X_R C X_R'
 
-A value is decided by a reading when without it the variance would be DECIDES times as large, and too large to be determined.
+A reading decides a parameter if without it the variance would be DECIDES times as large, and too large for the parameter to be
+determined.
 """
 
 from collections.abc import Sequence
@@ -88,12 +89,12 @@ def _error(state: State, name: str, reference: tuple[float, float], at: float | 
 
 def _limit(state: State, name: str) -> float:
     """Largest such one with which it is determined."""
-    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, float(np.exp(state.theta[1])))[name]
+    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, state.tau)[name]
 
 
 def _said(name: str, trial: Trial, row: int, state: State, reference: tuple[float, float]) -> str:
     """The sentence: which reading it is, by its row in the log, and what to record."""
-    log, tau = trial.log, float(np.exp(state.theta[1]))
+    log, tau = trial.log, state.tau
     swept = trial.resonant and log.frequency is not None and np.ptp(log.frequency) > 0
     what = "several readings like it"
     if name in ("G", "tau", "f0") and trial.steady and swept:

@@ -1,4 +1,4 @@
-"""One log at the fit, linear about it, as misfits, comparisons and plans look at it: rows, and what the bench may have added."""
+"""One log linearised about the fit, for misfits, comparisons and plans: its rows, and what the bench may have added."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -26,12 +26,12 @@ class Column(NamedTuple):
 
 
 class View:
-    """One log at the fit: its residual and derivatives, less all that its nuisances can make of them, as real rows.
+    """One log at the fit: its residual and derivatives as real rows, projected off all that its nuisances can adjust.
 
-    `plate` (n,) is the part of the model that is the plate's, not turned by the demodulator, `turn`; `own` the gain of a log
-    whose drive is not recorded, else 1; `late` (s) how late the response comes; `bench` (n,) what else a d/q log holds.
-    `n` rows are used. `coloured`: those of correlated noise are made independent. What the fit takes for the thermometer's error,
-    in its standard deviations, is in the rows of its prior: there is what else could explain it.
+    `plate` (n,) is the plate's part of the model, not turned by the demodulator, `turn`; `own` the gain of a log whose drive is
+    not recorded, else 1; `late` (s) the lateness of the response; `bench` (n,) what else a d/q log holds. `n` rows are used.
+    `coloured`: rows of correlated noise are made independent. The fitted error of the thermometer, in its standard deviations,
+    stands in the rows of its prior, so that other effects can be tried as its explanation.
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
@@ -55,7 +55,7 @@ class View:
 
     @cached_property
     def recorded(self) -> np.ndarray:
-        """Rows of the residual, and what the fit takes for the thermometer's error among those of the priors."""
+        """Rows of the residual; those of the priors hold the fitted error of the thermometer."""
         rows = self.rows(self.residual)
         rows[self.pulled] = [-self.columns[k].value / self.columns[k].prior for k in self.pulled]
         return rows
@@ -67,7 +67,7 @@ class View:
 
     @cached_property
     def r(self) -> np.ndarray:
-        """The same, less what the nuisances can make of them."""
+        """The same, projected off all that the nuisances can adjust."""
         return self.recorded - (self.recorded @ self.basis) @ self.basis.T
 
     @cached_property
@@ -77,11 +77,11 @@ class View:
 
     @cached_property
     def jacobian(self) -> np.ndarray:
-        """Rows of the derivatives, less what the nuisances can make of them."""
+        """Rows of the derivatives, projected off all that the nuisances can adjust."""
         return self.off(self.derivatives.T).T
 
     def _in_amplitude(self) -> list[Column]:
-        """What the bench may add to amplitudes, linear about the fit."""
+        """What the bench may add to amplitudes, linearised about the fit."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         late = -trial.late * (trial.lateness > 0)
@@ -99,7 +99,7 @@ class View:
         return columns if under is None else [*columns, Column("floor", under, loose**2, trial.floor)]
 
     def _in_dq(self) -> list[Column]:
-        """What it may add to Wd and Wq."""
+        """What the bench may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
         forced = self.turn * self.own * c.forced
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
@@ -130,11 +130,11 @@ class View:
         return columns
 
     def along(self, rates: np.ndarray) -> np.ndarray:
-        """(n,) what `rates` (n,), rad/s, added to the slow pole add to the log."""
+        """(n,) change of the log by `rates` (n,), rad/s, added to the slow pole."""
         return self.observed(self.own * self.course.along(rates, *self.beside)[None])[0]
 
     def observed(self, shapes: np.ndarray) -> np.ndarray:
-        """(m, n) shapes of the plate's part as they show in the log."""
+        """(m, n) shapes of the plate's part as the log records them."""
         if self.trial.signed:
             return self.turn * shapes
         return (rice.towards(self.plate, self.trial.lift) * shapes).real
@@ -154,7 +154,7 @@ class View:
         return np.linalg.lstsq(rows / size, target, rcond=1e-12)[0] / size
 
     def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
-        """Of the columns' coefficients, with the plant's parameters of the covariance `plant` of theta, or held."""
+        """Covariance of the columns' coefficients, with the plant's parameters held, or of the covariance `plant` of theta."""
         a = self.weighted(self.columns)
         size = _sizes(a)
         found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
@@ -170,12 +170,12 @@ class View:
         return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
 
     def off(self, shape: np.ndarray) -> np.ndarray:
-        """Rows of shapes (..., n), less what the bench's columns can make of them."""
+        """Rows of shapes (..., n), projected off the bench's columns."""
         rows = self.rows(shape)
         return rows - (rows @ self.basis) @ self.basis.T
 
     def likelihood(self, rows: np.ndarray) -> float:
-        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and its thermometer's."""
+        """Log-likelihood of real rows as noise of this log, at its best level and correlation time, and of its thermometer."""
         return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
 
     def _noisy(self, rows: np.ndarray) -> float:

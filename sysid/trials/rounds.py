@@ -1,0 +1,12 @@
+"""The schedule of the rounds in which the noise follows the fit and the fit the noise: what could circle is held after some."""
+
+import numpy as np
+
+HELD = 10  # rounds after which rows keep their weights, as weights that follow the fit may circle
+WHOLE = 6  # rounds in which a correlation time is taken as found, and mostly stays; later ones go half of the way
+SETTLED = 20  # rounds after which the noise keeps its correlation time
+
+
+def halfway(time: float, before: float) -> float:
+    """The geometric mean of a correlation time and the one before; the new one where either is zero."""
+    return float(np.sqrt(time * before)) if time > 0 and before > 0 else time
