@@ -29,13 +29,25 @@ from sysid.logs import units
         ("drive_%", ("drive", "%", "peak")),
         ("duty", ("duty", "1", "peak")),
         ("time", ("time", "", "peak")),
+        ("Frequency/Hz", ("frequency", "Hz", "peak")),
+        ("Temperature / °C", ("temperature", "°C", "peak")),
+        ("wd/mm/s", ("wd", "mm/s", "peak")),
+        ("Voltage/Vrms", ("voltage", "V", "rms")),
+        ("FREQUENCY (HZ)", ("frequency", "Hz", "peak")),
+        ("frequency_khz", ("frequency", "kHz", "peak")),
+        ("W_UM", ("w", "um", "peak")),
+        ("Temperature (C)", ("temperature", "degC", "peak")),
+        ("FREQUENCY_MHZ", ("frequency", "MHZ", "peak")),
+        ("w_C", ("w", "C", "peak")),
     ],
 )
 def test_a_name_says_quantity_unit_and_amplitude(label, expected):
     assert units.parse_name(label) == expected
 
 
-@pytest.mark.parametrize("label", ["temperature_ambient_degC", "time_unix_s", "T_degC", "note", "wd_err_um", "log", ""])
+@pytest.mark.parametrize(
+    "label", ["temperature_ambient_degC", "time_unix_s", "w/wmax", "time/channel", "T_degC", "note", "wd_err_um", "log", ""]
+)
 def test_other_names_are_not_ours(label):
     assert units.parse_name(label) is None
 
@@ -78,6 +90,8 @@ def test_other_conversions(unit, to, value, expected):
         ("time", "S", ["did you mean 's'"]),
         ("temperature", "C", ["did you mean 'degC'"]),
         ("voltage", "A", ["unit of voltage", "V, mV"]),
+        ("voltage", "MV", ["'MV'", "of a million", "did you mean 'mV'"]),
+        ("w", "MM", ["'MM'", "of a million", "did you mean 'mm'"]),
         ("time", "", ["no unit", "time_s"]),
         ("w", "foo", ["'foo'"]),
         ("wd", "dBm", ["decibels", "mapping file"]),

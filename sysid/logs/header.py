@@ -197,10 +197,11 @@ def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:
 def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:
     """The input that a label names by another word, when that input is missing and the unit is of its kind; else None."""
     name, unit, _ = units.split_unit(label)
-    quantity = words.get(name.casefold())
+    quantity = words.get(name.casefold().rstrip("."))  # Freq. (Hz)
     if quantity is None or not is_absent(quantity, sources) or (name.casefold() in ANGULAR and "rad" not in unit):
         return None
-    return quantity if units.fits(quantity, units.split_amplitude(unit)[0]) else None
+    said = units.parse_name(quantity + label.strip()[len(name) :])
+    return quantity if said and units.fits(quantity, said.unit) else None
 
 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:

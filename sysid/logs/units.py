@@ -37,6 +37,7 @@ _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
+_CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, a farad
 _ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF"}
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {
@@ -48,6 +49,7 @@ _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", 
 _OHM = re.compile(r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)")  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
 _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
+_QUOTIENT = re.compile(r"([^/_]*[^/_\s])\s*/\s*(\S.*)")  # f/Hz, a table's head by ISO 80000: a quantity over its unit
 _AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
 
 
@@ -70,7 +72,7 @@ def parse_name(label: str) -> Name | None:
     if quantity in AMPLITUDES:
         unit, stated = split_amplitude(unit)
         amplitude = stated or amplitude
-    return Name(quantity, short(unit), amplitude or "peak")
+    return Name(quantity, _in_case(quantity, short(unit)), amplitude or "peak")
 
 
 def bench_time(key: str) -> tuple[str, str] | None:
@@ -99,11 +101,13 @@ def fits(quantity: str, unit: str) -> bool:
 
 
 def split_unit(label: str) -> tuple[str, str, str]:
-    """Name, unit and amplitude word of `Name [unit] rms` or `name_unit`; `name_word_unit` is a name without a unit."""
+    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a name without one."""
     label = label.strip()
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
         return name, found[2], (found[3] or stated).lower()
+    if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
+        return found[1], found[2], ""
     name, _, rest = label.partition("_")
     if "_" in split_amplitude(rest)[0]:
         return label, "", ""
@@ -124,6 +128,15 @@ def short(unit: str) -> str:
     return _PREFIXES[found[1].casefold()] + _FULL[found[2].casefold()] if found else unit
 
 
+def _in_case(quantity: str, unit: str) -> str:
+    """The usual unit of a quantity that differs in capitals alone, as instruments write `HZ`; not where an m might be an M."""
+    usual = _USUAL.get(quantity, _PLAIN)
+    if quantity == "temperature":
+        unit = _CELSIUS.get(unit.upper(), unit)
+    same = [other for other in usual if other.casefold() == unit.casefold()]
+    return same[0] if len(same) == 1 and unit not in usual and (len(unit) == 1 or unit[0] not in "mM") else unit
+
+
 def check_unit(quantity: str, unit: str) -> None:
     """Raise ValueError when `unit` is unknown or of the wrong kind for `quantity`, with what was expected."""
     reference = REFERENCE.get(quantity)
@@ -135,6 +148,8 @@ def check_unit(quantity: str, unit: str) -> None:
         raise ValueError(f"found no unit, {expected}, as in {quantity}_{usual[0]}")
     if re.fullmatch(r"dB\w*", unit):
         raise ValueError(f"found decibels ({unit}), {expected}; decibels are read through a mapping file")
+    if len(unit) > 1 and unit[0] == "M" and (milli := nearest(unit, usual, 1.0)):  # MV: of a header in capitals, a millivolt
+        raise ValueError(f"found the unit {unit!r}, of a million, {expected}; did you mean {milli!r}?")
     parsed = _parse(unit)
     if parsed is None or (reference and parsed.dimensionality != _parse(reference).dimensionality):
         raise ValueError(f"found the unit {unit!r}, {expected}{did_you_mean(unit, usual)}")
@@ -143,6 +158,11 @@ def check_unit(quantity: str, unit: str) -> None:
 def is_known(unit: str) -> bool:
     """Whether a text is a unit, of whatever kind."""
     return unit in _PLAIN or _parse(unit) is not None or re.fullmatch(r"dB\w{0,2}|deg|°", unit) is not None
+
+
+def _is_unit(text: str) -> bool:
+    """Whether what stands below a name is a unit, in whatever capitals: V of `u/V`, and not q of `d/q`."""
+    return is_known(text) or any(_in_case(quantity, text) != text for quantity in QUANTITIES)
 
 
 def same_kind(unit: str, other: str) -> bool:
