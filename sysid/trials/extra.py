@@ -3,6 +3,8 @@
     drift         Hz     the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
     lag           s      the plate is warmer by nu dT/dt than the temperature's sensor      prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
+    damping       1      tau is 1 + nu times that of the other logs                         prior: a tenth
+    tuning        Hz     the resonance is nu above that of the other logs                   prior: a half bandwidth
     thermometer   degC   the plate is warmer by nu than was read                            prior: the error of reading
     filter        1      a lock-in's time constant is 1 + nu times what it is taken for     prior: one
     poles         1      of n poles it is as blurred as of n' with 1/n' = 1/n + nu          prior: a half
@@ -13,9 +15,10 @@ thermometer's error is fitted the log has a resonance of its own, about which it
 to f0 and k_T, which may go as far as it lets them.
 The first three are fitted on request: in a sweep of one direction a drift hides in f0 and tau, and a gain of each log's own in G.
 The thermometer's error is fitted where it moves the resonance by as much as the logs could tell, a filter that is not stated
-where they cannot be described without it (`verdict.hidden`), and a gain where a sweep's feedthrough may
-be a delay (`verdict.through`). A baseline that goes on with the time, on request as well, does not
-depend on the plate: it is one of `Trial.shapes`.
+where they cannot be described without it (`verdict.hidden`), a gain where a sweep's feedthrough may be a delay
+(`verdict.through`), and gain, damping and tuning, with a prior of that size, where logs differ by more than their errors
+(`verdict.differing`). A baseline that goes on with the time, on request as well, does not depend on the plate: it is one of
+`Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +31,8 @@ from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
 FILTER = ("filter", "poles")
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC", "filter": "s", "poles": "1"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "damping": "1", "tuning": "Hz"}
+UNITS |= {"filter": "s", "poles": "1", "thermometer": "degC"}
 STRIDE = 0.5  # half bandwidths, of which a response to first order tells
 PART = 1e-3  # of a time constant: its square is what a difference of both sides is off by
 BLURRED = 0.5  # in 1/n of n poles, which is 1, 1/2 and 1/4
@@ -97,6 +101,10 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, trial.narrow.get("gain", SHARE)
+    if not {"damping", "tuning"}.isdisjoint(trial.nuisances):
+        _, damping, tuning, *_ = course.derivatives(*beside).T
+        yield "damping", damping, trial.narrow.get("damping", SHARE)
+        yield "tuning", tuning, trial.narrow.get("tuning", 1 / (2 * np.pi * tau))
     if trial.filter is not None:
         tau, order = trial.filter
         later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
