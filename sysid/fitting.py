@@ -17,6 +17,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
+from sysid.verdict.differing import OMITS, SPANS, with_differences
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
@@ -58,8 +59,19 @@ def fit(
         if again.result is Result.successful:
             question, found = filtered[0], again
     if found.result is Result.successful and "late" in nuisances:
-        return _spanning(question, found)
-    return found
+        found = _spanning(question, found)
+    return _together(question, found) if found.result is Result.successful else found
+
+
+def _together(question: Question, found: Fit) -> Fit:
+    """The fit, its errors those of logs that differ by more than theirs."""
+    states = [with_differences(s, found.reference, found.names) for s in found.modes]
+    if not (said := states[0][1]):
+        return found
+    anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
+    again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
+    told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
+    return replace(told, warnings=(*(s + does for s in said), *told.warnings))
 
 
 def _spanning(question: Question, found: Fit) -> Fit:

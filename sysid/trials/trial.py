@@ -325,8 +325,9 @@ class Trial:
         return 1 / (2 * np.pi * highest) if highest else 0.0
 
     def prior(self, shape: str) -> float:
-        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response."""
-        return min(self.looseness, self.narrow.get(shape, np.inf))
+        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response. That of `extra`
+        is in its shape, as `extra_columns` has it."""
+        return self.looseness if shape in self.extra else min(self.looseness, self.narrow.get(shape, np.inf))
 
     @property
     def started(self) -> float:

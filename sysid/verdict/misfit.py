@@ -283,10 +283,14 @@ class Linear:
         return worth
 
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
-        """Those that the logs hold; `others`: how many were tried before."""
-        chance = np.log(max(len(tried) + others, 1))
+        """Those that the logs hold; `others`: how many were tried before. Half of the chance is that of what one log has for
+        itself, of which there are few: what logs contradict each other in moves the parameters more than all else."""
+        between = sum(t.between for t in tried)
+        shares = 1 if between in (0, len(tried)) else 2
+        few, many = (np.log(max(shares * n, 1)) for n in (between, len(tried) - between + others))
         self._look([t for t in tried if not t.parts])
-        return [f for t in tried if (f := self.worth(t, (np.log(2) if t.expected else chance) + t.freedom - 1)) is not None]
+        chances = [np.log(2) if t.expected else few if t.between else many for t in tried]
+        return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c + t.freedom - 1)) is not None]
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""

@@ -11,10 +11,11 @@ import numpy as np
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial
 from sysid.verdict.misfit import misfits
-from sysid.verdict.terms import own, times
+from sysid.verdict.terms import finger, own, times
 from sysid.verdict.wording import clipped, touched
 
 APART = 5.0  # standard deviations by which a log has to contradict the others: once in a million
+ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
 
 
 def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> str | None:
@@ -33,8 +34,18 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> s
     value, error = apart[name]
     if abs(value) < APART * error:
         return None
+    if touch := _touch(apart):
+        return finger(trials[i].log.name)(np.array([touch]), None)
     what, about = said[name]
     return own(trials[i].log.name, what, about(value))
+
+
+def _touch(apart: dict[str, tuple[float, float]]) -> float:
+    """By how much log G and log tau are both lower than those of the others; 0 where they are not, or not alike."""
+    values, errors = np.array([apart.get(n, (0.0, 1.0)) for n in ("G", "tau")]).T
+    if np.any(values > -ALIKE * errors) or abs(values[0] - values[1]) > ALIKE * float(np.hypot(*errors)):
+        return 0.0
+    return float(-np.sum(values / errors**2) / np.sum(errors**-2.0))
 
 
 def times_of(x: float) -> str:

@@ -319,15 +319,17 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
 
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
-        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, _finger(name), i)
-        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"))
-        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"))
+        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, finger(name), i, between=True)
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"), between=True)
+        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"), between=True)
         if "f0" in free:
-            yield Term("resonance", {i: columns[:, 2:3]}, _elsewhere(v, "k_T" in free), i, beside=doubted("f0"))
+            yield Term("resonance", {i: columns[:, 2:3]}, _elsewhere(v, "k_T" in free), i, beside=doubted("f0"), between=True)
 
 
-def _finger(name: str) -> Callable[[np.ndarray, View], str | None]:
-    def say(value: np.ndarray, _: View) -> str | None:
+def finger(name: str) -> Callable[[np.ndarray, View | None], str | None]:
+    """Of a log whose G and tau are both off those of the others by the factor e^-value."""
+
+    def say(value: np.ndarray, _: View | None) -> str | None:
         if value[0] <= 0:
             return None
         return (

@@ -30,8 +30,8 @@ class View:
 
     `plate` (n,) is the plate's part of the model, not turned by the demodulator, `turn`; `own` the gain of a log whose drive is
     not recorded, else 1; `late` (s) the lateness of the response; `bench` (n,) what else a d/q log holds. `n` rows are used.
-    `coloured`: rows of correlated noise are made independent. The fitted error of the thermometer, in its standard deviations,
-    stands in the rows of its prior, so that other effects can be tried as its explanation.
+    `coloured`: rows of correlated noise are made independent. The fitted value of each of the bench's numbers, in
+    standard deviations of its prior, stands in the row of that prior, so that other effects can be tried as its explanation.
     """
 
     def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
@@ -55,15 +55,10 @@ class View:
 
     @cached_property
     def recorded(self) -> np.ndarray:
-        """Rows of the residual; those of the priors hold the fitted error of the thermometer."""
+        """Rows of the residual; those of the priors hold the fitted values of the bench's numbers."""
         rows = self.rows(self.residual)
-        rows[self.pulled] = [-self.columns[k].value / self.columns[k].prior for k in self.pulled]
+        rows[len(rows) - self.priors :] = [-c.value / c.prior for c in self.columns]
         return rows
-
-    @cached_property
-    def pulled(self) -> list[int]:
-        """Rows, counted from the end, of the thermometer's error."""
-        return [k - self.priors for k, c in enumerate(self.columns) if self.trial.tied and c.name == "thermometer_d"]
 
     @cached_property
     def r(self) -> np.ndarray:
@@ -175,8 +170,9 @@ class View:
         return rows - (rows @ self.basis) @ self.basis.T
 
     def likelihood(self, rows: np.ndarray) -> float:
-        """Log-likelihood of real rows as noise of this log, at its best level and correlation time, and of its thermometer."""
-        return self._noisy(rows) - 0.5 * float(np.sum(rows[self.pulled] ** 2))
+        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and of those of the priors."""
+        there = len(rows) - self.priors
+        return self._noisy(rows[:there]) - 0.5 * float(np.sum(rows[there:] ** 2))
 
     def _noisy(self, rows: np.ndarray) -> float:
         noise = self.trial.noise
