@@ -3,8 +3,8 @@
 A sensor that is late by t turns them by -2 pi j (f - f0) t W = -(t/tau) G V + (t/tau) W: but for a feedthrough that is real in
 the plate's own frame, G is larger by 1 + t/tau. Where a sweep shows such a feedthrough, within its errors, it is the one or the
 other, and the log gets a gain of its own with a prior of that size: the error of G spans both. As all logs may be late alike,
-the size grows with their number. By chance one that is there is real within ASIDE in one sweep of ten. Where no more than a
-part can be a delay, only a sentence says so.
+the size grows with their number, and what each of several sweeps shows too little of, they may show together. By chance one that
+is there is real within ASIDE in one sweep of ten. Where no more than a part can be a delay, only a sentence says so.
 """
 
 from dataclasses import replace
@@ -27,26 +27,36 @@ SAID = (
 
 
 class _Share(NamedTuple):
-    """The real part of a feedthrough in the plate's own frame, over the settled response; whether it is all of it."""
+    """A feedthrough in the plate's own frame, over the settled response, with the errors of its real and its imaginary part."""
 
-    real: float
-    all: bool
+    size: complex
+    along: float
+    across: float
+
+    def may_be_late(self, error: float) -> bool:
+        """Whether it is seen, would move G by more than its relative `error` does, and may at least in part be a delay."""
+        return max(REAL * self.along, FELT * error, abs(self.size.imag)) < abs(self.size.real) < MOST
+
+    @property
+    def all(self) -> bool:
+        """Whether all of it may be a delay."""
+        return abs(self.size.imag) < max(REAL * self.across, ASIDE * abs(self.size.real))
 
 
 def with_delays(state: State, reference: tuple[float, float]) -> tuple[tuple[Trial, ...], list[str]]:
     """The trials, those of settled points whose feedthrough may be a delay with the gain that this would be; and sentences that
     say so, and where it may be a delay in part."""
-    trials, shares = list(state.trials), dict[int, _Share]()
-    for i in (i for i, t in enumerate(trials) if _may_be_late(t)):
-        if share := _share(View(trials[i], state.models[i], state, reference, coloured=True), state):
-            shares[i] = share
+    trials, error = list(state.trials), float(np.sqrt(state.covariance[0, 0]))
+    swept = [i for i, t in enumerate(trials) if _may_be_late(t)]
+    seen = {i: _share(View(trials[i], state.models[i], state, reference, coloured=True), state) for i in swept}
+    shares = _together(seen, error) | {i: s for i, s in seen.items() if s.may_be_late(error)}
     alike = sum(s.all for s in shares.values()) + sum(t.lateness > 0 for t in trials)
     for i, share in shares.items():
         if share.all:
             nuisances = tuple(dict.fromkeys((*trials[i].nuisances, "gain")))
-            narrow = trials[i].narrow | {"gain": abs(share.real) * np.sqrt(alike)}
+            narrow = trials[i].narrow | {"gain": abs(share.size.real) * np.sqrt(alike)}
             trials[i] = replace(trials[i], nuisances=nuisances, narrow=narrow)
-    return tuple(trials), [_said(trials[i], share, float(np.exp(state.theta[1]))) for i, share in shares.items()]
+    return tuple(trials), [_said(trials[i], share, state.tau) for i, share in shares.items()]
 
 
 def _may_be_late(trial: Trial) -> bool:
@@ -55,20 +65,31 @@ def _may_be_late(trial: Trial) -> bool:
     return swept and "feedthrough" in trial.shapes and trial.log.bench.get("delay_s") != 0
 
 
-def _share(view: View, state: State) -> _Share | None:
-    """None where it is not seen, or no delay."""
-    settled = float(np.exp(state.theta[0])) * float(np.max(np.abs(view.trial.log.drive)))
+def _share(view: View, state: State) -> _Share:
+    """That of one log."""
+    settled = state.G * float(np.max(np.abs(view.trial.log.drive)))
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / settled
     share, covariance = complex(form @ np.array([c.value for c in view.columns])), view.covariance(state.covariance)
     along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
-    error = float(np.sqrt(state.covariance[0, 0]))
-    if not max(REAL * along, FELT * error, abs(share.imag)) < abs(share.real) < MOST:
-        return None
-    return _Share(share.real, abs(share.imag) < max(REAL * across, ASIDE * abs(share.real)))
+    return _Share(share, along, across)
+
+
+def _together(seen: dict[int, _Share], error: float) -> dict[int, _Share]:
+    """The mean of what the logs show, for each of two or more whose own are within FELT errors of it; none where even that may
+    not be late."""
+    if len(seen) < 2:
+        return {}
+    sizes = np.array([s.size for s in seen.values()])
+    along, across = (np.array(v) ** -2.0 for v in zip(*((s.along, s.across) for s in seen.values()), strict=True))
+    size = complex(along @ sizes.real / np.sum(along), across @ sizes.imag / np.sum(across))
+    mean = _Share(size, float(np.sum(along) ** -0.5), float(np.sum(across) ** -0.5))
+    near = [i for i, s in seen.items() if abs(s.size.real - size.real) < FELT * s.along]
+    return dict.fromkeys(near, mean) if len(near) > 1 and mean.may_be_late(error) else {}
 
 
 def _said(trial: Trial, share: _Share, tau: float) -> str:
-    late, stated = -share.real / (1 + share.real) * tau, trial.log.bench.get("delay_s")
+    real = share.size.real
+    late, stated = -real / (1 + real) * tau, trial.log.bench.get("delay_s")
     which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
-    beside, size = f" beside the {stated:.3g} s that are stated" if stated else "", f"{100 * abs(share.real):.2g} %"
+    beside, size = f" beside the {stated:.3g} s that are stated" if stated else "", f"{100 * abs(real):.2g} %"
     return SAID.format(trial.log.name, size, which, abs(late), beside, f"{change}: its error spans both" if share.all else change)
