@@ -23,6 +23,7 @@ from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
 from sysid.verdict.through import with_delays
 
+TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
 WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that may be a delay
 
 
@@ -70,6 +71,8 @@ def _together(question: Question, found: Fit) -> Fit:
         return found
     anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
     again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
+    if again.result is Result.misfit:
+        return again
     told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
     return replace(told, warnings=(*(s + does for s in said), *told.warnings))
 
@@ -131,7 +134,8 @@ def _asked(
         states = minimiser.minima(read, start)
     said = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
-    states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
+    for _ in range(TWICE if any(t.at_one_frequency for t in read) else 1):
+        states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     if "thermometer" in nuisances and "k_T" in free:
         states, doubts = _with_thermometers(minimiser, states, logs)
         warnings += doubts

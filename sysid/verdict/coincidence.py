@@ -62,7 +62,7 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
         return state.trials
     squares = []
     for trial, model in zip(state.trials, state.models, strict=True):
-        if "feedthrough" not in trial.shapes:
+        if trial.at_one_frequency or "feedthrough" not in trial.shapes:
             continue
         view = View(trial, model, state, reference, coloured=True)
         through = complex_of(view, "feedthrough", 1 / float(np.max(np.abs(trial.shapes["feedthrough"]))))
