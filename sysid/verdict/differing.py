@@ -23,7 +23,8 @@ from sysid.trials.trial import Trial
 from sysid.verdict.view import View
 
 CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
-TOLD = 1e-6  # of a log's information, less than which the other logs say nothing to compare it with
+TOLD = 1e-6  # of the best log's information, less than which a log says nothing of a parameter
+COMPARED = 0.01  # of its information that others must tell: one log a temperature has f0 by k_T, told by what creeps in each
 OWN = {"G": "gain", "tau": "damping", "f0": "tuning"}  # by parameter, the number of a log's own in `trials.extra`
 SAID = (
     "{}: the logs differ by more than their errors, as by chance in one of {}: {}, {} {}; another log would tell which is right;"
@@ -86,7 +87,7 @@ def _of(held: tuple[int, ...], score: np.ndarray, left: np.ndarray, own: np.ndar
     """By the score of what each log has for itself and the information `left` of it, where it has `own` by itself."""
     size = np.sqrt(own)
     values, vectors = np.linalg.eigh(left / np.outer(size, size))
-    told = values > TOLD
+    told = values > COMPARED
     square = float(np.sum((vectors[:, told].T @ (score / size)) ** 2 / values[told]))
     rank, total = int(np.sum(told)), float(np.trace(left))
     std = np.sqrt(max(square - rank, 0.0) / total) if rank and total > 0 else 0.0
