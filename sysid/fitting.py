@@ -21,6 +21,7 @@ from sysid.verdict.differing import OMITS, SPANS, with_differences
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
+from sysid.verdict.standing import with_offsets
 from sysid.verdict.through import with_delays
 
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
@@ -132,10 +133,12 @@ def _asked(
     read = tuple(reading.read_as(t, log.sampling, states[0].tau) for t, log in zip(trials, logs, strict=True))
     if any(now is not before for now, before in zip(read, trials, strict=True)):
         states = minimiser.minima(read, start)
-    said = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
-    warnings += [f"{log.name}: {what}" for log, what in zip(logs, said, strict=True) if what]
+    sampled = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
+    warnings += [f"{log.name}: {what}" for log, what in zip(logs, sampled, strict=True) if what]
     for _ in range(TWICE if any(t.at_one_frequency for t in read) else 1):
         states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
+    states, said = with_offsets(minimiser, states)
+    warnings += said
     if "thermometer" in nuisances and "k_T" in free:
         states, doubts = _with_thermometers(minimiser, states, logs)
         warnings += doubts
@@ -156,7 +159,8 @@ def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
     """The trials as they were read, with the nuisances and priors that were found."""
-    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow) for t, f in zip(trials, found, strict=True))
+    pairs = zip(trials, found, strict=True)
+    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing) for t, f in pairs)
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:

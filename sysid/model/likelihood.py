@@ -15,7 +15,7 @@ log cannot separate (where a lone step cannot, the priors of feedthrough and lat
 amplitude log, w^2 = |G h + nu_1 e - nu_3 G h'|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only
 about their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had
 settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it
-began with.
+began with. Where it begins at rest and an offset of d and q shows there, e is 1 and nu_1 that offset (`verdict.standing`).
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -66,15 +66,15 @@ class Experiment(NamedTuple):
 
     `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`, `before` (N,) of
     the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N): orthonormal, of the whitened
-    columns that do not depend on the plant, with a row for each one's prior. Where the noise of d and q differs, these three are
-    complex: real parts act on d, imaginary ones on q. `tightness`: one over the standard deviation of
-    the nuisances' prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's;
-    `rotated` 1 when the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is,
-    over that of the other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that
-    each may have; `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3, `start_free` the prior of the
-    start over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes of the log's own,
-    held at a plate. `tied` (3,): its own resonance where its thermometer's error is fitted, Hz above the reference, its mean
-    warming, degC, and one over that error; zeros elsewhere.
+    columns that do not depend on the plant, with a row for each one's prior. Where the noise of d and q differs, these three
+    are complex: real parts act on d, imaginary ones on q. `tightness`: one over the standard deviation of the nuisances'
+    prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's; `rotated` 1 when
+    the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is, over that of the
+    other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each may have;
+    `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3, `start_free` the prior of the start over
+    that of the other nuisances, `floor_free` 1, when they are to be found; `standing` 1 where nu_1 does not decay: an offset
+    under an amplitude. `extra` (E, N): shapes of the log's own, held at a plate. `tied` (3,): its own resonance where its
+    thermometer's error is fitted, Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
     """
 
     hold: Hold
@@ -93,6 +93,7 @@ class Experiment(NamedTuple):
     late: Leaf
     start_free: Leaf
     floor_free: Leaf
+    standing: Leaf
     extra: Leaf
     tied: Leaf
 
@@ -167,6 +168,7 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
+    free = jnp.where(x.standing > 0, 1.0, free) if layout.amplitude else free
     return jax.lax.optimization_barrier(Response(gain * forced, -gain * x.lateness * rate, x.start_free * unit * free))
 
 

@@ -74,12 +74,17 @@ def rectified(log: Log) -> bool:
         rest = after[3 * len(after) // 4 :]
     if min(len(rest), len(rows) - 2) < FEW or np.mean(rest) > QUIET * np.max(w):
         return False
-    variance = float(np.median(np.abs(np.diff(rows, 2))) / 0.6745) ** 2 / 6
-    if variance == 0 or np.any(rest == 0):
+    noise = variance(rows)
+    if noise == 0 or np.any(rest == 0):
         return False
-    rayleigh = np.log(rest / variance) - rest**2 / (2 * variance)
-    normal = -0.5 * np.log(2 * np.pi * variance) - (rest - np.mean(rest)) ** 2 / (2 * variance)
+    rayleigh = np.log(rest / noise) - rest**2 / (2 * noise)
+    normal = -0.5 * np.log(2 * np.pi * noise) - (rest - np.mean(rest)) ** 2 / (2 * noise)
     return bool(np.sum(rayleigh - normal) > 0)
+
+
+def variance(rows: np.ndarray) -> float:
+    """Of the white noise of rows (n,) of a smooth response, by their second differences."""
+    return float(np.median(np.abs(np.diff(rows, 2))) / 0.6745) ** 2 / 6
 
 
 def _dies_into_rice(time: np.ndarray, w: np.ndarray) -> bool:

@@ -98,6 +98,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
+        standing=np.asarray(float(trial.standing)),
         extra=np.array(extra, complex).reshape(len(extra), rows),
         tied=_tied(trial, hold),
     )

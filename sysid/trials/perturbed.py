@@ -89,7 +89,8 @@ class Course:
 
     @property
     def free(self) -> np.ndarray:
-        """Decay of a unit start at the first interval; in units of the settled response where the log began settled."""
+        """Decay of a unit start at the first interval; in units of the settled response where the log began settled; 1 of an
+        offset under an amplitude."""
         return self.response.free
 
     @property
@@ -112,6 +113,11 @@ class Course:
         states."""
         return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
+    @property
+    def fading(self) -> np.ndarray:
+        """Rate of change of `free`, 1/s."""
+        return np.zeros_like(self.free) if self.trial.standing else self.pole * self.free
+
     def driven(self, drive: np.ndarray) -> np.ndarray:
         """Response to another drive (M,), V."""
         return replace(self, hold=self.hold._replace(drive=drive)).forced
@@ -131,7 +137,7 @@ class Course:
             return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
         carrier = trial.resonant and trial.log.theta is not None
         found = respond(tau, detuning, hold, False, carrier, trial.begun, order, xp=np)
-        free = self.gain * found.free if trial.begun else found.free
+        free = self.gain * found.free if trial.begun else np.ones_like(found.free) if trial.standing else found.free
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 
     def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:

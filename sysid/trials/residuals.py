@@ -69,7 +69,7 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
     log, still = trial.log, (0.0, np.zeros(len(model)))
     if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
         return still
-    rate = course.rate + trial.start * course.pole * course.free
+    rate = course.rate + trial.start * course.fading
     if trial.signed:
         rate = trial.turn * rate
     else:

@@ -53,6 +53,7 @@ class Trial:
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
     # What the bench added, as it is known at present.
     start: complex = 0.0  # in the plate's frame
+    standing: bool = False  # `start` does not decay: an amplitude log that begins at rest has an offset of d and q under it
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
@@ -192,6 +193,8 @@ class Trial:
     @cached_property
     def start_free(self) -> bool:
         """The state at the first row is fitted."""
+        if self.standing:
+            return True
         if self.steady or self.from_rest or "start" not in self.nuisances:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale

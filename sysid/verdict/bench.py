@@ -37,8 +37,8 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     the log states, `filter` (s) the time constant of a lock-in's that is fitted; `drift`, `lag`, `gain`, `thermometer` those of
     `trials.extra`; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides), `baseline` (per s) and `start` have
     d and q as the log records them, the start of an amplitude that is driven at its first row what it has beside the settled
-    response, along it and across; `noise` is one channel's standard deviation; where those of d and q differ it is their root
-    mean square, with `noise_d` and `noise_q`."""
+    response, along it and across, and an offset under an amplitude what it has along the response at resonance; `noise` is one
+    channel's standard deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
     return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
@@ -86,7 +86,7 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     if kind == "late":
         factor = trial.lateness / (trial.looseness if channel else trial.lateness)
         return None if channel == "q" else _Shown("delay", "s", factor)
-    if kind == "start":
+    if kind == "start" or trial.standing:
         return _Shown(shown, unit, 1.0)
     per_drive, per_both = (f"{unit}/{drive}", f"{unit}/({drive} Hz)") if drive else (unit, f"{unit}/Hz")
     per = {"offset": unit, "feedthrough": per_drive, "slope": per_both, "baseline": f"{unit}/s"}[kind]

@@ -60,7 +60,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
-        yield from chain(_creeping(i, view), moments(i, view))
+        yield from chain(_under_amplitude(i, view), _creeping(i, view), moments(i, view))
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:
@@ -208,6 +208,23 @@ def _creeping(i: int, view: View) -> Iterator[Term]:
         return f"{log.name}: {said}; record a shorter log, wait until it is constant, or fit it (--effects=+baseline)"
 
     yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
+
+
+def _under_amplitude(i: int, view: View) -> Iterator[Term]:
+    """An offset o of d and q of which an amplitude |W + o| is all that was recorded."""
+    if view.trial.signed or view.trial.standing or not view.trial.driven:
+        return
+    constant = np.ones(len(view.plate), complex)
+    shapes = view.observed(np.stack([constant, 1j * constant])).T
+
+    def say(value: np.ndarray, view: View) -> str:
+        share = 100 * float(np.hypot(*value)) / view.trial.scale
+        return (
+            f"{view.trial.log.name}: an offset of d and q lies under its amplitude, of {share:.2g} % of the response; record wd"
+            " and wq, or take what they read at rest off before the amplitude"
+        )
+
+    yield Term("offset", {i: shapes}, say, i, freedom=2)
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

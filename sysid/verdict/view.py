@@ -84,7 +84,8 @@ class View:
         self.plate = self.own * (c.forced + start * c.free + late * c.rate)
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
-        columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
+        name = "offset" if trial.standing else "start"
+        columns = [Column(f"{name}_d", shape, wide, size * start.real), Column(f"{name}_q", 1j * shape, wide, size * start.imag)]
         columns = columns if trial.start_free else []
         columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]

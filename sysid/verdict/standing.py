@@ -1,0 +1,106 @@
+"""An offset of d and q under an amplitude log, fitted where its rows at rest show one.
+
+    w = |W + o + n|
+
+An instrument that records the amplitude alone hides what Wd and Wq read at rest. There w is |o|, not the noise's size, and in a
+step or a ring-down o adds to the response at first and takes from it later, as the response turns. Where the rows at rest, before
+the first drive and long after the last, are larger than noise, the log is fitted with an offset, of a prior as wide as they tell.
+It is kept if that describes the log better than two numbers do by chance; if it moves G or tau by more than their errors, as the
+log then does not tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
+direction, but then G is not known better than that.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.minimum.minimise import MODES, Minimiser, State
+from sysid.model import rice
+from sysid.trials.trial import Trial, with_noise
+
+FEW = 4  # rows at rest, of which nothing is told
+SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
+SURE = 4.0  # above which it is there
+WORTH = 5.0  # log-likelihood: two numbers are worth as much by chance in one of 150 fits
+MOVES = 3.0  # standard deviations of G or tau
+STILL = 0.1  # of the noise, less than which is left of a response that rings down
+TURNS = np.exp(0.5j * np.pi * np.arange(4))  # of an offset, from where its direction is looked for
+ROUNDS = 4  # of each of them
+
+
+class _Rest(NamedTuple):
+    """What an amplitude log reads at rest: the offset that this may be, by how many standard deviations it is more than noise,
+    and the noise beside the drive."""
+
+    size: float
+    seen: float
+    noise: float
+
+
+def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State], list[str]]:
+    """The minima with the offsets that lie under amplitudes, and sentences that say so."""
+    said = []
+    for i, trial in enumerate(states[0].trials):
+        rest = _at_rest(trial, states[0].tau)
+        if rest is None or rest.seen < SEEN:
+            continue
+        found = sorted((_fitted(minimiser, s, i, rest) for s in states), key=lambda s: s.cost)
+        if rest.seen > SURE or _worth(states[0], found[0], i) > WORTH or _moved(states[0], found[0]) > MOVES:
+            states = [s for s in found if s.cost <= found[0].cost + MODES]
+            said.append(_said(states[0].trials[i]))
+    return states, said
+
+
+def _at_rest(trial: Trial, tau: float) -> _Rest | None:
+    """Of an amplitude that begins at rest; None of other logs, and where too few rows show it."""
+    log = trial.whole or trial.log
+    held = "offset" in trial.nuisances and not (trial.signed or trial.steady or trial.start_free or log.relative_noise)
+    if not held or not trial.driven:
+        return None
+    first, last = np.flatnonzero(log.drive)[[0, -1]]
+    noise = rice.variance(log.response[first + 1 : last + 1]) if last > first + FEW else 0.0
+    if noise == 0:
+        return None
+    off = float(log.time[min(last + 1, len(log) - 1)])
+    died = off + tau * np.log(trial.scale / (STILL * np.sqrt(noise)))
+    rest = log.response[(np.arange(len(log)) <= first) | (log.time > died)]
+    if len(rest) < FEW:
+        return None
+    more, error = float(np.mean(rest**2)) - 2 * noise, 2 * noise / float(np.sqrt(len(rest)))  # of noise alone, exponential
+    return _Rest(float(np.sqrt(max(more, 0.0) + error)), more / error, float(np.sqrt(noise)))
+
+
+def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
+    """The minimum near `state` with an offset of about that size under the i-th log."""
+
+    def begun(turn: complex) -> tuple[Trial, ...]:
+        trials = list(state.trials)
+        narrow = trials[i].narrow | {"start": rest.size}
+        new = replace(
+            trials[i], standing=True, start=rest.size * turn, narrow=narrow, floor=rest.noise**2, floor_free=True, late=0.0
+        )
+        trials[i] = with_noise(new, rest.noise, 0.0)
+        return tuple(trials)
+
+    best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
+    return minimiser.refine(best.trials, best.theta, known=1)
+
+
+def _worth(before: State, after: State, i: int) -> float:
+    """Log-likelihood, at its best, of an offset under the i-th log. The cost counts the two numbers that it takes from those that
+    tell the noise's level; here they are not."""
+    return before.cost - after.cost - 2 * float(np.log(after.trials[i].noise.std))
+
+
+def _moved(before: State, after: State) -> float:
+    """How far G or tau is off, in the errors that they had."""
+    return float(np.max(np.abs(after.theta - before.theta)[:2] / np.sqrt(np.diag(before.covariance)[:2])))
+
+
+def _said(trial: Trial) -> str:
+    share = 100 * abs(trial.start) / trial.scale
+    return (
+        f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the response, and is"
+        " fitted; record wd and wq, or take what they read at rest off before the amplitude"
+    )
