@@ -160,7 +160,7 @@ def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
     """The trials as they were read, with the nuisances and priors that were found."""
     pairs = zip(trials, found, strict=True)
-    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing) for t, f in pairs)
+    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing, offset=f.offset) for t, f in pairs)
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:

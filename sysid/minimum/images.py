@@ -25,7 +25,7 @@ def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float
     warming = {id(t): float(np.mean(t.hold(reference).warming)) for t in resonant}
     mirrored = {}
     for trial in (t for t in resonant if _of_size_alone(t) and np.ptp(t.log.frequency) == 0):
-        turned = tuple(replace(t, start=np.conj(t.start)) if t is trial else t for t in trials)
+        turned = tuple(replace(t, start=np.conj(t.start), offset=np.conj(t.offset)) if t is trial else t for t in trials)
         image = 2 * (trial.log.frequency[0] - reference[0]) - level - drift * warming[id(trial)]
         mirrored[image - drift * warming[id(trial)], drift] = turned
         others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]

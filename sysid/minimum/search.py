@@ -103,7 +103,7 @@ class Thinned:
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for an amplitude that only decays."""
         trial, scale, floor = self.trial, self.trial.looseness, self.trial.lift
-        plate = complex(trial.start) * free
+        plate = complex(trial.start) * free + trial.offset
         size, along = rice.mean(plate, floor), rice.towards(plate, floor) * free
         shapes = [along.real, -along.imag, rice.by_floor(plate, floor) * float(trial.floor_free) * scale]
         begun = trial.start.real * shapes[0] + trial.start.imag * shapes[1] + floor / scale * shapes[2]

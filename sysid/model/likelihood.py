@@ -8,14 +8,14 @@ For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it
 with h the plant's response per unit G. Lateness covers, to first order, a trigger and a demodulator's filter and, as nu is
 complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub &
 Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
-plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has
-a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where
-that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a
-log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `verdict.coincidence`). An
-amplitude log, w^2 = |G h + nu_1 e - nu_3 G h'|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only
-about their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had
-settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it
-began with. Where it begins at rest and an offset of d and q shows there, e is 1 and nu_1 that offset (`verdict.standing`).
+plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has a
+zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where that is
+longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a log cannot
+separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `verdict.coincidence`). An amplitude log,
+w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only about
+their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had settled by
+then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began with.
+nu_4, an offset of d and q, is there where the log shows one (`verdict.standing`).
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -71,9 +71,9 @@ class Experiment(NamedTuple):
     prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's; `rotated` 1 when
     the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is, over that of the
     other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each may have;
-    `start`, `floor` and `late` the amplitude log's nu_1 (complex), nu_2 and nu_3, `start_free` the prior of the start over
-    that of the other nuisances, `floor_free` 1, when they are to be found; `standing` 1 where nu_1 does not decay: an offset
-    under an amplitude. `extra` (E, N): shapes of the log's own, held at a plate. `tied` (3,): its own resonance where its
+    `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4 (complex), `start_free` and
+    `offset_free` the priors of start and offset over that of the other nuisances, `floor_free` 1, when they are to be found.
+    `extra` (E, N): shapes of the log's own, held at a plate. `tied` (3,): its own resonance where its
     thermometer's error is fitted, Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
     """
 
@@ -91,23 +91,26 @@ class Experiment(NamedTuple):
     start: Leaf
     floor: Leaf
     late: Leaf
+    offset: Leaf
     start_free: Leaf
     floor_free: Leaf
-    standing: Leaf
+    offset_free: Leaf
     extra: Leaf
     tied: Leaf
 
 
 class Residual(NamedTuple):
     """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the nuisances' values:
-    `late` in units of `lateness`, `extra` (E,) of the columns, `turn` the demodulator's rotation times the gain where that is the
-    log's own. `volume` is half the log determinant of the nuisances' information, as far as it depends on the plant."""
+    `late` in units of `lateness`, `offset` as `Experiment` has it, `extra` (E,) of the columns, `turn` the demodulator's
+    rotation times the gain where that is the log's own. `volume` is half the log determinant of the nuisances' information,
+    as far as it depends on the plant."""
 
     rows: Array
     driven: Array
     start: Array
     floor: Array
     late: Array
+    offset: Array
     turn: Array
     volume: Array
     extra: Array
@@ -168,17 +171,19 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    free = jnp.where(x.standing > 0, 1.0, free) if layout.amplitude else free
     return jax.lax.optimization_barrier(Response(gain * forced, -gain * x.lateness * rate, x.start_free * unit * free))
 
 
 def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
     """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's distribution about its
-    size, whose level is the root of the floor."""
-    turn, start, late, *floor = nuisances
+    size beside an offset, whose level is the root of the floor."""
+    turn, start, late, *amplitude = nuisances
     w = turn * shapes.forced + start * shapes.free
     w = w + late * shapes.rate if layout.late else w
-    return rice.mean(w, floor[0]) if floor else w
+    if not amplitude:
+        return w
+    floor, offset = amplitude
+    return rice.mean(w + offset, floor)
 
 
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
@@ -247,7 +252,8 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     late = (nuisances[2] * jnp.conj(turn)).real
     rows = left - turn.real * shape - turn.imag * ahead
     volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
-    return Residual(rows, driven, nuisances[1], x.floor, late, turn, volume, _numbers(weights, x, layout)), nuisances, off
+    numbers = _numbers(weights, x, layout)
+    return Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers), nuisances, off
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
@@ -257,23 +263,23 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     numbers = _numbers(weights, x, layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, weights[0], span.volume, numbers)
+    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, x.offset, weights[0], span.volume, numbers)
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now = (jnp.ones(()), x.start, x.late, x.floor)
+    now = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _whiten(size, x)
-        return Residual(rows, size, x.start, x.floor, x.late, now[0], jnp.zeros(()), jnp.zeros(0)), now, lambda v: v
+        return Residual(rows, size, x.start, x.floor, x.late, x.offset, now[0], jnp.zeros(()), jnp.zeros(0)), now, lambda v: v
     now = jax.lax.fori_loop(0, ROUNDS, lambda _, now: _stepped(now, shapes, x, layout), now)
     span, found = _about(now, shapes, x, layout)
     size = _modelled(shapes, now, layout)
     floor = jnp.where(x.floor_free > 0, found[2] / x.tightness, x.floor)
     rows = _left(now, shapes, x, layout)
-    return Residual(rows, size, now[1], floor, now[2], now[0], span.volume, jnp.zeros(0)), now, span.off
+    return Residual(rows, size, now[1], floor, now[2], now[4], now[0], span.volume, jnp.zeros(0)), now, span.off
 
 
 ROUNDS = 4  # of steps to the nuisances of an amplitude log
@@ -287,9 +293,10 @@ def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: La
     start = jnp.where(x.start_free > 0, found[0] + 1j * found[1], now[1])
     late = found[3] if layout.late else now[2]
     floor = jnp.where(x.floor_free > 0, jnp.maximum(found[2] / x.tightness, LEAST * now[3]), now[3])
+    offset = jnp.where(x.offset_free > 0, x.offset_free * (found[-2] + 1j * found[-1]), now[4])
 
     def part(share: Array) -> tuple[Array, ...]:
-        return now[0], *(old + share * (new - old) for old, new in zip(now[1:], (start, late, floor), strict=True))
+        return now[0], *(old + share * (new - old) for old, new in zip(now[1:], (start, late, floor, offset), strict=True))
 
     left = jax.vmap(lambda share: jnp.sum(_left(part(share), shapes, x, layout) ** 2))(jnp.array(SHARES))
     return part(jnp.array(SHARES)[jnp.argmin(left)])
@@ -297,7 +304,9 @@ def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: La
 
 def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> Array:
     """Whitened residual of a transient's amplitude, with a row for the prior of each nuisance."""
+    offset = now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
     values = [now[1].real, now[1].imag, x.floor_free * x.tightness * now[3], *([now[2]] if layout.late else [])]
+    values = [*values, offset.real, offset.imag]
     rows = _off(x.response - _whiten(_modelled(shapes, now, layout), x), x)
     return rows.at[-len(values) :].add(-x.tightness * jnp.stack(values[::-1]))
 
@@ -305,7 +314,7 @@ def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layou
 def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
     """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they are at best."""
     size = _modelled(shapes, now, layout)
-    plate = _modelled(shapes, now[:3], layout)
+    plate = _modelled(shapes, now[:3], layout) + now[4]
     towards = rice.towards(plate, now[3])
     along = towards * shapes.free
     scale = 1 / x.tightness
@@ -313,6 +322,8 @@ def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layo
     values = [now[1].real, now[1].imag, now[3] / scale]
     if layout.late:
         own, values = [*own, (towards * shapes.rate).real], [*values, now[2]]
+    held, offset = towards * x.offset_free, now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
+    own, values = [*own, held.real, -held.imag], [*values, offset.real, offset.imag]
     span = Span([_held(c, i, x) for i, c in enumerate(own)])
     return span, span.weights(x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x))
 

@@ -96,9 +96,10 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         start=np.asarray(complex(trial.start) / trial.started),
         floor=np.asarray(trial.lift),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
+        offset=np.asarray(complex(trial.offset)),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
-        standing=np.asarray(float(trial.standing)),
+        offset_free=np.asarray(trial.standing * trial.prior("offset") / trial.looseness),
         extra=np.array(extra, complex).reshape(len(extra), rows),
         tied=_tied(trial, hold),
     )

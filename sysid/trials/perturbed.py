@@ -89,8 +89,7 @@ class Course:
 
     @property
     def free(self) -> np.ndarray:
-        """Decay of a unit start at the first interval; in units of the settled response where the log began settled; 1 of an
-        offset under an amplitude."""
+        """Decay of a unit start at the first interval; in units of the settled response where the log began settled."""
         return self.response.free
 
     @property
@@ -113,10 +112,10 @@ class Course:
         states."""
         return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
-    @property
-    def fading(self) -> np.ndarray:
-        """Rate of change of `free`, 1/s."""
-        return np.zeros_like(self.free) if self.trial.standing else self.pole * self.free
+    @cached_property
+    def plate(self) -> np.ndarray:
+        """What an amplitude shows the size of: response, start and an offset."""
+        return self.forced + self.trial.start * self.free + self.trial.offset
 
     def driven(self, drive: np.ndarray) -> np.ndarray:
         """Response to another drive (M,), V."""
@@ -137,7 +136,7 @@ class Course:
             return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
         carrier = trial.resonant and trial.log.theta is not None
         found = respond(tau, detuning, hold, False, carrier, trial.begun, order, xp=np)
-        free = self.gain * found.free if trial.begun else np.ones_like(found.free) if trial.standing else found.free
+        free = self.gain * found.free if trial.begun else found.free
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 
     def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
@@ -174,13 +173,14 @@ class Course:
     def design(self) -> np.ndarray:
         """(n, K) derivatives of this log by all that the fit can adjust, plant and nuisances; real or complex as its coefficients
         are."""
-        trial, plate = self.trial, self.forced + self.trial.start * self.free
+        trial = self.trial
         shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
         if not trial.steady:
             shapes += [self.rate, *([self.free] if trial.start_free else [])]
         if trial.signed:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
-        towards = rice.towards(plate, trial.lift)
+        shapes += [np.ones(len(self.forced))] if trial.standing else []
+        towards = rice.towards(self.plate, trial.lift)
         made = [towards * s * turn for s in shapes for turn in (1, 1j)]
         # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
         return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)

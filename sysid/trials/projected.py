@@ -29,7 +29,7 @@ def efficiency(trial: Trial, course: Course) -> float:
     white = whitened(made / np.linalg.norm(made, axis=1, keepdims=True), now, before)
     unweighted = now * white
     unweighted[:, :-1] -= (before * white)[:, 1:]  # W J
-    plate = (course.forced + trial.start * course.free)[used]
+    plate = course.plate[used]
     seen = unweighted * np.exp(-1j * np.angle(plate)) * (noise.std / noise.weight[used])
     inverse = np.linalg.pinv(white @ white.T, hermitian=True)
     steps = -np.diff(noise.clock[used], prepend=noise.clock[used][0]) / noise.time

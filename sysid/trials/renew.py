@@ -28,8 +28,8 @@ def update(
             models[i] = trials[i].completed(driven)
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
-            floor, late = float(detail.floor[k]), float(detail.late[k])
-            new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, round_), turn=turn)
+            floor, late, offset = float(detail.floor[k]), float(detail.late[k]), complex(detail.offset[k])
+            new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn)
             new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i])
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
@@ -80,8 +80,11 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
     return 0.5 * outliers * channels * float(np.log(np.mean(left**2) / channels))
 
 
-def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor."""
+def _renew(
+    trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, offset: complex, round_: int
+) -> Trial:
+    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor and an
+    offset."""
     new = heard(trial, model.real if trial.log.amplitude_only else model, course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
@@ -89,7 +92,8 @@ def _renew(trial: Trial, model: np.ndarray, course: Course, start: complex, floo
     if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
         share = 1 / (round_ - HELD + 1)
         start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
+        offset = share * offset + (1 - share) * trial.offset
     # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
     free = new.floor_free and not trial.steady and floor > 0
     held = (1 - new.noise.share) * new.noise.std**2 if trial.steady else 1e-6 * new.noise.std**2
-    return replace(new, start=start, late=late, floor=floor if free else held, floor_free=bool(free))
+    return replace(new, start=start, late=late, offset=offset, floor=floor if free else held, floor_free=bool(free))

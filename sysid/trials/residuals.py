@@ -69,11 +69,8 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
     log, still = trial.log, (0.0, np.zeros(len(model)))
     if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
         return still
-    rate = course.rate + trial.start * course.fading
-    if trial.signed:
-        rate = trial.turn * rate
-    else:
-        rate = (rice.towards(course.forced + trial.start * course.free, trial.lift) * rate).real + 0j
+    rate = course.rate + trial.start * course.pole * course.free
+    rate = trial.turn * rate if trial.signed else (rice.towards(course.plate, trial.lift) * rate).real + 0j
     if not 0 < round_ < HELD or not _is_noise(trial, model):
         return (trial.noise.scatter, np.abs(rate)) if trial.noise.scatter else still
     first = np.searchsorted(trial.inputs.interval, trial.inputs.interval)

@@ -53,7 +53,8 @@ class Trial:
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
     # What the bench added, as it is known at present.
     start: complex = 0.0  # in the plate's frame
-    standing: bool = False  # `start` does not decay: an amplitude log that begins at rest has an offset of d and q under it
+    offset: complex = 0.0  # of d and q, under an amplitude, in the plate's frame
+    standing: bool = False  # there is one
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
@@ -193,8 +194,6 @@ class Trial:
     @cached_property
     def start_free(self) -> bool:
         """The state at the first row is fitted."""
-        if self.standing:
-            return True
         if self.steady or self.from_rest or "start" not in self.nuisances:
             return False
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
@@ -391,7 +390,8 @@ def numbers_left(trial: Trial) -> int:
     """Real numbers in a log, less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        return len(trial.log) - trial.noise.left_out - columns - 2 * trial.start_free - (not trial.steady) - late
+        columns += 2 * trial.start_free + 2 * trial.standing
+        return len(trial.log) - trial.noise.left_out - columns - (not trial.steady) - late
     columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
     return 2 * (len(trial.log) - trial.noise.left_out) - taken

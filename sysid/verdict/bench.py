@@ -86,7 +86,7 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     if kind == "late":
         factor = trial.lateness / (trial.looseness if channel else trial.lateness)
         return None if channel == "q" else _Shown("delay", "s", factor)
-    if kind == "start" or trial.standing:
+    if kind == "start" or trial.standing:  # of an amplitude
         return _Shown(shown, unit, 1.0)
     per_drive, per_both = (f"{unit}/{drive}", f"{unit}/({drive} Hz)") if drive else (unit, f"{unit}/Hz")
     per = {"offset": unit, "feedthrough": per_drive, "slope": per_both, "baseline": f"{unit}/s"}[kind]

@@ -121,8 +121,8 @@ class _Logs:
 def _can_hold(trial: Trial, nuisance: str) -> bool:
     if nuisance == "rotation":
         return not trial.log.amplitude_only
-    if trial.standing and nuisance in ("offset", "start"):
-        return nuisance == "offset"
+    if trial.standing and nuisance == "offset":
+        return True
     if nuisance == "start":
         return trial.start_free
     if nuisance == "late":
@@ -136,9 +136,10 @@ def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
     """The log (n,) less what the plate does at the fit, with nothing of what the bench adds taken away."""
     trial, log, course = view.trial, view.trial.log, view.course
     if not trial.signed:
-        begun = "offset" if trial.standing else "start"
-        started = begun in trial.nuisances and begun not in kept
-        return log.response - np.abs(course.forced) if started else view.residual
+        started = "start" in trial.nuisances and "start" not in kept
+        if trial.standing and "offset" not in kept:
+            return log.response - np.abs(course.forced if started else course.plate - trial.offset)
+        return log.response - np.abs(course.forced + trial.offset) if started else view.residual
     turn = view.turn if "rotation" in kept else 1.0
     if physics == "exact":
         return log.response - turn * (view.model - view.bench) / view.turn

@@ -5,8 +5,8 @@
 An instrument that records the amplitude alone hides what Wd and Wq read at rest. There w is |o|, not the noise's size, and in a
 step or a ring-down o adds to the response at first and takes from it later, as the response turns. Where the rows at rest, before
 the first drive and long after the last, are larger than noise, the log is fitted with an offset, of a prior as wide as they tell.
-It is kept if that describes the log better than two numbers do by chance; if it moves G or tau by more than their errors, as the
-log then does not tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
+It is kept if that describes the log better than chance would; if it moves G or tau of a driven log by more than their errors, as
+the log then does not tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
 direction, but then G is not known better than that.
 """
 
@@ -22,9 +22,11 @@ from sysid.trials.trial import Trial, with_noise
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
 SURE = 4.0  # above which it is there
-WORTH = 5.0  # log-likelihood: two numbers are worth as much by chance in one of 150 fits
+WORTH = 8.0  # log-likelihood: with a resonance that only an offset shows, three numbers, looked for from four sides
 MOVES = 3.0  # standard deviations of G or tau
-STILL = 0.1  # of the noise, less than which is left of a response that rings down
+LARGE = 0.7  # tau, in which a response that rings down is large beside its noise, if it ever is
+STILL = 0.1  # of the last rows, less than which is left of a response that rings down
+MEDIAN = 8.0  # variance of the noise's square by the median of second differences, times rows; at rest it is exponential: 1
 TURNS = np.exp(0.5j * np.pi * np.arange(4))  # of an offset, from where its direction is looked for
 ROUNDS = 4  # of each of them
 
@@ -46,28 +48,30 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
         if rest is None or rest.seen < SEEN:
             continue
         found = sorted((_fitted(minimiser, s, i, rest) for s in states), key=lambda s: s.cost)
-        if rest.seen > SURE or _worth(states[0], found[0], i) > WORTH or _moved(states[0], found[0]) > MOVES:
+        if _there(rest, states[0], found[0], i):
             states = [s for s in found if s.cost <= found[0].cost + MODES]
             said.append(_said(states[0].trials[i]))
     return states, said
 
 
 def _at_rest(trial: Trial, tau: float) -> _Rest | None:
-    """Of an amplitude that begins at rest; None of other logs, and where too few rows show it."""
+    """Of an amplitude that is at rest before its first drive, or rings down; None of others, and where too few rows show it."""
     log = trial.whole or trial.log
-    held = "offset" in trial.nuisances and not (trial.signed or trial.steady or trial.start_free or log.relative_noise)
-    if not held or not trial.driven:
+    if "offset" not in trial.nuisances or trial.signed or trial.steady or log.relative_noise:
         return None
-    first, last = np.flatnonzero(log.drive)[[0, -1]]
-    noise = rice.variance(log.response[first + 1 : last + 1]) if last > first + FEW else 0.0
+    driven = np.flatnonzero(log.drive) if trial.driven else np.zeros(1, int)
+    first, last = driven[0], driven[-1]
+    off, size = log.time[min(last + 1, len(log) - 1)], trial.scale
+    beside = log.response[first + 1 : last + 1] if trial.driven else log.response[log.time < off + LARGE * tau]
+    noise = rice.variance(beside) if len(beside) > FEW else 0.0
     if noise == 0:
         return None
-    off = float(log.time[min(last + 1, len(log) - 1)])
-    died = off + tau * np.log(trial.scale / (STILL * np.sqrt(noise)))
-    rest = log.response[(np.arange(len(log)) <= first) | (log.time > died)]
+    before = trial.driven & (np.arange(len(log)) <= first) & (not trial.start_free)
+    level = max(float(np.median(log.response[-FEW:])), np.sqrt(noise))
+    rest = log.response[before | (log.time > off + tau * np.log(size / (STILL * level)))]
     if len(rest) < FEW:
         return None
-    more, error = float(np.mean(rest**2)) - 2 * noise, 2 * noise / float(np.sqrt(len(rest)))  # of noise alone, exponential
+    more, error = float(np.mean(rest**2)) - 2 * noise, 2 * noise * float(np.sqrt(1 / len(rest) + MEDIAN / len(beside)))
     return _Rest(float(np.sqrt(max(more, 0.0) + error)), more / error, float(np.sqrt(noise)))
 
 
@@ -76,15 +80,21 @@ def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
 
     def begun(turn: complex) -> tuple[Trial, ...]:
         trials = list(state.trials)
-        narrow = trials[i].narrow | {"start": rest.size}
+        narrow = trials[i].narrow | {"offset": rest.size}
         new = replace(
-            trials[i], standing=True, start=rest.size * turn, narrow=narrow, floor=rest.noise**2, floor_free=True, late=0.0
+            trials[i], standing=True, offset=rest.size * turn, narrow=narrow, floor=rest.noise**2, floor_free=True, late=0.0
         )
         trials[i] = with_noise(new, rest.noise, 0.0)
         return tuple(trials)
 
     best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
     return minimiser.refine(best.trials, best.theta, known=1)
+
+
+def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
+    if rest.seen > SURE or _worth(before, after, i) > WORTH:
+        return True
+    return before.trials[i].driven and after.converged and _moved(before, after) > MOVES
 
 
 def _worth(before: State, after: State, i: int) -> float:
@@ -95,11 +105,12 @@ def _worth(before: State, after: State, i: int) -> float:
 
 def _moved(before: State, after: State) -> float:
     """How far G or tau is off, in the errors that they had."""
-    return float(np.max(np.abs(after.theta - before.theta)[:2] / np.sqrt(np.diag(before.covariance)[:2])))
+    variance = np.diag(before.covariance)[:2]
+    return float(np.sqrt(np.max((after.theta - before.theta)[:2] ** 2 / np.where(variance > 0, variance, np.inf))))
 
 
 def _said(trial: Trial) -> str:
-    share = 100 * abs(trial.start) / trial.scale
+    share = 100 * abs(trial.offset) / trial.scale
     return (
         f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the response, and is"
         " fitted; record wd and wq, or take what they read at rest off before the amplitude"

@@ -16,6 +16,7 @@ from sysid.verdict.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
 BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+LEAST = 1e-9  # of a shape: less is rounding
 ABSURD = 100.0  # half bandwidths, of which a shape to first order says nothing
 HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
@@ -212,10 +213,11 @@ def _creeping(i: int, view: View) -> Iterator[Term]:
 
 def _under_amplitude(i: int, view: View) -> Iterator[Term]:
     """An offset o of d and q of which an amplitude |W + o| is all that was recorded."""
-    if view.trial.signed or view.trial.standing or not view.trial.driven:
+    if view.trial.signed or view.trial.standing:
         return
     constant = np.ones(len(view.plate), complex)
     shapes = view.observed(np.stack([constant, 1j * constant])).T
+    shapes = shapes[:, np.linalg.norm(shapes, axis=0) > LEAST * np.linalg.norm(shapes)]  # no phase turns at resonance
 
     def say(value: np.ndarray, view: View) -> str:
         share = 100 * float(np.hypot(*value)) / view.trial.scale
@@ -224,7 +226,7 @@ def _under_amplitude(i: int, view: View) -> Iterator[Term]:
             " and wq, or take what they read at rest off before the amplitude"
         )
 
-    yield Term("offset", {i: shapes}, say, i, freedom=2)
+    yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:

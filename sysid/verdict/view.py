@@ -81,12 +81,13 @@ class View:
         start, self.late = trial.start if trial.start_free else 0.0, trial.late
         late = -trial.late * (trial.lateness > 0)
         self.beside = start, late
-        self.plate = self.own * (c.forced + start * c.free + late * c.rate)
+        self.plate = self.own * (c.forced + start * c.free + late * c.rate) + trial.offset
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
-        name = "offset" if trial.standing else "start"
-        columns = [Column(f"{name}_d", shape, wide, size * start.real), Column(f"{name}_q", 1j * shape, wide, size * start.imag)]
+        columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
         columns = columns if trial.start_free else []
+        parts = (("d", 1.0 + 0j, trial.offset.real), ("q", 1j, trial.offset.imag)) if trial.standing else ()
+        columns += [Column(f"offset_{n}", by * np.ones(len(c.free)), trial.prior("offset"), value) for n, by, value in parts]
         columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
