@@ -47,8 +47,9 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
         rest = _at_rest(trial, states[0].tau)
         if rest is None or rest.seen < SEEN:
             continue
-        found = sorted((_fitted(minimiser, s, i, rest) for s in states), key=lambda s: s.cost)
-        if _there(rest, states[0], found[0], i):
+        best = _fitted(minimiser, states[0], i, rest)
+        if _there(rest, states[0], best, i):
+            found = sorted([best, *(_fitted(minimiser, s, i, rest) for s in states[1:])], key=lambda s: s.cost)
             states = [s for s in found if s.cost <= found[0].cost + MODES]
             said.append(_said(states[0].trials[i]))
     return states, said
