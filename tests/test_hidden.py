@@ -1,5 +1,7 @@
 """A lock-in's filter that no log states: fitted where the logs show which it is, a misfit where they do not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -56,6 +58,15 @@ def test_a_filter_that_the_logs_show_is_fitted(time, order):
         assert "no lock-in's filter is stated" in " ".join(f.warnings)
         poles = f.modes[0].trials[0].smoothing[1]
         assert abs(poles * found.value - order * time) < 0.5 * order * time  # the delay; how it is made up is not told
+
+
+def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
+    """From um to km: the likelihood counts what a filter adds by the noise, of which the logarithm depends on the unit."""
+    logs = [filtered_step(0, 4e-4, 1, 1.5e-2), settled_sweep(0, 1.5e-2)]
+    for unit in (1.0, 1e-9):
+        fit = sysid.fit([replace(log, response=unit * log.response) for log in logs])
+        assert "filter" in sysid.nuisances(fit)[0]
+        assert fit.result.name == "successful"
 
 
 @pytest.mark.parametrize("rows", [3.5, 8.5])

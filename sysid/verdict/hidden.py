@@ -23,6 +23,8 @@ from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
 
+NUMBERS = 4  # that a filter takes from a log: time constant and steepness, of d and of q
+ENOUGH = 25.0  # log-likelihood: SURE, and four for each of these numbers, whose priors are so much wider than what is found
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 4  # of the plant and the time constant in turn
@@ -52,7 +54,7 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         if not tried.order or not (late or tried.worth > SURE):
             continue
         best, time = _fitted(question, state, hidden, tried)
-        if state.cost - best.cost < SURE or _tried(*_seen(question, best), hidden)[0].worth > SURE:
+        if _gained(state, best, hidden) < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
         if hangs_on(("late", "filter", "poles"), best, reference, free):
             return None
@@ -83,6 +85,12 @@ def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order
         return replace(t, nuisances=nuisances, filter=(time, order), extra={}, late=0.0)
 
     return tuple(behind(t) if i in hidden else t for i, t in enumerate(trials))
+
+
+def _gained(before: State, after: State, hidden: Sequence[int]) -> float:
+    """Log-likelihood that the filter is worth. The cost of a log counts the numbers that are left to it, each by the logarithm of
+    its noise in whatever unit: here all count alike."""
+    return before.cost - after.cost - NUMBERS * sum(float(np.log(after.trials[i].noise.std)) for i in hidden)
 
 
 def _longer(views: Sequence[View]) -> float:
