@@ -93,7 +93,7 @@ def _renew(
         share = 1 / (round_ - HELD + 1)
         start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
         offset = share * offset + (1 - share) * trial.offset
-    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there.
-    free = new.floor_free and not trial.steady and floor > 0
-    held = (1 - new.noise.share) * new.noise.std**2 if trial.steady else 1e-6 * new.noise.std**2
+    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there, but for an offset.
+    free = new.floor_free and not trial.floor_held and floor > 0
+    held = (1 - new.noise.share if trial.floor_held else 1e-6) * new.noise.std**2
     return replace(new, start=start, late=late, offset=offset, floor=floor if free else held, floor_free=bool(free))

@@ -151,6 +151,12 @@ class Trial:
         return self.log.drive is not None and bool(np.any(self.log.drive != 0))
 
     @property
+    def floor_held(self) -> bool:
+        """The floor of an amplitude is its noise's: of a settled sweep, and of a ring-down alone on an offset, whose every row
+        shows that. In a step the offset's direction may be where what it adds has its largest; the free floor holds the rest."""
+        return self.steady or (self.standing and not self.driven)
+
+    @property
     def resonant(self) -> bool:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
@@ -390,8 +396,8 @@ def numbers_left(trial: Trial) -> int:
     """Real numbers in a log, less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        columns += 2 * trial.start_free + 2 * trial.standing
-        return len(trial.log) - trial.noise.left_out - columns - (not trial.steady) - late
+        columns += 2 * trial.start_free + 2 * trial.standing + (not trial.floor_held)
+        return len(trial.log) - trial.noise.left_out - columns - late
     columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
     return 2 * (len(trial.log) - trial.noise.left_out) - taken

@@ -7,9 +7,11 @@ step or a ring-down o adds to the response at first and takes from it later, as 
 the first drive and long after the last, are larger than noise, the log is fitted with an offset, of a prior as wide as they tell.
 It is kept if that describes the log better than chance would; if it moves G or tau of a driven log by more than their errors, as
 the log then does not tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
-direction, but then G is not known better than that.
+direction, but then G is not known better than that. Rows of one sign without a frequency are read as the output of a first-order
+plant, on an offset of its own; the amplitude on one of d and q is kept instead where it describes them better.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,12 +19,14 @@ import numpy as np
 
 from sysid.minimum.minimise import MODES, Minimiser, State
 from sysid.model import rice
-from sysid.trials.trial import Trial, with_noise
+from sysid.rows.condense import OFFSET_UNITS
+from sysid.trials.trial import Trial, numbers_left, with_noise
 
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
 SURE = 4.0  # above which it is there
 WORTH = 8.0  # log-likelihood: with a resonance that only an offset shows, three numbers, looked for from four sides
+SOME = 2.0  # in a log that had an offset before, of the response's own direction
 MOVES = 3.0  # standard deviations of G or tau
 LARGE = 0.7  # tau, in which a response that rings down is large beside its noise, if it ever is
 STILL = 0.1  # of the last rows, less than which is left of a response that rings down
@@ -44,6 +48,7 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
     """The minima with the offsets that lie under amplitudes, and sentences that say so."""
     said = []
     for i, trial in enumerate(states[0].trials):
+        trial = _as_amplitude(trial)
         rest = _at_rest(trial, states[0].tau)
         if rest is None or rest.seen < SEEN:
             continue
@@ -53,6 +58,17 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
             states = [s for s in found if s.cost <= found[0].cost + MODES]
             said.append(_said(states[0].trials[i]))
     return states, said
+
+
+def _as_amplitude(trial: Trial) -> Trial:
+    """The trial, read as an amplitude if it may be one: rows of one sign without a frequency were taken for the output of a
+    first-order plant."""
+    log = trial.log
+    signed = trial.signed and log.amplitude_only and not trial.steady and not trial.resonant
+    if not signed or log.response_unit in OFFSET_UNITS or np.min(log.response) <= 0:
+        return trial
+    new = replace(trial, rectified=True)
+    return replace(new, start=complex(np.mean(log.response[:3]))) if new.start_free and not new.begun else new
 
 
 def _at_rest(trial: Trial, tau: float) -> _Rest | None:
@@ -79,29 +95,39 @@ def _at_rest(trial: Trial, tau: float) -> _Rest | None:
 def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
     """The minimum near `state` with an offset of about that size under the i-th log."""
 
+    trial = _as_amplitude(state.trials[i])
+    # Without a frequency to tell the turn of the response, lateness would take what an offset does as a step begins.
+    prompt = tuple(n for n in trial.nuisances if n != "late" or trial.resonant)
+
     def begun(turn: complex) -> tuple[Trial, ...]:
-        trials = list(state.trials)
-        narrow = trials[i].narrow | {"offset": rest.size}
-        new = replace(
-            trials[i], standing=True, offset=rest.size * turn, narrow=narrow, floor=rest.noise**2, floor_free=True, late=0.0
-        )
-        trials[i] = with_noise(new, rest.noise, 0.0)
-        return tuple(trials)
+        new = replace(trial, standing=True, offset=rest.size * turn, narrow=trial.narrow | {"offset": rest.size})
+        new = replace(new, floor=rest.noise**2, floor_free=True, late=0.0, nuisances=prompt)
+        return _with(state.trials, i, with_noise(new, rest.noise, 0.0))
 
     best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
-    return minimiser.refine(best.trials, best.theta, known=1)
+    late = replace(best.trials[i], nuisances=trial.nuisances)
+    return minimiser.refine(_with(best.trials, i, late), best.theta, known=1)
+
+
+def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:
+    """The trials, the i-th replaced."""
+    return (*trials[:i], trial, *trials[i + 1 :])
 
 
 def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
-    if rest.seen > SURE or _worth(before, after, i) > WORTH:
+    nested = before.trials[i].signed  # it has an offset already, of the response's own direction
+    if rest.seen > SURE and not nested:
         return True
-    return before.trials[i].driven and after.converged and _moved(before, after) > MOVES
+    worth = _worth(before, after, i) if after.converged else 0.0
+    tells = worth > SOME if nested else before.trials[i].driven
+    return worth > WORTH or (tells and after.converged and _moved(before, after) > MOVES)
 
 
 def _worth(before: State, after: State, i: int) -> float:
-    """Log-likelihood, at its best, of an offset under the i-th log. The cost counts the two numbers that it takes from those that
+    """Log-likelihood, at its best, of an offset under the i-th log. The cost counts the numbers that it takes from those that
     tell the noise's level; here they are not."""
-    return before.cost - after.cost - 2 * float(np.log(after.trials[i].noise.std))
+    taken = numbers_left(before.trials[i]) - numbers_left(after.trials[i])
+    return before.cost - after.cost - taken * float(np.log(after.trials[i].noise.std))
 
 
 def _moved(before: State, after: State) -> float:
