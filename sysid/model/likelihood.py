@@ -15,7 +15,8 @@ separate (where a lone step cannot, the priors of feedthrough and lateness are n
 w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only about
 their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had settled by
 then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began with.
-nu_4, an offset of d and q, is there where the log shows one (`verdict.standing`).
+nu_4, an offset of d and q, is there where the log shows one (`verdict.standing`). Of a sweep nu_2 is the noise's square, given
+as well as its scatter tells it: how the means rise with it is a column like an offset.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -272,8 +273,9 @@ def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     now = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
-        rows = x.response - _whiten(size, x)
-        return Residual(rows, size, x.start, x.floor, x.late, x.offset, now[0], jnp.zeros(()), jnp.zeros(0)), now, lambda v: v
+        rows = x.response - _off(_whiten(size, x), x)
+        kept = (x.start, x.floor, x.late, x.offset, now[0])
+        return Residual(rows, size, *kept, jnp.zeros(()), jnp.zeros(0)), now, lambda v: _off(v, x)
     now = jax.lax.fori_loop(0, ROUNDS, lambda _, now: _stepped(now, shapes, x, layout), now)
     span, found = _about(now, shapes, x, layout)
     size = _modelled(shapes, now, layout)

@@ -30,7 +30,7 @@ def update(
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             floor, late, offset = float(detail.floor[k]), float(detail.late[k]), complex(detail.offset[k])
             new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn)
-            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i])
+            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i]).lifted(courses[i].plate)
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
             updated[i] = new

@@ -59,7 +59,7 @@ class Trial:
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
     resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
-    under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of `floor` adds to an undriven sweep
+    under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of floor adds to a sweep
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
     filter: tuple[float, int] | None = None  # time constant (s) and poles of a lock-in's that is fitted, where none is stated
@@ -359,6 +359,14 @@ class Trial:
         channels = (white.real, white.imag) if self.noise.levels else (white,)
         found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
         return driven + joined(found) @ self.columns
+
+    def lifted(self, plate: np.ndarray) -> "Trial":
+        """The amplitudes of a driven sweep with how their means rise with the noise's square, which is known as well as its
+        scatter tells it; `plate` (n,) is the plate's response."""
+        if not self.steady or self.signed or self.log.drive is None:
+            return self
+        under, error = rice.by_floor(plate, self.lift), 2 * self.noise.relative_error(numbers_left(self))
+        return replace(self, under=under, narrow=self.narrow | {"floor": self.lift * error * float(np.max(under))})
 
     def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
         """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model` (n,) all of it.

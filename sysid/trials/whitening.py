@@ -97,6 +97,11 @@ class Noise:
         rho = np.exp(-np.diff(clock) / self.time)
         return np.concatenate([[0.0], np.minimum(rho, 1 - 1e-9)])
 
+    def relative_error(self, dof: float) -> float:
+        """Of the level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
+        square = np.mean(self.memory()[1:] ** 2) if len(self.used) > 1 else 0.0
+        return float(np.sqrt((1 + square) / (1 - square) / (2 * max(dof, 1))))
+
     def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """(a, b) of `whitened` for the used rows, in units of the noise (OU, any time grid); complex where d and q have noise of
         their own. `coloured`: False ignores what neighbours share."""

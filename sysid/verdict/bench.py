@@ -14,7 +14,6 @@ import numpy as np
 
 from sysid.trials.extra import UNITS
 from sysid.trials.trial import Trial, freedom
-from sysid.trials.whitening import Noise
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import NORMAL95, Parameter
 from sysid.verdict.view import View
@@ -60,7 +59,7 @@ def _noises(trial: Trial) -> dict[str, Parameter]:
     """The level of the noise and, where d and q have their own, of each; the former is then their root mean square."""
     unit, noise, parts = trial.log.response_unit, trial.noise, trial.noise.parts
     stds = np.array([p.std for p in parts])
-    errors = stds * [_relative_error(p, freedom(trial) / len(parts)) for p in parts]
+    errors = stds * [p.relative_error(freedom(trial) / len(parts)) for p in parts]
     both = float(np.linalg.norm(stds * errors) / np.linalg.norm(stds) / np.sqrt(len(parts)))
     found = {"noise": _parameter(noise.std, both, unit, np.inf)}
     for name, std, error in zip(("noise_d", "noise_q"), stds, errors, strict=False):
@@ -99,9 +98,3 @@ def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter
         return Parameter(None, None, None, unit, False, f"{why}; record rows closer together, or a larger drive")
     interval = (value - NORMAL95 * error, value + NORMAL95 * error)
     return Parameter(value, error, interval, unit, True)
-
-
-def _relative_error(noise: Noise, dof: float) -> float:
-    """Of a noise level: that of `dof` numbers, of which correlated ones count (1 - rho^2)/(1 + rho^2)."""
-    square = np.mean(noise.memory()[1:] ** 2) if len(noise.used) > 1 else 0.0
-    return float(np.sqrt((1 + square) / (1 - square) / (2 * dof)))

@@ -92,8 +92,15 @@ class View:
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
             columns.append(Column("gain", np.abs(c.forced), loose, self.own))
-        under = rice.by_floor(self.plate, trial.lift) if not trial.steady else trial.under
-        return columns if under is None else [*columns, Column("floor", under, loose**2, trial.floor)]
+        if not trial.steady:
+            return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, trial.floor)]
+        return columns if trial.under is None else [*columns, self._floor(trial.under)]
+
+    def _floor(self, under: np.ndarray) -> Column:
+        """Of a sweep: what is fitted of a rise of the amplitudes that is `under` (n,) of a floor."""
+        without = np.abs(self.plate) if self.trial.undriven_sweep else rice.mean(self.plate, self.trial.lift)
+        prior = self.trial.prior("floor") / float(np.max(under))
+        return Column("floor", under, prior, float((self.model - without) @ under / (under @ under)))
 
     def _in_dq(self) -> list[Column]:
         """What the bench may add to Wd and Wq."""
