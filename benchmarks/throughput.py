@@ -60,12 +60,10 @@ def shares(runs: list[list[sysid.Log]]) -> str:
     found = known.stats
     total = max(v[3] for v in found.values())
     of = {name: sum(v[3] for k, v in found.items() if k[2] == name and "sysid" in k[0]) for name in PARTS}
-    programs = sum(
-        v[3] for k, v in found.items() if k[2] in ("__call__", "device_get") and ("precision" in k[0] or "jax" in k[0])
-    )
+    waited = sum(v[3] for k, v in found.items() if k[2] == "_seen" and "minimise" in k[0])
     said = ", ".join(f"`{name}` {100 * t / total:.0f} %" for name, t in of.items())
-    return f"""Of the time of such a fit (cProfile; each with all that it calls): {said}; compiled programs, with their results' way to
-numpy, {100 * programs / total:.0f} %. What is left is numpy, in {known.total_calls / len(runs):.0f} calls of functions for one fit: a microsecond and more for each."""
+    return f"""Of the time of such a fit (cProfile; each with all that it calls): {said}; of these the compiled programs, until
+their results are there, {100 * waited / total:.0f} %. What is left is numpy, in {known.total_calls / len(runs):.0f} calls of functions for one fit: a microsecond and more for each."""
 
 
 def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
@@ -91,6 +89,7 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
         return jacobian.reshape(len(p), -1).view(float).T
 
     flat = y.ravel().view(float)
+
     def once() -> None:
         model(start), derivative(start)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import reference
 
 import sysid
 from sysid import Result
@@ -50,3 +51,37 @@ def test_logs_of_one_plate_are_called_alike(bench):
     assert all(f.result is Result.successful for f in fits)
     said = sum(any("the logs differ" in w for w in f.warnings) for f in fits)
     assert said <= 6  # in one of seven by chance: in more than 6 of 16 once in 100
+
+
+def step_and_sweep(bench, seed, gain, feedthrough=0.0):
+    """A step at the resonance, and a sweep of which the sensor shows `gain` times what it does of the step; noise of 1 %."""
+    volts, frequency, degC = np.repeat([0.0, 100.0], [20, 180]), np.linspace(31800, 32800, 101), np.full(200, 24.0)
+    time, at, full = 1e-4 * np.arange(200), np.full(200, 32300.0), 100 * bench.plant.G
+    rows = reference.ringing(bench.plant, time, volts, at, degC) + feedthrough * full * np.append(0.0, volts[:-1]) / 100
+    rows = rows + reference.noise(200, 0.01 * full, seed)
+    swept = gain * reference.steady(bench.plant, np.full(101, 100.0), frequency, 24.0) + reference.noise(
+        101, 0.01 * full, seed + 99
+    )
+    return [
+        sysid.Log("step", rows, time=time, drive=volts, frequency=at, temperature=degC, sampling="instant"),
+        sysid.Log("sweep", swept, drive=np.full(101, 100.0), frequency=frequency, temperature=degC[:101], kind="steady"),
+    ]
+
+
+def said_of_G(fit):
+    return any(w.startswith("G: the logs differ") for w in fit.warnings)
+
+
+def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench):
+    """By 5 %: a feedthrough and a lateness that cancel make it up, and G was the sweep's, 18 of its errors off."""
+    fits = [sysid.fit(step_and_sweep(bench, s, 1.05)) for s in SEEDS]
+    named = [f for f in fits if f.result is Result.misfit or said_of_G(f)]
+    assert len(named) >= 8  # of the others chance hides it: a feedthrough and a lateness that do not quite cancel
+    assert all(abs(off(bench, f, "G")) < 3 for f in named if f.result is Result.successful)
+
+
+@pytest.mark.parametrize("feedthrough", [0.0, 0.05, 0.05j])
+def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, feedthrough):
+    fits = [sysid.fit(step_and_sweep(bench, s, 1.0, feedthrough)) for s in SEEDS]
+    assert all(f.result is Result.successful and abs(off(bench, f, "G")) < 4 for f in fits)
+    assert sum(said_of_G(f) for f in fits) <= 3  # in one of twenty by chance: in more than 3 of 16 once in 100

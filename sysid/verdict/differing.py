@@ -8,6 +8,8 @@ so that s^2 = (Q - rank M)/tr M (DerSimonian & Laird, Controlled Clinical Trials
 are no misfit among all that is looked for, and their mean is then 2 of its own errors off if one of them is wrong. Where chance
 makes such a Q in fewer than one of CHANCE fits, each log gets a u of its own with a prior of that size, and the error spans what
 the logs show. What remains unseen is less than that: it puts the mean of two or three equal logs about 1.7 of its errors off.
+A step beside a log that tells G can take a gain of its own for a feedthrough and a lateness that cancel: where they do
+(`verdict.coincidence`), by what chance does as seldom, the logs differ by that gain.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,6 +22,7 @@ from scipy.special import gammaincc
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
+from sysid.verdict.coincidence import cancelling
 from sysid.verdict.view import View
 
 CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
@@ -52,7 +55,10 @@ def with_differences(state: State, reference: tuple[float, float], free: Sequenc
         return state.trials, []
     views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
     trials, said = list(state.trials), []
-    for name, found in _differ(views, held, state, [n for n in NAMES if n in free]):
+    differing = dict(_differ(views, held, state, [n for n in NAMES if n in free]))
+    if "G" in free and "G" not in differing and (found := _cancelling(views, held)) is not None:
+        differing["G"] = found
+    for name, found in differing.items():
         for i in found.held:
             narrow = trials[i].narrow | {OWN[name]: found.std}
             trials[i] = replace(trials[i], nuisances=(*trials[i].nuisances, OWN[name]), narrow=narrow)
@@ -81,6 +87,20 @@ def _differ(views: Sequence[View], held: Sequence[int], state: State, names: Seq
         found = _of(tuple(mine), score, np.diag(cross[k]) - cross.T @ inverse @ cross, cross[k])
         if found.rare > CHANCE and found.std > 0:
             yield name, found
+
+
+def _cancelling(views: Sequence[View], held: tuple[int, ...]) -> _Differ | None:
+    """The gain of the log in which a feedthrough and a lateness cancel most strikingly; a share 1/n of its square is the variance
+    that n logs show."""
+    own = {i: shown for i in held if "gain" not in views[i].trial.nuisances and (shown := cancelling(views[i])) is not None}
+    if not own:
+        return None
+    i = max(own, key=lambda i: own[i][1])
+    gain, worth = own[i]
+    if worth < np.log(CHANCE):
+        return None
+    off = (gain - 1) * (np.array(held) == i)
+    return _Differ(held, off, np.ones(len(held)), abs(gain - 1) / np.sqrt(len(held)), float(np.exp(worth)))
 
 
 def _of(held: tuple[int, ...], score: np.ndarray, left: np.ndarray, own: np.ndarray) -> _Differ:
