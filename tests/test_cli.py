@@ -194,8 +194,8 @@ def test_the_same_logs_give_the_same_bytes(first, second):
         ("seed", ("--seed", "expected a whole number from 0 to")),
         ("temperature", ("--reference-temperature", "nan")),
         ("mapping", ("absent.toml",)),
-        ("unwritable", ("file", "cannot be written")),
-        ("below a file", ("below", "cannot be written")),
+        ("unwritable", ("file", "cannot be written", "file is a file, expected a directory")),
+        ("below a file", ("below", "cannot be written", "file is a file, expected a directory")),
     ],
 )
 def test_unusable_input_is_named_and_changes_nothing(refused, second, case, words):

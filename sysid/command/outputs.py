@@ -181,6 +181,8 @@ def _refuse_directories(folder: Path) -> None:
 def staging(folder: Path) -> Iterator[Path]:
     """A fresh directory on the file system of `folder`, removed in every case. Raises OSError."""
     ground = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not ground.is_dir():
+        raise NotADirectoryError(f"{ground} is a file, expected a directory or nothing")
     with tempfile.TemporaryDirectory(prefix=".identify-", dir=ground, ignore_cleanup_errors=True) as fresh:
         yield Path(fresh)
 
