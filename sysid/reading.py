@@ -10,8 +10,8 @@ from sysid.minimum.guess import candidates
 from sysid.model.prior import NAMES
 from sysid.rows import thermometer
 from sysid.rows.clock import even
-from sysid.rows.condense import undelayed
 from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
+from sysid.rows.prepare import undelayed
 from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
 from sysid.verdict import wording
 

@@ -15,7 +15,7 @@ HOUSE = """
 precision
 logs       units textfile cells stamps pieces preamble csvfile csvbody mapping draft header lockin switched carrier waveform
            benchwords log
-rows       clock dwell hold rounding thermometer lost glitch condense
+rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge

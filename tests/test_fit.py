@@ -13,7 +13,7 @@ from scipy.stats import chi2
 import sysid
 from sysid import Result
 from sysid.minimum.minimise import shares
-from sysid.rows.condense import levelled
+from sysid.rows.level import levelled
 
 FAR = 4.5  # standard deviations: seen once in 150 000 normal numbers, and there are about fifty here
 # Logs fitted alone: no two share a row, so that their errors are independent of each other.

@@ -163,9 +163,9 @@ def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatc
     response = 2 * -np.expm1(-np.maximum(time_s - 2e-3, 0) / 1.5e-3) + 0.02 * (noise[0] + 1j * noise[1])
     given = {"time": time_s, "drive": drive, "frequency": frequency, "kind": "transient", "sampling": "instant"}
     fit = sysid.fit([sysid.Log("long", response, **given)])
-    first = sysid.sample(fit, accuracy="quick")
-    # every row is dearer than means of rows
-    assert sysid.sample(fit, accuracy="standard").offer().seconds > module.ROWS * first.exact_pace
+    standard = sysid.sample(fit, accuracy="standard")
+    # Every row is dearer than means of rows, of which there are a quarter.
+    assert standard.offer().seconds > 4 * module.ROWS * standard.exact_pace
 
     def late(fit, every_row=False, until=np.inf):
         return Target(fit, every_row, 0.0 if every_row else until)
@@ -192,7 +192,9 @@ def test_a_budget_below_the_measured_floor_is_refused(tmp_path):
     with pytest.raises(clock.BudgetError, match=r"found 2.5 s, expected more than 3 s"):
         budget(2.5, tmp_path, runs)
     with budget(10, tmp_path, runs, load=2.0, fit=1.0, spent=3.0) as found:
-        assert found.left == pytest.approx(10 - 3 - 1, abs=0.1)  # what the files took at most is set aside
+        assert found.left == pytest.approx(
+            10 - 3 - 1, abs=0.5
+        )  # what the files took at most is set aside; a busy machine's pause
     said = r"found 10 s, expected at least 12 s for these logs: load 2 s, files 1 s"
     with budget(10, tmp_path, runs, load=2.0, spent=11.1) as found, pytest.raises(clock.BudgetError, match=said):
         assert found.left
@@ -216,7 +218,7 @@ def test_a_run_is_stopped_at_its_budget_and_leaves_nothing(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, env=nowhere, capture_output=True, text=True)
     assert done.returncode == 2 and done.stdout == "" and not list(tmp_path.iterdir()), done.stderr
     said = re.search(r"--budget: found 0.4 s, expected more .* after (\S+) s; nothing was written", done.stderr)
-    assert 0.4 < float(said[1]) < 1.2 * 0.4 + 2  # how late a busy machine may be to look at the clock
+    assert 0.4 < float(said[1]) < 1.2 * 0.4 + 5  # how late a busy machine may be to look at the clock
 
 
 def test_the_bill_says_what_more_would_take():

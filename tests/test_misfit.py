@@ -11,7 +11,8 @@ from conftest import SYNTHETIC
 import sysid
 from sysid import Result, Scene
 from sysid.reading import read_as
-from sysid.rows.condense import gaps, taken
+from sysid.rows.condense import taken
+from sysid.rows.gap import gaps
 from sysid.scene import EFFECTS
 from sysid.trials.trial import NUISANCES, Trial
 

@@ -50,9 +50,9 @@ def parser() -> argparse.ArgumentParser:
         "--effects",
         type=_effects,
         metavar="LIST",
-        help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background, offset,"
-        " start, late, thermometer and filter; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the"
-        " temperature's sensor), gain and baseline (an output offset that goes on with the time)",
+        help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
+        " offset, start, late, thermometer and filter; --effects=-late leaves one out, --effects=+drift adds one of drift, lag"
+        " (of the temperature's sensor), gain and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",

@@ -10,8 +10,8 @@ from sysid.logs.log import Log
 from sysid.model import rice
 from sysid.model.plant import smoothed
 from sysid.rows import rounding
-from sysid.rows.condense import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.rows.hold import Hold
+from sysid.rows.prepare import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.trials.noise import Level
 from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 

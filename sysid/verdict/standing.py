@@ -19,7 +19,7 @@ import numpy as np
 
 from sysid.minimum.minimise import MODES, Minimiser, State
 from sysid.model import rice
-from sysid.rows.condense import OFFSET_UNITS
+from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import Trial, numbers_left, with_noise
 
 FEW = 4  # rows at rest, of which nothing is told

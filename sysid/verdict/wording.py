@@ -7,8 +7,8 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.minimum.guess import phase_falls
 from sysid.model.span import times
-from sysid.rows.condense import OFFSET_UNITS
 from sysid.rows.hold import FULL_TOUCH, force_of
+from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise, joined, whitened
 from sysid.verdict.identify import FINER, seconds
