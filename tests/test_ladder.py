@@ -192,9 +192,8 @@ def test_a_budget_below_the_measured_floor_is_refused(tmp_path):
     with pytest.raises(clock.BudgetError, match=r"found 2.5 s, expected more than 3 s"):
         budget(2.5, tmp_path, runs)
     with budget(10, tmp_path, runs, load=2.0, fit=1.0, spent=3.0) as found:
-        assert found.left == pytest.approx(
-            10 - 3 - 1, abs=0.5
-        )  # what the files took at most is set aside; a busy machine's pause
+        # What the files took at most is set aside; half a second is a busy machine's pause.
+        assert found.left == pytest.approx(10 - 3 - 1, abs=0.5)
     said = r"found 10 s, expected at least 12 s for these logs: load 2 s, files 1 s"
     with budget(10, tmp_path, runs, load=2.0, spent=11.1) as found, pytest.raises(clock.BudgetError, match=said):
         assert found.left
