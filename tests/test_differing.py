@@ -8,7 +8,6 @@ import reference
 
 import sysid
 from sysid import Result
-from sysid.verdict import differing
 
 SEEDS = range(16)
 
@@ -45,19 +44,6 @@ def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, 
     assert len(said) >= 10
     # what is not seen, of less than 2.45 errors between a log and the others, makes 1.7 of the mean's, with its own scatter 2
     assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < 2.1
-
-
-@pytest.mark.parametrize("told", [(1.0, 1.0), (169.0, 16.0), (4.0, 100.0, 1.0)])
-def test_room_for_what_logs_have_of_their_own_leaves_their_mean_and_widens_its_error(told):
-    """The mean of values with what each has of its own, in closed form, by the size of DerSimonian and Laird."""
-    told, values = np.array(told), np.array([0.3, 5.0, -2.0])[: len(told)]
-    share, mean = told / sum(told), float(np.average(values, weights=told))
-    left = np.diag(told) - np.outer(told, share)
-    found = differing._of(tuple(range(len(told))), told * (values - mean), left, told)
-    size = (sum(told * (values - mean) ** 2) - (len(told) - 1)) / np.trace(left)
-    widened = 1 / (1 / told + found.std**2)
-    np.testing.assert_allclose(widened / sum(widened), share, rtol=1e-9)  # of rounding
-    assert 1 / sum(widened) == pytest.approx(1 / sum(told) + size * sum(share**2), rel=1e-9)
 
 
 def test_logs_of_one_plate_are_called_alike(bench):

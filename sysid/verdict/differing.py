@@ -6,10 +6,8 @@ Log i has theta_k of its own, theta_k + u_i. With the score a and the informatio
 
 so that s^2 = (Q - rank M)/tr M (DerSimonian & Laird, Controlled Clinical Trials 7, 177, 1986). Two logs that are 3 errors apart
 are no misfit among all that is looked for, and their mean is then 2 of its own errors off if one of them is wrong. Where chance
-makes such a Q in fewer than one of CHANCE fits, each log gets a u of its own, and the error spans what the logs show. The mean of
-logs of information J, with the weights w = J / sum J, is off by u with the variance s^2 sum w^2. Priors of u_i of the variance
-s^2 sum w^2 sum J / J_i give it this variance and leave it where it was: what differs by chance costs no accuracy. What remains
-unseen is less than that: it puts the mean of two or three equal logs about 1.7 of its errors off.
+makes such a Q in fewer than one of CHANCE fits, each log gets a u of its own with a prior of that size, and the error spans what
+the logs show. What remains unseen is less than that: it puts the mean of two or three equal logs about 1.7 of its errors off.
 A step beside a log that tells G can take a gain of its own for a feedthrough and a lateness that cancel: where they do
 (`verdict.coincidence`), by what chance does as seldom, the logs differ by that gain.
 """
@@ -39,13 +37,13 @@ SPANS, OMITS = "spans this", "does not span this, with which tau or G would not 
 
 
 class _Differ(NamedTuple):
-    """By how much each of the logs `held` is off the others in one parameter, with its error; the standard deviation of what each
-    has of its own, 0 if they do not differ, and one over the probability of as much."""
+    """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std` that they show, 0 if
+    none, and one over the probability of as much."""
 
     held: tuple[int, ...]
     off: np.ndarray
     error: np.ndarray
-    std: np.ndarray
+    std: float
     rare: float
 
 
@@ -61,8 +59,8 @@ def with_differences(state: State, reference: tuple[float, float], free: Sequenc
     if "G" in free and "G" not in differing and (found := _cancelling(views, held)) is not None:
         differing["G"] = found
     for name, found in differing.items():
-        for i, std in zip(found.held, found.std.tolist(), strict=True):
-            narrow = trials[i].narrow | {OWN[name]: std}
+        for i in found.held:
+            narrow = trials[i].narrow | {OWN[name]: found.std}
             trials[i] = replace(trials[i], nuisances=(*trials[i].nuisances, OWN[name]), narrow=narrow)
         said.append(_said(name, found, [trials[i].log.name for i in found.held]))
     return tuple(trials), said
@@ -87,7 +85,7 @@ def _differ(views: Sequence[View], held: Sequence[int], state: State, names: Seq
         cross = np.stack([grams[i][:, k] for i in mine], axis=1)
         score = np.array([slopes[i][k] for i in mine]) - cross.T @ inverse @ slope
         found = _of(tuple(mine), score, np.diag(cross[k]) - cross.T @ inverse @ cross, cross[k])
-        if found.rare > CHANCE and np.any(found.std):
+        if found.rare > CHANCE and found.std > 0:
             yield name, found
 
 
@@ -102,7 +100,7 @@ def _cancelling(views: Sequence[View], held: tuple[int, ...]) -> _Differ | None:
     if worth < np.log(CHANCE):
         return None
     off = (gain - 1) * (np.array(held) == i)
-    return _Differ(held, off, np.ones(len(held)), np.full(len(held), abs(gain - 1) / np.sqrt(len(held))), float(np.exp(worth)))
+    return _Differ(held, off, np.ones(len(held)), abs(gain - 1) / np.sqrt(len(held)), float(np.exp(worth)))
 
 
 def _of(held: tuple[int, ...], score: np.ndarray, left: np.ndarray, own: np.ndarray) -> _Differ:
@@ -113,10 +111,9 @@ def _of(held: tuple[int, ...], score: np.ndarray, left: np.ndarray, own: np.ndar
     square = float(np.sum((vectors[:, told].T @ (score / size)) ** 2 / values[told]))
     rank, total = int(np.sum(told)), float(np.trace(left))
     std = np.sqrt(max(square - rank, 0.0) / total) if rank and total > 0 else 0.0
-    weighed = float(np.sqrt(np.sum(own**2) / np.sum(own))) / size
     diagonal = np.maximum(np.diag(left), TOLD * own)
     rare = 1 / max(float(gammaincc(0.5 * rank, 0.5 * square)), 1e-300) if rank else 1.0
-    return _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std * weighed, rare)
+    return _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), float(std), rare)
 
 
 def _said(name: str, found: _Differ, logs: Sequence[str]) -> str:
