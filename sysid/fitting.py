@@ -17,7 +17,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
-from sysid.verdict.differing import OMITS, SPANS, with_differences
+from sysid.verdict.differing import OMITS, SPANS, dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
 from sysid.verdict.result import Result
@@ -67,13 +67,11 @@ def fit(
 
 def _together(question: Question, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs."""
-    states = [with_differences(s, found.reference, found.names) for s in found.modes]
-    if not (said := states[0][1]):
+    best = found.modes[0]
+    more, said = dispersion(best, found.reference, found.names)
+    if not said:
         return found
-    anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
-    again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
-    if again.result is Result.misfit:
-        return again
+    again = conclude(question, [s.dispersed(more) for s in found.modes], hangs(best, found.reference, found.names))
     told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
     return replace(told, warnings=(*(s + does for s in said), *told.warnings))
 

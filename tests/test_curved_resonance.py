@@ -70,4 +70,4 @@ def test_a_straight_one_and_a_log_that_contradicts_the_others_are_not():
         assert found.result is Result.successful
         assert not any(CURVED in w for w in found.warnings)
     logs = [sweep(float(t), 1, -8.0, off=3.0 * (t == 24)) for t in (14, 18, 21, 24, 27, 30, 34)]
-    assert "the resonance contradicts the other logs" in fit(logs).warnings[0]
+    assert any("the resonance contradicts the other logs" in w for w in fit(logs).warnings)

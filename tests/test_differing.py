@@ -46,6 +46,64 @@ def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, 
     assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < 2.1
 
 
+@pytest.fixture(scope="module")
+def differing(bench):
+    """A fit of three steps, of which the third has a tau of its own, that says so; and the three fits alone. Nothing is late: a
+    lone step does not tell that from G, as several do."""
+    known = {"nuisances": ("rotation", "background", "offset", "start")}
+    for seed in SEEDS:
+        logs = steps(bench, seed, tau=1.03 * bench.plant.tau)
+        fit = sysid.fit(logs, **known)
+        if fit.result is Result.successful and any(w.startswith("tau: the logs differ") for w in fit.warnings):
+            return fit, [sysid.fit([log], **known) for log in logs]
+    raise AssertionError("none of the seeds is said to differ")
+
+
+def test_the_estimate_stays_and_its_error_is_that_of_the_size_that_they_show(differing):
+    """By DerSimonian & Laird's closed form, from the logs alone."""
+    fit, alone = differing
+    value, std = np.array([[f.parameters["tau"].value, f.parameters["tau"].std] for f in alone]).T
+    told = std**-2 / np.sum(std**-2)
+    mean = told @ value
+    square = np.sum((value - mean) ** 2 / std**2)
+    size = (square - 2) / (np.sum(std**-2) * (1 - told @ told))
+    expected = np.sqrt(1 / np.sum(std**-2) + size * told @ told)
+    tau = fit.parameters["tau"]
+    # A log's own tau beside the others' G and f0, instead of its own: some per cent.
+    assert tau.value == pytest.approx(mean, abs=0.1 / np.sqrt(np.sum(std**-2)))
+    assert tau.std == pytest.approx(expected, rel=0.1)
+    assert tau.std > 1.5 / np.sqrt(np.sum(std**-2))
+
+
+def test_the_posterior_is_as_wide(differing):
+    fit, _ = differing
+    for accuracy in ("quick", "standard"):
+        posterior = sysid.sample(fit, seed=0, accuracy=accuracy)
+        assert posterior.result is Result.successful
+        for name, p in posterior.summary().items():
+            if p.determined:
+                assert p.std == pytest.approx(fit.parameters[name].std, rel=0.03)
+                assert np.std(posterior.draws[name]) == pytest.approx(p.std, rel=0.1)  # of 1000 effective draws: 2 %
+                assert np.mean((posterior.draws[name] > p.ci95[0]) & (posterior.draws[name] < p.ci95[1])) > 0.92
+    drawn = [sysid.sample(fit, seed=seed, accuracy="quick").draws["tau"] for seed in (1, 1, 2)]
+    assert np.array_equal(drawn[0], drawn[1]) and not np.allclose(np.sort(drawn[0], axis=None), np.sort(drawn[2], axis=None))
+
+
+def test_amplitudes_that_differ_are_called_so(bench):
+    """Two sweeps whose resonances are four of their errors apart: the mean would be 2.8 of its own off one of them."""
+    fits = []
+    for seed in SEEDS:
+        logs = [bench.sweep(seed=2 * seed + k, amplitude=True, frequency=np.linspace(31800, 32800, 101) + 2.8 * k) for k in (0, 1)]
+        inputs = np.linspace(31800, 32800, 101)
+        fits.append(sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)]))
+    said = [f for f in fits if any(w.startswith("f0: the logs differ") or "contradicts" in w for w in f.warnings)]
+    assert len(said) >= 10
+    for f in said:
+        f0 = f.parameters["f0"]
+        # The bound is 0.35; where the difference is two of its errors, from which on it is said, sqrt(0.35^2 + (1.4^2 - 0.5^2)/4).
+        assert f.result is Result.misfit or f0.std > 0.6
+
+
 def test_logs_of_one_plate_are_called_alike(bench):
     fits = [sysid.fit(steps(bench, seed)) for seed in SEEDS]
     assert all(f.result is Result.successful for f in fits)

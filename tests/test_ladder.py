@@ -167,8 +167,8 @@ def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatc
     # Every row is dearer than means of rows, of which there are a quarter.
     assert standard.offer().seconds > 4 * module.ROWS * standard.exact_pace
 
-    def late(fit, every_row=False, until=np.inf):
-        return Target(fit, every_row, 0.0 if every_row else until)
+    def late(fit, every_row=False, until=np.inf, seed=0):
+        return Target(fit, every_row, 0.0 if every_row else until, seed)
 
     monkeypatch.setattr(module, "Target", late)
     left = sysid.sample(fit, accuracy="exact")

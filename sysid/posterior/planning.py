@@ -212,7 +212,10 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
     for trial, model in zip(trials, state.models, strict=True):
         jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
         found += trial.noise.told * jacobian.T @ jacobian
-    return found
+    if state.dispersion is None:
+        return found
+    spread = np.linalg.solve(np.eye(len(found)) + state.dispersion @ found, state.dispersion)  # (A^-1 + D)^-1, A singular or not
+    return found - found @ spread @ found
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
     until = np.inf if budget is None else perf_counter() + budget
     first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
     begun = perf_counter()
-    target = Target(fit)
+    target = Target(fit, seed=seed)
     posterior = _normal(target, seed, first, begun)
     chain = None
     for rung in higher:
@@ -132,7 +132,8 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
         chain = chain or Chain(target, target.normal().heavy(), seed)
         if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
             break
-        whole = Target(fit, every_row=True, until=until) if rung.every_row and any(t.whole for t in fit.modes[0].trials) else None
+        longer = rung.every_row and any(t.whole for t in fit.modes[0].trials)
+        whole = Target(fit, every_row=True, until=until) if longer else None
         try:
             posterior = _drawn(chain, whole, posterior, rung, begun)
         except TimeoutError:

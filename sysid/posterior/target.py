@@ -26,13 +26,14 @@ QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 class Target:
     """log p(z) up to a constant, theta = best + triangle z, over those parameters `names` that the data bound at all.
 
+    Where logs differ, the plant is farther from what they tell together: `parameters` draws by how much, with `seed`.
     `every_row`: of the files, where the fit used averages of neighbouring rows. `evaluations` counts points; with a single
     minimum most of them are those of `posterior.surrogate`. `pace`: seconds per point, loading of programs aside.
     """
 
-    def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf):
-        self.fit, self.names = fit, _bounded(fit)
-        best = fit.modes[0]
+    def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf, seed: int = 0):
+        self.fit, self.names, self.modes = fit, _bounded(fit), [s.undispersed() for s in fit.modes]
+        best = self.modes[0]
         self.index = [NAMES.index(n) for n in self.names]
         covariance = best.covariance[np.ix_(self.index, self.index)]
         if not fit.result.bounded:  # a broad look at what is left, not an interval
@@ -43,6 +44,9 @@ class Target:
         carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
         self._carried = carry[self.index]
         self._along = self._carried[:, self.index] @ self.triangle
+        differ = fit.modes[0].dispersion if fit.result.bounded else None
+        self._apart = None if differ is None else self._carried @ differ @ self._carried.T  # covariance of what is reported
+        self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
         smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
@@ -51,25 +55,30 @@ class Target:
 
     def _whole(self, trial: Trial) -> Trial:
         """The trial over all rows of the file."""
-        whole, best = trial.uncondensed(), self.fit.modes[0]
+        whole, best = trial.uncondensed(), self.modes[0]
         course = Course(whole, whole.hold(self.fit.reference), best.theta)
         return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """(n, 6) parameters of the fit at z (n, p)."""
-        full = np.tile(self.fit.modes[0].theta, (len(z), 1))
+        full = np.tile(self.modes[0].theta, (len(z), 1))
         full[:, self.index] += z @ self.triangle.T
         return full
 
     def parameters(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
-        return self._named(self.fit.modes[0].theta @ self._carried.T + z @ self._along.T)
+        x = self.modes[0].theta @ self._carried.T + z @ self._along.T
+        if self._apart is not None:
+            x = x + self._rng.multivariate_normal(np.zeros(len(self._apart)), self._apart, len(z), method="eigh")
+        return self._named(x)
 
     def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Even quantiles of each parameter under the normal approximation, and their weights."""
         normal = self.normal()
-        centres = self.fit.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
+        centres = self.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
         widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
+        if self._apart is not None:
+            widths = np.sqrt(widths**2 + np.diag(self._apart))
         even = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
         x = (centres[:, None] + even[:, None] * widths[:, None]).reshape(-1, len(self.names))
         weight = np.repeat(normal.weights / QUANTILES, QUANTILES)
@@ -83,16 +92,16 @@ class Target:
     @cached_property
     def _places(self) -> Sequence[State]:
         """The minima; on ridges that are bent, the places along them."""
-        fit = self.fit
-        minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
-        return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
+        fit, modes = self.fit, self.modes
+        minimiser = Minimiser(fit.reference, fit.names, modes[0].prior)
+        return along(minimiser, modes) if "f0" in self.names and bent(minimiser, modes[0]) else modes
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
         fit, p = self.fit, len(self.index)
         if not fit.result.bounded:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
-        best, index, places = fit.modes[0], self.index, self._places
+        best, index, places = self.modes[0], self.index, self._places
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
         scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in places]
         weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
@@ -101,7 +110,7 @@ class Target:
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """(n,) log density at z (n, p); -inf where it is not finite."""
         begun = perf_counter()
-        value = self.density(z) - self.fit.modes[0].prior.cost(self.theta(z))
+        value = self.density(z) - self.modes[0].prior.cost(self.theta(z))
         if self.evaluations:  # the first call also loads programs
             self._seconds, self._warm = self._seconds + perf_counter() - begun, self._warm + len(z)
         self.evaluations += len(z)

@@ -3,13 +3,11 @@
     drift         Hz     the resonance goes from -nu at the first row to +nu at the last    prior: a half bandwidth
     lag           s      the plate is warmer by nu dT/dt than the temperature sensor        prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
-    damping       1      tau is 1 + nu times that of the other logs                         prior: a tenth
-    tuning        Hz     the resonance is nu above that of the other logs                   prior: a half bandwidth
     thermometer   degC   the plate is warmer by nu than the reading                         prior: the error of reading
     filter        1      a lock-in's time constant is 1 + nu times the assumed one          prior: one
     poles         1      of n poles it blurs like one of n' with 1/n' = 1/n + nu            prior: a half
 
-Drift, lag, tuning and thermometer each add 2 pi j Z times a shift of the resonance (Hz) to the slow mode's Z' = a Z + b V, as in
+Drift, lag and thermometer each add 2 pi j Z times a shift of the resonance (Hz) to the slow mode's Z' = a Z + b V, as in
 `trials.perturbed`. This is to first order, so the shift should stay well within the half bandwidth. Shapes are computed at the
 current plate and anew in each round. Where the thermometer's error is fitted, the log gets a resonance of its own, about which
 the shape is taken; only the prior of that error ties it to f0 and k_T.
@@ -17,9 +15,7 @@ the shape is taken; only the prior of that error ties it to f0 and k_T.
 Drift, lag and gain are fitted on request only: in a sweep of one direction a drift hides in f0 and tau, and a gain of a log's own
 in G. The thermometer's error is fitted where it moves the resonance by as much as the logs could show, an unstated filter where
 the logs cannot be described without it (`verdict.hidden`), a gain where a sweep's feedthrough may be a delay
-(`verdict.through`), and gain, damping and tuning, with priors of the size that the logs show, where these differ by more than
-their errors (`verdict.differing`). A drifting baseline, also on request, does not depend on the plate and is one of
-`Trial.shapes`.
+(`verdict.through`). A drifting baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,8 +28,7 @@ from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
 FILTER = ("filter", "poles")
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "damping": "1", "tuning": "Hz"}
-UNITS |= {"filter": "s", "poles": "1", "thermometer": "degC"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "filter": "s", "poles": "1", "thermometer": "degC"}
 STRIDE = 0.5  # half bandwidths: the most that a resonance moves in one round, within reach of the first order
 PART = 1e-3  # of a time constant: the step of a central difference, whose error is its square
 BLURRED = 0.5  # standard deviation of 1/n of n poles, which is 1, 1/2 or 1/4
@@ -103,10 +98,6 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, trial.narrow.get("gain", SHARE)
-    if not {"damping", "tuning"}.isdisjoint(trial.nuisances):
-        _, damping, tuning, *_ = course.derivatives(*beside).T
-        yield "damping", damping, trial.narrow.get("damping", SHARE)
-        yield "tuning", tuning, trial.narrow.get("tuning", 1 / (2 * np.pi * tau))
     if trial.filter is not None:
         tau, order = trial.filter
         later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
