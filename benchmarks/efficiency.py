@@ -129,14 +129,10 @@ known to 0.18, which adds 2.4 % of spread to the 2.85 % of the bound (3.7 % toge
 estimate can do better is seen from scipy's `least_squares`, in `spread/scipy`: the same model in numpy, the same nuisances, white noise known to
 be so, begun at the truth, the same draws.
 
-A step and a sweep that differ more than they would by chance once in twenty each get a G, a tau or an f0 of their own
-(`sysid/verdict/differing.py`), and by chance they do: that is the 3 % more spread and the wider errors of `step dq + sweep dq`, and at a signal
-to noise of 3, where tau of the step is 6 % above the bound already, what takes tau of both to 12 % above it.
-
 """
-DIFFERING = """A step and a sweep that differ more than they would by chance once in twenty each get a G, a tau or an f0 of their own, of one size
-(`sysid/verdict/differing.py`), so that the better log no longer counts for more. By chance they do differ: without nuisances, where one log is
-three times better than the other, that costs G 15 % and f0 20 % of their accuracy; with every nuisance of a bench 2 % at most.
+DIFFERING = """Where a step and a sweep differ in G, tau or f0 by more than they would by chance once in twenty, the stated error spans the difference
+(`sysid/verdict/differing.py`), and by chance they do: that is how `stated` of two logs comes to lie above the bound. Its median does not
+(coverage.md), and the estimate itself stays what it is.
 
 """
 
@@ -282,7 +278,7 @@ def main() -> None:
         "`bound` is for exactly the nuisances that the fit has; `reference` is a table computed elsewhere. `stated` is the fit's own standard\n"
         "deviation (root mean square), `bias` the mean error in units of its own error. `spread/efficient` compares with an estimate\n"
         "that attains the bound, made from the same noise, so that the chance of the draws cancels: it is what to look at.\n\n"
-        f"{CURVED if given.noisy else DIFFERING}"
+        f"{given.noisy * CURVED}{DIFFERING}"
         "| data | nuisances | parameter | reference | bound | spread | spread/bound | spread/efficient |"
         f"{given.noisy * ' spread/scipy |'} stated/bound | bias | differs |\n|{'---|' * (11 + given.noisy)}\n"
     )
