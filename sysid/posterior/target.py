@@ -45,7 +45,7 @@ class Target:
         self._carried = carry[self.index]
         self._along = self._carried[:, self.index] @ self.triangle
         differ = fit.modes[0].dispersion if fit.result.bounded else None
-        self._apart = None if differ is None else self._carried @ differ @ self._carried.T  # covariance of what is reported
+        self.apart = None if differ is None else self._carried @ differ @ self._carried.T  # covariance of what is reported
         self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
@@ -68,8 +68,8 @@ class Target:
     def parameters(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
         x = self.modes[0].theta @ self._carried.T + z @ self._along.T
-        if self._apart is not None:
-            x = x + self._rng.multivariate_normal(np.zeros(len(self._apart)), self._apart, len(z), method="eigh")
+        if self.apart is not None:
+            x = x + self._rng.multivariate_normal(np.zeros(len(self.apart)), self.apart, len(z), method="eigh")
         return self._named(x)
 
     def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -77,8 +77,8 @@ class Target:
         normal = self.normal()
         centres = self.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
         widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
-        if self._apart is not None:
-            widths = np.sqrt(widths**2 + np.diag(self._apart))
+        if self.apart is not None:
+            widths = np.sqrt(widths**2 + np.diag(self.apart))
         even = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
         x = (centres[:, None] + even[:, None] * widths[:, None]).reshape(-1, len(self.names))
         weight = np.repeat(normal.weights / QUANTILES, QUANTILES)
