@@ -71,9 +71,9 @@ def _together(question: Question, found: Fit) -> Fit:
     more, said = dispersion(best, found.reference, found.names)
     if not said:
         return found
-    again = conclude(question, [s.dispersed(more) for s in found.modes], hangs(best, found.reference, found.names))
+    again = conclude(question, [replace(s, dispersion=more) for s in found.modes], hangs(best, found.reference, found.names))
     told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
-    return replace(told, warnings=(*(s + does for s in said), *told.warnings))
+    return replace(told, warnings=(*(sentence + does.format(name) for name, sentence in said.items()), *told.warnings))
 
 
 def _spanning(question: Question, found: Fit) -> Fit:

@@ -1,4 +1,4 @@
-"""A resonance that does not go straight with the temperature, as a quartz's, is named as that."""
+"""A resonance that is not linear in the temperature, as a quartz's, is named as that."""
 
 import re
 from dataclasses import replace
@@ -10,7 +10,7 @@ from sysid import Log, Result, fit
 
 ROWS = 61
 TAU, F0 = 1 / (2 * np.pi * 95), 32300.0
-CURVED = "f0 does not go straight with the temperature"
+CURVED = "f0 is not linear in the temperature"
 
 
 def settled(f, f0):

@@ -11,6 +11,8 @@ import reference
 from scipy import stats
 
 import sysid
+from sysid.model.likelihood import OWN
+from sysid.trials.extra import UNITS
 from sysid.trials.trial import NUISANCES
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
@@ -81,3 +83,8 @@ def test_what_is_not_asked_for_is_not_there():
     assert plain.modes[0].trials[0].extra == {}
     silent = sysid.fit([replace(log, temperature=None)], nuisances=(*NUISANCES, "lag"))  # no temperature: nothing lags
     assert "lag" not in sysid.nuisances(silent)[0]
+
+
+def test_every_number_of_a_log_has_a_row_for_its_prior():
+    """A start, a lateness and all further effects at once: rows that are shared would mix their priors unsaid."""
+    assert len(UNITS) + 2 <= OWN

@@ -171,7 +171,7 @@ def test_where_the_error_is_not_fitted_it_is_said():
     logs = [sweep(t, 1, reading=0.0, noise=1e-3) for t in (20.0, 26.0)]
     logs = [replace(log, response=np.abs(log.response), bench={"temperature_std_degC": 0.5}) for log in logs]
     said = [w for w in fit(logs).warnings if "thermometer may be 0.5 degC off" in w]
-    assert len(said) == 2 and all("of its standard deviations, and is not in them" in w for w in said)
+    assert len(said) == 2 and all("of its standard deviations, which its error does not include" in w for w in said)
 
 
 def test_the_error_of_a_thermometer_is_read_from_the_metadata(tmp_path):

@@ -26,7 +26,8 @@ SCHEMA = 1
 PRIORS = {  # sysid/model/likelihood.py has the equations
     "G, tau": "flat in the logarithm",
     "f0, k_T, finger_damping, finger_detuning, rotation": "flat",
-    "offset, feedthrough, slope, baseline, start": "normal about zero, ten times as wide as the log's largest response",
+    "offset, feedthrough, slope, baseline, start": "normal about zero, ten times as wide as the log's largest response;"
+    " narrower where the logs show their size",
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }

@@ -32,8 +32,8 @@ DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fa
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta as in `model.likelihood.basis`, its covariance, and the trials with their noise and
-    nuisances. `dispersion`: what of the covariances is not the likelihood's, but that of logs which differ."""
+    """A converged minimum: theta as in `model.likelihood.basis`, the likelihood's covariance, and the trials with their noise and
+    nuisances. `dispersion`: what logs that differ by more than their errors add to it (`verdict.differing`)."""
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -45,18 +45,12 @@ class State:
     low_q: bool  # with the ripple of the fast mode
     alone: np.ndarray = field(repr=False)  # the covariance of the logs alone, without the prior
     prior: Prior = field(default=FLAT, repr=False)
-    dispersion: np.ndarray | None = field(default=None, repr=False)
+    dispersion: np.ndarray = field(default_factory=lambda: np.zeros((len(NAMES), len(NAMES))), repr=False)
 
-    def dispersed(self, more: np.ndarray) -> "State":
-        """The minimum with so much more (6, 6) in its covariances, of logs that differ."""
-        return replace(self, covariance=self.covariance + more, alone=self.alone + more, dispersion=more)
-
-    def undispersed(self) -> "State":
-        """The minimum of the likelihood."""
-        if self.dispersion is None:
-            return self
-        covariance, alone = self.covariance - self.dispersion, self.alone - self.dispersion
-        return replace(self, covariance=covariance, alone=alone, dispersion=None)
+    @property
+    def spread(self) -> np.ndarray:
+        """(6, 6) covariance of the estimate: the likelihood's, and what logs that differ add."""
+        return self.covariance + self.dispersion
 
     @property
     def G(self) -> float:

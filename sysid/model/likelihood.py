@@ -8,15 +8,16 @@ For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it
 with h the plant's response per unit G. Lateness covers, to first order, a trigger and a demodulator's filter and, as nu is
 complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub &
 Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
-plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters. Each nu_c has a
-zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the carrier where that is
-longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns apart that a log cannot
-separate (where a lone step cannot, the priors of feedthrough and lateness are narrower: `verdict.coincidence`). An amplitude log,
-w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only about
-their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response that had settled by
-then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began with.
-nu_4, an offset of d and q, is there where the log shows one (`verdict.standing`). Of a sweep nu_2 is the noise's square, given
-as well as its scatter tells it: how the means rise with it is a column like an offset.
+plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters, with a finger
+six. Each nu_c has a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the
+carrier where that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns
+apart that a log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower:
+`verdict.coincidence`). An amplitude log, w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it
+(`model.rice`), is linear in its nuisances only about their values: steps to these are taken at each plant. Where it is driven at
+its first row, h is the response that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is
+besides: no phase shows what else it began with. nu_4, an offset of d and q, is there where the log shows one
+(`verdict.standing`). Of a sweep nu_2 is the noise's square, given as well as its scatter tells it: how the means rise with it is
+a column like an offset.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
 real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
@@ -41,7 +42,7 @@ from sysid.model.span import REAL, Span, best_turn, times, turn_towards
 from sysid.rows.hold import Hold, Leaf
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
-OWN = 6  # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of `extra`
+OWN = 8  # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of `extra`
 
 
 class Layout(NamedTuple):

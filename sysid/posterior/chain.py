@@ -87,7 +87,3 @@ class Chain:
         """All proposals z (n, p), the target's log density and the proposal's at them."""
         z, density, proposed = (np.concatenate(part) for part in zip(*self._move.seen, strict=True))
         return z, density, proposed
-
-    @property
-    def acceptance(self) -> float:
-        return float(np.mean(self._sampler.acceptance_fraction))

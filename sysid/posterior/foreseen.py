@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.model.prior import NAMES
+from sysid.model.prior import NAMES, PLANT, carried, in_units
 from sysid.posterior.mixture import Mixture
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import limits, seconds
@@ -48,16 +48,10 @@ class Foreseen:
     @classmethod
     def of(cls, fit: Fit, covariance: np.ndarray) -> "Foreseen":
         """`covariance` (6, 6) of theta, about the fit's best minimum."""
-        theta, at = fit.modes[0].theta, fit.reference_temperature
+        theta = fit.modes[0].theta
         z = Mixture(np.zeros((1, 6)), np.linalg.cholesky(covariance)[None], np.ones(1)).spread(EVEN, np.random.default_rng(0))
-        x = dict(zip(NAMES, (theta + z).T, strict=True))
-        away = 0.0 if at is None else at - fit.reference[1]
-        values = {
-            "G": np.exp(x["G"]),
-            "tau": np.exp(x["tau"]),
-            "f0": fit.reference[0] + x["f0"] + away * x["k_T"],
-            "k_T": x["k_T"],
-        }
+        x = in_units((theta + z) @ carried(fit.warming).T, fit.reference[0])
+        values = {n: x[:, NAMES.index(n)] for n in PLANT}
         most = limits(*np.exp(theta[:2]))
         known = {n: _known(v, most[n], fit.units[n]) for n, v in values.items()}
         return cls(fit, {n: v for n, v in values.items() if known[n].determined}, known)

@@ -212,7 +212,7 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
     for trial, model in zip(trials, state.models, strict=True):
         jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
         found += trial.noise.told * jacobian.T @ jacobian
-    if state.dispersion is None:
+    if not np.any(state.dispersion):
         return found
     spread = np.linalg.solve(np.eye(len(found)) + state.dispersion @ found, state.dispersion)  # (A^-1 + D)^-1, A singular or not
     return found - found @ spread @ found
@@ -234,7 +234,7 @@ class _Bench:
         """None where there is nothing to go by."""
         state = fit.modes[0]
         trials = tuple(t for t in state.trials if t.resonant and t.driven)
-        if not trials or np.sqrt(state.covariance[1, 1]) > (KNOWN if shows_transient(state.trials) else RELATIVE):
+        if not trials or np.sqrt(state.spread[1, 1]) > (KNOWN if shows_transient(state.trials) else RELATIVE):
             return None
         alone, beside = (_information(t, fit) for t in (state.trials, [loosened(t) for t in state.trials]))
         known = limits(state.G, state.tau)

@@ -27,7 +27,7 @@ CHECKED, WIDER = 64, 1.3  # points at which the first rung asks for the density,
 ROWS = 256  # proposals at which the last rung asks for the density of every row
 BLOCKS = 16  # of proposals, whose spread is the error of what all together give
 PER_DRAW = 1.3  # proposals for one effective draw where the posterior is nearly normal
-APART = "; spread by what the logs differ by"
+WIDENED = "; widened by what the logs differ by"
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     errors = _off(target, estimates) if fit.result.bounded else _unknown(estimates)
     draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
     method = f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at {CHECKED} points"
-    method += APART * (target.apart is not None)
+    method += WIDENED * (target.dispersion is not None)
     effective, agreed = min(ess(v) for v in draws.values()), max(rhat(v) for v in draws.values())
     evaluations, pace = target.evaluations, target.pace if fit.result.bounded else 0.0
     result, spent = _judged(fit, fit.result, estimates), perf_counter() - begun
@@ -192,7 +192,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
         method += f"; density by a cubic of the residual, within {target.density.error:.1g} of the exact one"
     if whole is not None:
         method += f", with the density of all {whole.rows} rows at {whole.evaluations} points"
-    method += APART * (target.apart is not None)
+    method += WIDENED * (target.dispersion is not None)
     result, spent = _judged(fit, result, estimates), perf_counter() - begun
     had = (fit, draws, chain.ess, chain.rhat, method, result, below.seed, rung.name, estimates, errors)
     return Posterior(*had, target.evaluations, spent, target.pace, target.density.pace, below)

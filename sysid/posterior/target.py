@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from sysid.minimum.minimise import Minimiser, State, shares
 from sysid.minimum.ridge import along, bent
-from sysid.model.prior import NAMES, POSITIVE
+from sysid.model.prior import NAMES, POSITIVE, carried
 from sysid.posterior.mixture import Mixture
 from sysid.posterior.surrogate import Density
 from sysid.trials.experiment import group
@@ -32,20 +32,18 @@ class Target:
     """
 
     def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf, seed: int = 0):
-        self.fit, self.names, self.modes = fit, _bounded(fit), [s.undispersed() for s in fit.modes]
-        best = self.modes[0]
+        self.fit, self.names = fit, _bounded(fit)
+        best = fit.modes[0]
         self.index = [NAMES.index(n) for n in self.names]
         covariance = best.covariance[np.ix_(self.index, self.index)]
         if not fit.result.bounded:  # a broad look at what is left, not an interval
             most = [1.0 if n in POSITIVE else np.inf for n in self.names]  # of a logarithm
             covariance = np.diag(np.minimum(np.diag(covariance), most))
         self.triangle = np.linalg.cholesky(covariance)
-        carry = np.eye(len(NAMES))  # f0 is reported at another temperature than the fit's own
-        carry[2, 3] = fit.reference_temperature - fit.reference[1] if fit.reference_temperature is not None else 0.0
-        self._carried = carry[self.index]
+        self._carried = carried(fit.warming)[self.index]  # f0 is reported at another temperature than the fit's own
         self._along = self._carried[:, self.index] @ self.triangle
-        differ = fit.modes[0].dispersion if fit.result.bounded else None
-        self.apart = None if differ is None else self._carried @ differ @ self._carried.T  # covariance of what is reported
+        differing = fit.result.bounded and bool(np.any(best.dispersion))
+        self.dispersion = self._carried @ best.dispersion @ self._carried.T if differing else None  # of what is reported
         self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
@@ -55,30 +53,30 @@ class Target:
 
     def _whole(self, trial: Trial) -> Trial:
         """The trial over all rows of the file."""
-        whole, best = trial.uncondensed(), self.modes[0]
+        whole, best = trial.uncondensed(), self.fit.modes[0]
         course = Course(whole, whole.hold(self.fit.reference), best.theta)
         return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """(n, 6) parameters of the fit at z (n, p)."""
-        full = np.tile(self.modes[0].theta, (len(z), 1))
+        full = np.tile(self.fit.modes[0].theta, (len(z), 1))
         full[:, self.index] += z @ self.triangle.T
         return full
 
     def parameters(self, z: np.ndarray) -> dict[str, np.ndarray]:
         """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
-        x = self.modes[0].theta @ self._carried.T + z @ self._along.T
-        if self.apart is not None:
-            x = x + self._rng.multivariate_normal(np.zeros(len(self.apart)), self.apart, len(z), method="eigh")
+        x = self.fit.modes[0].theta @ self._carried.T + z @ self._along.T
+        if self.dispersion is not None:
+            x = x + self._rng.multivariate_normal(np.zeros(len(self.dispersion)), self.dispersion, len(z), method="eigh")
         return self._named(x)
 
     def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Even quantiles of each parameter under the normal approximation, and their weights."""
         normal = self.normal()
-        centres = self.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
+        centres = self.fit.modes[0].theta @ self._carried.T + normal.centres @ self._along.T
         widths = np.linalg.norm(self._along @ normal.scales, axis=2)  # (components, parameters)
-        if self.apart is not None:
-            widths = np.sqrt(widths**2 + np.diag(self.apart))
+        if self.dispersion is not None:
+            widths = np.sqrt(widths**2 + np.diag(self.dispersion))
         even = ndtri((np.arange(QUANTILES) + 0.5) / QUANTILES)
         x = (centres[:, None] + even[:, None] * widths[:, None]).reshape(-1, len(self.names))
         weight = np.repeat(normal.weights / QUANTILES, QUANTILES)
@@ -87,21 +85,21 @@ class Target:
     def _named(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """The parameters by name, from their components of theta."""
         f0 = self.fit.reference[0]
-        return {n: np.exp(v) if n in ("G", "tau") else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
+        return {n: np.exp(v) if n in POSITIVE else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
 
     @cached_property
     def _places(self) -> Sequence[State]:
         """The minima; on ridges that are bent, the places along them."""
-        fit, modes = self.fit, self.modes
-        minimiser = Minimiser(fit.reference, fit.names, modes[0].prior)
-        return along(minimiser, modes) if "f0" in self.names and bent(minimiser, modes[0]) else modes
+        fit = self.fit
+        minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
+        return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
         fit, p = self.fit, len(self.index)
         if not fit.result.bounded:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
-        best, index, places = self.modes[0], self.index, self._places
+        best, index, places = fit.modes[0], self.index, self._places
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
         scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in places]
         weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
@@ -110,7 +108,7 @@ class Target:
     def __call__(self, z: np.ndarray) -> np.ndarray:
         """(n,) log density at z (n, p); -inf where it is not finite."""
         begun = perf_counter()
-        value = self.density(z) - self.modes[0].prior.cost(self.theta(z))
+        value = self.density(z) - self.fit.modes[0].prior.cost(self.theta(z))
         if self.evaluations:  # the first call also loads programs
             self._seconds, self._warm = self._seconds + perf_counter() - begun, self._warm + len(z)
         self.evaluations += len(z)
@@ -128,6 +126,6 @@ def _bounded(fit: Fit) -> tuple[str, ...]:
     """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
     state = fit.modes[0]
     widest = limits(1.0, state.tau) | {"tau": limits(1.0, 1.0)["tau"]}
-    std = np.sqrt(np.diag(state.covariance))
+    std = np.sqrt(np.diag(state.spread))
     kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
     return kept or ("tau",)

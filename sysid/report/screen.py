@@ -12,7 +12,7 @@ from rich.text import Text
 from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
-NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what is said beside the parameters"
+NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask for"
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 

@@ -101,7 +101,7 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
             "settling": "for the settling time that was asked for",
             "plant": "tau_cl = 0.3 tau",
             "delay": "limited by the delay",
-            "posterior": "limited by what the logs leave open of G/tau",
+            "posterior": "limited by the uncertainty of G/tau",
         },
     )
     lines = [

@@ -50,7 +50,7 @@ def edges(hold: Hold, blocks: np.ndarray | None) -> np.ndarray:
 
 
 def mean(values: np.ndarray, edges: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """(blocks,) the mean of each block of rows; `weights` weighs them."""
+    """(blocks,) the mean of each block of rows; `weight` (n,) weighs them."""
     if weight is None:
         return np.add.reduceat(values, edges) / np.diff(np.append(edges, len(values)))
     return np.add.reduceat(values * weight, edges) / np.add.reduceat(weight, edges)

@@ -8,7 +8,7 @@ from sysid.logs.log import Log
 from sysid.rows.condense import LONG, MOST, mean
 
 JUMP = 12.0  # usual moves from row to row, the median, that are a jump: normal ones exceed 9 in no log
-BLOCKS = (16, 256, 4096)  # rows, of which means tell whether they are level:
+BLOCKS = (16, 256, 4096)  # rows, of which means tell whether they are level
 DIGITS = 3  # values beside its level, at most, of a drive that is meant to vary
 FOLLOWED, AFTER = 4.0, 8  # standard deviations of chance by which a response moves with the drive, of some of so many rows before
 STEADY = 6.0  # usual moves over the root of their rows, no more than which they are then off

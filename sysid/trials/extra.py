@@ -12,10 +12,10 @@ Drift, lag and thermometer each add 2 pi j Z times a shift of the resonance (Hz)
 current plate and anew in each round. Where the thermometer's error is fitted, the log gets a resonance of its own, about which
 the shape is taken; only the prior of that error ties it to f0 and k_T.
 
-Drift, lag and gain are fitted on request only: in a sweep of one direction a drift hides in f0 and tau, and a gain of a log's own
-in G. The thermometer's error is fitted where it moves the resonance by as much as the logs could show, an unstated filter where
-the logs cannot be described without it (`verdict.hidden`), a gain where a sweep's feedthrough may be a delay
-(`verdict.through`). A drifting baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
+Drift and lag are fitted on request only: in a sweep of one direction a drift hides in f0 and tau. A gain is fitted on request,
+and where a sweep's feedthrough may be a delay (`verdict.through`); the thermometer's error where it moves the resonance by as
+much as the logs could show; an unstated filter where the logs cannot be described without it (`verdict.hidden`). A drifting
+baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,6 +28,7 @@ from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
 FILTER = ("filter", "poles")
+# As they are reported (`verdict.bench`); the numbers above are these but for the filter's, which is a share of its time constant.
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "filter": "s", "poles": "1", "thermometer": "degC"}
 STRIDE = 0.5  # half bandwidths: the most that a resonance moves in one round, within reach of the first order
 PART = 1e-3  # of a time constant: the step of a central difference, whose error is its square
@@ -73,7 +74,7 @@ def with_thermometers(trials: Sequence[Trial], k_T: float, k_T_std: float, f0_st
         if share > UNTOLD and not fitted:
             said.append(
                 f"{trial.log.name}: its thermometer may be {error:.2g} degC off, which would move f0 by {share:.2g} of its"
-                " standard deviations, and is not in them; record wd and wq with their drive, or more rows"
+                " standard deviations, which its error does not include; record wd and wq with their drive, or more rows"
             )
     return tuple(found), said
 
@@ -99,11 +100,11 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, trial.narrow.get("gain", SHARE)
     if trial.filter is not None:
-        tau, order = trial.filter
-        later, sooner = course.behind(tau * np.array([1 + PART, 1 - PART]), order).T
+        time, order = trial.filter
+        later, sooner = course.behind(time * np.array([1 + PART, 1 - PART]), order).T
         yield "filter", (later - sooner) / (2 * PART), 1.0
-        soft, sharp = (course.behind(np.array([tau * order / n]), n)[:, 0] for n in (1, 4))
+        soft, sharp = (course.behind(np.array([time * order / n]), n)[:, 0] for n in (1, 4))
         yield "poles", (soft - sharp) / (1 - 1 / 4), BLURRED
     error = log.bench.get("temperature_std_degC", 0.0)
-    if trial.resonant and error:
+    if trial.resonant and error:  # the last, as `model.likelihood` has its prior
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

@@ -40,7 +40,7 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     channel's standard deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
     parts = zip(state.trials, state.models, strict=True)
-    return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.covariance) for t, m in parts)
+    return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.spread) for t, m in parts)
 
 
 def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:

@@ -68,7 +68,7 @@ def verdict(found: Sequence[Comparison]) -> str:
     worse = [f"{c.description} ({c.difference:+.3g})" for c in found if c.worse]
     alike = [f"{c.description} ({c.difference:+.2g})" for c in found if not c.worse]
     said = [f"worse: {', '.join(worse)}"] if worse else []
-    said += [f"no worse, so that nothing hangs on it: {', '.join(alike)}"] if alike else []
+    said += [f"no worse, so the result does not depend on: {', '.join(alike)}"] if alike else []
     return "; ".join(said) or "there is nothing to leave out"
 
 
@@ -78,7 +78,7 @@ class _Logs:
     def __init__(self, fit: Fit):
         self.fit, self.state = fit, fit.modes[0]
         self.index = [NAMES.index(n) for n in fit.names]
-        self.std = np.sqrt(np.diag(self.state.covariance))[self.index]
+        self.std = np.sqrt(np.diag(self.state.spread))[self.index]
         self.view = cache(self._view)  # of a log, by its place, with these nuisances
 
     def _view(self, log: int, kept: tuple[str, ...]) -> View:

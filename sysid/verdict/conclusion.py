@@ -8,7 +8,7 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.plant import Plant
-from sysid.model.prior import FINGER, NAMES, PLANT
+from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
 from sysid.verdict.determined import alone, informed, parameter, usable
@@ -61,21 +61,19 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     best, free, reference = states[0], question.minimiser.free, question.minimiser.reference
     G, tau = best.G, best.tau
     index = [NAMES.index(n) for n in free]
-    # theta's covariance is of logarithms; f0 is carried to the temperature at which it is reported.
-    drifts = "k_T" in free and np.sqrt(best.alone[3, 3]) <= identify.limits(G, tau)["k_T"]
+    drifts = "k_T" in free and np.sqrt((best.alone + best.dispersion)[3, 3]) <= identify.limits(G, tau)["k_T"]
     drifts = drifts and not identify.within_errors(best.trials)
     warm = any(t.log.temperature is not None for t in best.trials)
     at = question.reference_temperature if drifts else (reference[1] if warm else None)
-    carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0])
-    carry[2, 3] = at - reference[1] if drifts else 0.0
-    values = dict(zip(NAMES, best.theta, strict=True))
-    values |= {"G": G, "tau": tau, "f0": reference[0] + best.theta[2] + carry[2, 3] * best.theta[3]}
+    carry = carried(at - reference[1] if drifts else 0.0)
+    values = dict(zip(NAMES, in_units(carry @ best.theta, reference[0]), strict=True))
     known = {n: float(values[n]) if n in free else None for n in PLANT}
+    carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0]) @ carry  # theta's covariance is of logarithms
     return Fit(
         plant=Plant(**known, reference_temperature=question.reference_temperature if at is None else at),
         parameters={},
         names=free,
-        covariance=(carry @ best.covariance @ carry.T)[np.ix_(index, index)],
+        covariance=(carry @ best.spread @ carry.T)[np.ix_(index, index)],
         result=Result.successful if best.converged or identify.hopeless(best.trials, free) else Result.not_converged,
         reference_temperature=at,
         logs=beside(best),
@@ -104,7 +102,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
         wrong, doubts = [said], []
     doubts = doubts if wrong else [*doubts, *unseen]
     if hangs and not identify.hopeless(best.trials, free):
-        doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.covariance[0, 0])))]
+        doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, carried]
     return wrong, doubts
@@ -141,7 +139,7 @@ def _unharmed(found: Found) -> str:
     if not found.harmful:
         return "no parameter leaves its interval"
     moved = f"move {found.farthest} by {found.moves[found.farthest]:+.2g} of its standard deviations"
-    return f"perhaps: one good fit in a hundred looks so by chance; it would {moved}"
+    return f"perhaps: chance alone looks like this in one good fit of a hundred; it would {moved}"
 
 
 def _believed(fit: Fit, reference_temperature: float) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.minimum.minimise import shares
-from sysid.model.prior import NAMES, POSITIVE
+from sysid.model.prior import NAMES, POSITIVE, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
 from sysid.verdict.fitted import Fit
@@ -50,7 +50,7 @@ def _told(fit: Fit, name: str) -> bool:
 def _limit(fit: Fit, name: str) -> float:
     """The largest error of a determined parameter; where tau is vague, that for the narrowest half bandwidth it allows."""
     state = fit.modes[0]
-    tau, vague = state.tau, float(np.sqrt(state.covariance[1, 1]))
+    tau, vague = state.tau, float(np.sqrt(state.spread[1, 1]))
     if vague > identify.RELATIVE and name in ("f0", "k_T"):
         tau = tau * np.exp(min(2 * vague, 10.0))
     return identify.limits(state.G, tau)[name]
@@ -63,35 +63,29 @@ def _shown(fit: Fit, name: str) -> bool:
         return False
     if identify.ambiguous(name, state.trials, fit.names) or (name == "k_T" and identify.within_errors(state.trials)):
         return False
-    known = name not in ("f0", "k_T") or np.sqrt(state.covariance[1, 1]) <= identify.RELATIVE
+    known = name not in ("f0", "k_T") or np.sqrt(state.spread[1, 1]) <= identify.RELATIVE
     return known or not identify.buried(state.trials)
 
 
 def alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
     """First-order estimate of a parameter from the logs alone, without the prior, and its standard deviation; f0 at `at` (degC),
     by default where it is reported."""
-    state, row, k = fit.modes[0], np.zeros(len(NAMES)), NAMES.index(name)
-    row[k] = 1.0
-    if name == "f0":
-        at = fit.reference_temperature if at is None else at
-        row[NAMES.index("k_T")] = 0.0 if at is None else at - fit.reference[1]
+    state, k = fit.modes[0], NAMES.index(name)
+    row = carried(fit.warming if at is None else at - fit.reference[1])[k]
     value = float(row @ (state.theta + state.alone @ state.prior.slope(state.theta)))
-    std = float(np.sqrt(row @ state.alone @ row))
+    std = float(np.sqrt(row @ (state.alone + state.dispersion) @ row))
     if name in POSITIVE:
         return float(np.exp(value)), float(np.exp(state.theta[k])) * std
     return value + (fit.reference[0] if name == "f0" else 0.0), std
 
 
 def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
-    found = []
+    """Of each minimum the value of a parameter as it is reported, and its standard deviation."""
+    found, k, carry = [], NAMES.index(name), carried(fit.warming)
     for state in fit.modes:
-        k, value = NAMES.index(name), float(state.theta[NAMES.index(name)])
-        std = float(np.sqrt(state.covariance[k, k]))
-        if k < 2:
-            value, std = np.exp(value), np.exp(value) * std
-        elif name == "f0":
-            value += fit.reference[0]
-        found.append((float(value), float(std)))
+        value = float(in_units(carry @ state.theta, fit.reference[0])[k])
+        std = float(np.sqrt(carry[k] @ state.spread @ carry[k]))
+        found.append((value, value * std if name in POSITIVE else std))
     return found
 
 

@@ -6,15 +6,15 @@ Log i has theta_k of its own, theta_k + u_i. With the score a and the informatio
 
 so that s^2 = (Q - rank M)/tr M (DerSimonian & Laird, Controlled Clinical Trials 7, 177, 1986). Two logs that are 3 errors apart
 are no misfit among all that is looked for, and their mean is then 2 of its own errors off if one of them is wrong. Where chance
-makes such a Q in fewer than one of CHANCE fits, the error spans what the logs show: u_i moves the joint estimate by g_i u_i, with
-g_i = d theta/d u_i, and so adds to its covariance
+makes such a Q, for one parameter, in fewer than one of CHANCE fits, the error spans what the logs show: u_i moves the joint
+estimate by g_i u_i, with g_i = d theta/d u_i, and so adds to its covariance
 
     s^2 sum_i g_i g_i^T
 
 The estimate stays what it was, each log weighed by its own errors: logs that differ by chance cost it no accuracy. What remains
-unseen puts the mean of two or three equal logs about 1.7 of its errors off. A step beside a log that tells G can take a gain of
-its own for a feedthrough and a lateness that cancel: where they do (`verdict.coincidence`), by what chance does as seldom, the
-logs differ by that gain.
+unseen puts the mean of two equal logs up to 2 of its errors off, of three up to 1.7. A step beside a log that tells G can take a
+gain of its own for a feedthrough and a lateness that cancel: where they do (`verdict.coincidence`), by what chance does as
+seldom, the logs differ by that gain.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,10 +32,10 @@ CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what i
 TOLD = 1e-6  # of the best log's information, less than which a log says nothing of a parameter
 COMPARED = 0.01  # of its information that others must tell: one log a temperature has f0 by k_T, told by what creeps in each
 SAID = (
-    "{}: the logs differ by more than their errors, as by chance in one of {}: {}, {} {}; another log would tell which is right;"
-    " its error "
+    "{}: the logs differ by more than their errors, by chance in one fit of {}: {}, {} {}; another log would tell which is right"
 )
-SPANS, OMITS = "spans this", "does not span this, with which tau or G would not be determined"
+SPANS = "; the error of {} includes this difference"
+OMITS = "; the error of {} does not include it, as tau or G would then not be determined"
 
 
 class _Differ(NamedTuple):
@@ -50,15 +50,15 @@ class _Differ(NamedTuple):
     rare: float
 
 
-def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, list[str]]:
-    """What logs that differ add to the covariance (6, 6) of theta; and sentences that say so, to be ended by what the error does
-    about it."""
+def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, dict[str, str]]:
+    """What logs that differ add to the covariance (6, 6) of theta; a sentence for each parameter in which they do, to be ended
+    by SPANS or OMITS."""
     views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
-    added, said = np.zeros((len(NAMES), len(NAMES))), []
+    added, said = np.zeros((len(NAMES), len(NAMES))), {}
     if len(views) > 1:
         for name, found in _Compared(views, state, [n for n in NAMES if n in free]).differing():
             added += found.std**2 * found.moves.T @ found.moves
-            said.append(_said(name, found, [state.trials[i].log.name for i in found.held]))
+            said[name] = _said(name, found, [state.trials[i].log.name for i in found.held])
     return added, said
 
 

@@ -59,6 +59,11 @@ class Fit:
         value = getattr(self.plant, name, self.modes[0].theta[NAMES.index(name)])
         return float(value), float(np.sqrt(self.covariance[k, k]))
 
+    @property
+    def warming(self) -> float:
+        """degC from the temperature of theta's f0 to that at which f0 is reported."""
+        return 0.0 if self.reference_temperature is None else self.reference_temperature - self.reference[1]
+
     @cached_property
     def flank(self) -> Flank | None:
         """What the logs show of the resonance, where its peak lies outside of all that was driven."""

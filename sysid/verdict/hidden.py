@@ -24,7 +24,7 @@ from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
 
 NUMBERS = 4  # that a filter takes from a log: time constant and steepness, of d and of q
-ENOUGH = 25.0  # log-likelihood: SURE, and four for each of these numbers, whose priors are so much wider than what is found
+ENOUGH = 25.0  # log-likelihood: SURE, and nearly four for each of these, whose priors are so much wider than what is found
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 4  # of the plant and the time constant in turn
@@ -138,6 +138,6 @@ def _without(course: Course, order: int, times: np.ndarray) -> np.ndarray:
 def _said(names: Sequence[str], time: float, order: int) -> str:
     poles = f"{order} poles" if order > 1 else "one pole"
     return (
-        f"{', '.join(names)}: no lock-in's filter is stated; one of {poles} of about {time:.2g} s is fitted, without which the"
-        " response would not be described; state lockin_tau_s and lockin_order, or the delay_s of a late trigger"
+        f"{', '.join(names)}: no lock-in's filter is stated; one of {poles} of about {time:.2g} s is fitted, as the response"
+        " is not described without it; state lockin_tau_s and lockin_order, or the delay_s of a late trigger"
     )

@@ -22,7 +22,7 @@ from sysid.verdict.moments import EARLY, FILTERED, LATE
 THROUGH = 0.03  # of the response
 BEFORE, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
 WIDER = 3  # and twice as far as often as it is found at the end
-POINTS = 25  # delays that are tried at first: of ten rows, two and more in each
+POINTS = 25  # delays that are tried at first: of eight rows, three in each
 ZOOMS = 4  # times that the interval about the best is divided
 PARTS = 6
 SIDES = {"late": 1, "early": -1}  # by what is found, on which side of what is stated the delay is looked for
@@ -104,7 +104,7 @@ class _Costs:
 
     def moves(self, delay: float) -> dict[str, float]:
         """How far each parameter is at a delay (s), in its standard deviations at the fit."""
-        away, covariance = self._refined(delay).theta - self.state.theta, self.state.covariance
+        away, covariance = self._refined(delay).theta - self.state.theta, self.state.spread
         places = {n: NAMES.index(n) for n in WATCHED if n in self.minimiser.free}
         return {n: float(away[k] / np.sqrt(covariance[k, k])) for n, k in places.items()}
 

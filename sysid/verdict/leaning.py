@@ -22,7 +22,7 @@ STEPS = 24  # of each sign, a sixth part each, within which the cost falls to it
 NEAREST, FARTHEST = 1 / 64, 1 / 2  # from and to so much of the span of the frequencies; of less the first order tells
 ZOOMS = 4  # times that the interval about the best is halved
 LEAST_ROWS = 8  # of a sweep that shows a lean: five numbers, and some to spare
-SURE = 10.0  # log-likelihood by which a lean explains logs, of 49 that are tried: by chance of one in ten thousand good fits
+SURE = 10.0  # log-likelihood by which a lean explains logs, of 49 that are tried: by chance of one in two thousand good fits
 LEFT = 0.2  # of what a lean gains, no more than which anything else is then worth: the noise of w moves a steep row's frequency
 
 

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES
+from sysid.model.prior import NAMES, POSITIVE, carried
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
 from sysid.verdict.view import View
@@ -75,10 +75,7 @@ def _of_one(view: View, white: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 def _along(name: str, reference: tuple[float, float], at: float | None) -> np.ndarray:
     """(6,) the parameter as it is reported, to first order in theta (of G and tau the logarithm)."""
-    row = np.eye(len(NAMES))[NAMES.index(name)]
-    if name == "f0" and at is not None:
-        row[NAMES.index("k_T")] = at - reference[1]
-    return row
+    return carried(0.0 if at is None else at - reference[1])[NAMES.index(name)]
 
 
 def _error(state: State, name: str, reference: tuple[float, float], at: float | None) -> float:
@@ -89,7 +86,7 @@ def _error(state: State, name: str, reference: tuple[float, float], at: float | 
 
 def _limit(state: State, name: str) -> float:
     """Largest such one with which it is determined."""
-    return identify.limits(1.0, 1.0)[name] if name in ("G", "tau") else identify.limits(1.0, state.tau)[name]
+    return identify.limits(1.0, 1.0)[name] if name in POSITIVE else identify.limits(1.0, state.tau)[name]
 
 
 def _said(name: str, trial: Trial, row: int, state: State, reference: tuple[float, float]) -> str:

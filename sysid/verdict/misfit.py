@@ -20,7 +20,7 @@ from scipy.special import gammaincc
 
 from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES
+from sysid.model.prior import NAMES, carried
 from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
@@ -246,13 +246,11 @@ class Linear:
 
     def __init__(self, views: list[View], state: State, names: list[str], away: float):
         index = [NAMES.index(n) for n in names]
-        reported = np.eye(len(NAMES))
-        reported[2, 3] = away
-        self.views, self.names, self.reported = views, names, reported[np.ix_(index, index)]
+        self.views, self.names, self.reported = views, names, carried(away)[np.ix_(index, index)]
         self.covariance = state.covariance
         # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
         firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
-        self.std = np.sqrt(firm * np.diag(self.reported @ self.covariance[np.ix_(index, index)] @ self.reported.T))
+        self.std = np.sqrt(firm * np.diag(self.reported @ state.spread[np.ix_(index, index)] @ self.reported.T))
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]
         self.pulled = state.prior.slope(state.theta)[index]

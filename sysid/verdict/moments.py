@@ -18,8 +18,8 @@ LATE = (
     " lockin_tau_s and lockin_order"
 )
 ASTRAY = (
-    "{}: what is recorded at {:.6g} s, where an input changes, does not go with the rows about it, as if the change had been"
-    " before: rows may be missing, or their times or a delay that is stated be wrong; record it again, or leave it out"
+    "{}: what is recorded at {:.6g} s, where an input changes, does not fit the rows around it, as if the change had come"
+    " earlier: rows may be missing, or their times or a stated delay may be wrong; record it again, or leave it out"
 )
 EARLY = (
     "{}: the response begins about {:.2g} s before it should by the inputs that are recorded; record these when they change, say"

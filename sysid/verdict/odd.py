@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
+from sysid.model.prior import carried
 from sysid.trials.trial import Trial
 from sysid.verdict.misfit import misfits
 from sysid.verdict.terms import finger, own, times
@@ -68,6 +69,5 @@ def _described(minimiser: Minimiser, state: State) -> bool:
 
 def _apart(alone: State, rest: State, k: int, warm: float) -> tuple[float, float]:
     """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of that."""
-    row = np.eye(len(alone.theta))[k]
-    row[3] = warm if k == 2 else 0.0
+    row = carried(warm)[k]
     return float(row @ (alone.theta - rest.theta)), float(np.sqrt(row @ (alone.covariance + rest.covariance) @ row))

@@ -140,5 +140,5 @@ def _said(trial: Trial) -> str:
     share = 100 * abs(trial.offset) / trial.scale
     return (
         f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the response, and is"
-        " fitted; record wd and wq, or take what they read at rest off before the amplitude"
+        " fitted; record wd and wq, or subtract what these read at rest before taking the amplitude"
     )

@@ -223,7 +223,7 @@ def _under_amplitude(i: int, view: View) -> Iterator[Term]:
         share = 100 * float(np.hypot(*value)) / view.trial.scale
         return (
             f"{view.trial.log.name}: an offset of d and q lies under its amplitude, of {share:.2g} % of the response; record wd"
-            " and wq, or take what they read at rest off before the amplitude"
+            " and wq, or subtract what these read at rest before taking the amplitude"
         )
 
     yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
@@ -289,7 +289,7 @@ def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
 
     def say(value: np.ndarray, _: View) -> str:
         return (
-            f"f0 does not go straight with the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit logs of a"
+            f"f0 is not linear in the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit logs of a"
             " narrower range of temperatures, about that of use, or record some nearer to it"
         )
 
@@ -305,8 +305,8 @@ def _of_several_sizes(levels: np.ndarray) -> bool:
 
 
 ANOTHER_LAW = (
-    "what the finger does grows with its force by another law than the contact area's that is fitted, so that finger_damping"
-    " holds at no force; fit logs of a single force with logs of none"
+    "the effect of the finger grows with its force by another law than that of the contact area, which is fitted, so that"
+    " finger_damping holds at no force; fit logs of a single force with logs of none"
 )
 
 

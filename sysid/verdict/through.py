@@ -21,8 +21,8 @@ REAL, FELT = 4.0, 2.0  # errors of it, and of G, from which it is there; so many
 ASIDE = 0.15  # and so is so much of it: what a turn of a tenth of a radian makes to second order
 MOST = 0.25  # of tau, that settled points may be late: of more the first order says nothing
 SAID = (
-    "{0}: a feedthrough of {1} of the response, or a {2} that is late by {3:.2g} s{4}, by which G would be {1} {5}; state delay_s"
-    " (0 if nothing is late)"
+    "{0}: a feedthrough of {1} of the response, or a {2} that is late by {3:.2g} s{4}, in which case G would be {1} {5}; state"
+    " delay_s (0 if nothing is late)"
 )
 
 

@@ -13,7 +13,7 @@ from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise, joined, whitened
 from sysid.verdict.identify import FINER, seconds
 
-NEAR_FULL = 0.1  # of a full contact, from 1.1 to 2.2 N: laws that meet at 1.5 N differ by as little there
+NEAR_FULL = 0.1  # of a full contact, from 1.0 to 2.5 N
 STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
@@ -62,7 +62,7 @@ def assumptions(trial: Trial) -> list[str]:
     if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
         drive = "no drive is recorded" if log.drive is None else "the drive is zero in every row"
         found.append(
-            f"{drive}, and the response grows: taken as one that rings freely, which does not; add a voltage_* or drive_* column,"
+            f"{drive}, and the response grows: taken as a free ring-down, which cannot grow; add a voltage_* or drive_* column,"
             " with the step"
         )
     if trial.rectified:
@@ -76,7 +76,7 @@ def _spoilt(trial: Trial) -> str:
     """Which rows were, by number as far as these are few."""
     rows, many = [str(row) for row in trial.spoilt[:NAMED]], len(trial.spoilt) > 1
     named = ", ".join(rows) + (f" and {len(trial.spoilt) - NAMED} others" if len(trial.spoilt) > NAMED else "")
-    off = f"far off what the rows beside {'them' if many else 'it'} say, by more than all that the rest of the log shows"
+    off = f"far off what the rows beside {'them' if many else 'it'} say, by more than anything else in the log"
     return f"row{'s' if many else ''} {named} (counted from 0): {off}; left out, as a recorder's or a sensor's fault"
 
 
@@ -122,7 +122,7 @@ def sampled(trial: Trial, stated: str | None) -> str | None:
 def hangs_on_lateness(error: float) -> str:
     """For a G whose relative `error` is that of not knowing how late the response is."""
     return (
-        f"G is known to {100 * error:.2g} %, as a feedthrough, a trigger that is late by a row and a gain look alike in a step;"
+        f"G is known only to {100 * error:.2g} %, because a feedthrough, a trigger late by a row and a gain look alike in a step;"
         " record a sweep beside it, or state delay_s (0 if nothing is late)"
     )
 
@@ -135,13 +135,14 @@ def of_thermometers(unstated: Sequence[Log], k_T: float, without: np.ndarray, er
     warmed = {log.name: np.ptp(log.temperature) for log in unstated if log.temperature is not None}
     found = [
         f"{name}: its thermometer may be {off[name]:.2g} degC off in a part of the rows, which moves k_T by"
-        f" {abs(k_T) * off[name] / warming / errors[3]:.2g} of its standard deviations and is not in them; read it in finer steps"
+        f" {abs(k_T) * off[name] / warming / errors[3]:.2g} of its standard deviations, which its error does not include; read it"
+        " in finer steps"
         for name, warming in warmed.items()
         if warming > LEAST_WARMING and abs(k_T) * off[name] > HANGS * errors[3] * warming
     ]
     if wide and any(off.values()):
         found.append(
-            f"the error of {' and of '.join(wide)} is mostly that of the thermometer, up to {max(off.values()):.2g} degC by how"
+            f"the error of {' and of '.join(wide)} is mostly that of the thermometer, up to {max(off.values()):.2g} degC as"
             " its readings are written and flicker; state temperature_std_degC where it is known better, or record temperatures"
             " farther apart"
         )
@@ -156,8 +157,8 @@ def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[st
     if len(dict(kept)) < 2 or k_T * digit < error * np.sqrt(12):
         return []
     return [
-        f"whole degrees are taken for set points that were kept exactly; read to {digit:g} degC they leave f0 open by"
-        f" {k_T * digit / np.sqrt(12):.2g} Hz: state temperature_std_degC"
+        f"whole degrees are taken for set points that were kept exactly; as readings to {digit:g} degC they would leave f0"
+        f" uncertain by {k_T * digit / np.sqrt(12):.2g} Hz: state temperature_std_degC"
     ]
 
 
