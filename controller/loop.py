@@ -267,15 +267,15 @@ def _begin(control: Any, plant: Any, effects: tuple, reference: Any, first: Sche
     start = control.rest().frequency
     frequency = _made(effects, first.frequency if start is None else jnp.asarray(start, float))
     inputs = _inputs(plant, effects, reference, Command(jnp.zeros(()), frequency), first)
-    plate = _at_rest(shape.rung, plant, effects)
+    plate = _at_rest(plant, effects)
     readings = jnp.full(shape.readings, engine.seen(effects, plate, inputs))
     commands = (jnp.zeros(shape.commands), jnp.full(shape.commands, frequency))
     return _Carry(plate, state, commands, readings, inputs, jnp.zeros(()))
 
 
-def _at_rest(rung: str, plant: Any, effects: tuple) -> engine.State:
+def _at_rest(plant: Any, effects: tuple) -> engine.State:
     quiet = tuple(e for e in effects if e.kind != "noise")
-    return engine.start(rung, plant, quiet, jax.random.key(0))
+    return engine.start(plant, quiet, jax.random.key(0))
 
 
 def _piece(carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:

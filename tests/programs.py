@@ -24,7 +24,7 @@ def program(scene):
     rung = scene.fidelity
     with jax.enable_x64(True):
         key, plant = jax.random.key(0), jax.tree.map(float, scene.plant)
-        state, (chunk, _) = engine.start(rung, plant, scene.effects, key), timeline.chunk(scene, 0, scene.rows)
+        state, (chunk, _) = engine.start(plant, scene.effects, key), timeline.chunk(scene, 0, scene.rows)
         traced = jax.make_jaxpr(engine.advance, static_argnums=7)(
             plant, scene.effects, state, chunk, key, jnp.asarray(0), 1 / scene.rate, rung, scene.plant.f0
         )

@@ -459,7 +459,7 @@ def test_an_effect_adds_its_equations_and_changes_no_other(name):
         # frequency and offset for what acts on rows
         fx = Scene(PLATE, constant(**inputs), 5, 1e4, made(*NEEDS.get(name, ()), name)).effects
         own = len(jax.tree.leaves(fx)) - len(NEEDS.get(name, ())) * 3
-        kept = len(jax.tree.leaves(engine.start("exact", PLATE, fx, jax.random.key(0)))) - 2
+        kept = len(jax.tree.leaves(engine.start(PLATE, fx, jax.random.key(0)))) - 2
     assert leaves - fewer == own + kept + (name == "phase_reset") + 3 * hasattr(EFFECTS[name], "sense")
 
 

@@ -160,7 +160,7 @@ class Minimiser:
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+            courses = [Course.of(t, self.reference, theta) for t in trials]
             trials, models, cost, moved = update(trials, members, found, courses, round_=k)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
@@ -200,7 +200,7 @@ class Minimiser:
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         *_, found = self._seen(groups, theta, directions, 0)
-        courses = [Course(t, t.hold(self.reference), theta) for t in trials]
+        courses = [Course.of(t, self.reference, theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0

@@ -110,7 +110,7 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
     if not begun or found.cost < mode.cost + RISE:
         return found
     # As well with the gain that a settled response has there.
-    sizes = [abs(Course(begun[0], begun[0].hold(minimiser.reference), theta).free[0]) for theta in (near, mean)]
+    sizes = [abs(Course.of(begun[0], minimiser.reference, theta).free[0]) for theta in (near, mean)]
     other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), rounds=1)
     return min(found, other, key=lambda s: s.cost)
 

@@ -83,3 +83,9 @@ def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
         half = -0.5 * jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
         turn = turn * jax.lax.complex(1 - half**2, 2 * half) / (1 + half**2)
     return turn
+
+
+def inverted(gram: np.ndarray) -> np.ndarray:
+    """(p, p) inverse of an information matrix, scaled to unit diagonal; what it holds nothing of has neither error nor weight."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    return np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)

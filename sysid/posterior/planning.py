@@ -267,7 +267,7 @@ class _Bench:
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"
         silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)
-        response, (std, time, levels) = Course(silent, silent.hold(reference), state.theta).forced, self._noise(steady)
+        response, (std, time, levels) = Course.of(silent, reference, state.theta).forced, self._noise(steady)
         if all(t.log.amplitude_only for t in self.trials):
             response = np.hypot(np.abs(response), std)  # noise lifts an amplitude
         trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time, levels)

@@ -152,11 +152,23 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
     method = f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at {CHECKED} points"
     method += WIDENED * (target.dispersion is not None)
-    effective, agreed = min(ess(v) for v in draws.values()), max(rhat(v) for v in draws.values())
-    evaluations, pace = target.evaluations, target.pace if fit.result.bounded else 0.0
-    result, spent = _judged(fit, fit.result, estimates), perf_counter() - begun
-    had = (fit, draws, effective, agreed, method, result, seed, rung.name, estimates, errors)
-    return Posterior(*had, evaluations, spent, pace, target.density.pace, None)
+    return Posterior(
+        fit,
+        draws,
+        ess=min(ess(v) for v in draws.values()),
+        rhat=max(rhat(v) for v in draws.values()),
+        method=method,
+        result=_judged(fit, fit.result, estimates),
+        seed=seed,
+        accuracy=rung.name,
+        estimates=estimates,
+        errors=errors,
+        evaluations=target.evaluations,
+        pace=target.pace if fit.result.bounded else 0.0,
+        exact_pace=target.density.pace,
+        seconds=perf_counter() - begun,
+        below=None,
+    )
 
 
 def _off(target: Target, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
@@ -193,9 +205,23 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     if whole is not None:
         method += f", with the density of all {whole.rows} rows at {whole.evaluations} points"
     method += WIDENED * (target.dispersion is not None)
-    result, spent = _judged(fit, result, estimates), perf_counter() - begun
-    had = (fit, draws, chain.ess, chain.rhat, method, result, below.seed, rung.name, estimates, errors)
-    return Posterior(*had, target.evaluations, spent, target.pace, target.density.pace, below)
+    return Posterior(
+        fit,
+        draws,
+        ess=chain.ess,
+        rhat=chain.rhat,
+        method=method,
+        result=_judged(fit, result, estimates),
+        seed=below.seed,
+        accuracy=rung.name,
+        estimates=estimates,
+        errors=errors,
+        evaluations=target.evaluations,
+        pace=target.pace,
+        exact_pace=target.density.pace,
+        seconds=perf_counter() - begun,
+        below=below,
+    )
 
 
 def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:

@@ -54,7 +54,7 @@ class Target:
     def _whole(self, trial: Trial) -> Trial:
         """The trial over all rows of the file."""
         whole, best = trial.uncondensed(), self.fit.modes[0]
-        course = Course(whole, whole.hold(self.fit.reference), best.theta)
+        course = Course.of(whole, self.fit.reference, best.theta)
         return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:

@@ -90,7 +90,7 @@ def behind_lock_in(scene: Scene, seed: int = 0) -> Columns:
         response = np.append(0.0, _ends(signal, phase, each * np.arange(1, scene.rows), n))
     with jax.enable_x64(True):
         key = engine.key_of(seed, scene.name)
-        states = engine.start("exact", scene.plant, scene.effects, key).noise
+        states = engine.start(scene.plant, scene.effects, key).noise
         response = np.asarray(engine.noisy(scene.effects, jnp.asarray(response), states, key, 0, 1 / scene.rate)[0])
     time = np.arange(scene.rows) / scene.rate
     return {

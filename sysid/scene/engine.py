@@ -125,7 +125,7 @@ def _over(real: Array, z: Array) -> Array:
     return (real / (z.real**2 + z.imag**2)) * z.conj()
 
 
-def start(rung: str, plant: Plant, effects: tuple, key: Array) -> State:
+def start(plant: Plant, effects: tuple, key: Array) -> State:
     """At rest, with nothing heated and empty filters."""
     zero = jnp.zeros((), complex)
     modes = tuple(Mode(zero, zero) for _ in resonances(plant, effects))

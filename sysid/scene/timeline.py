@@ -26,7 +26,7 @@ def rows(scene: Scene, seed: int, first: int, last: int, theta: Phase | None = N
     plant = jax.tree.map(float, scene.plant)  # an integer would be another program
     with jax.enable_x64(True):
         key = engine.key_of(seed, scene.name)
-        state = engine.start(scene.fidelity, plant, scene.effects, key)
+        state = engine.start(plant, scene.effects, key)
     size = _chunk_rows(scene)
     for at in range(first, last, size):
         count = min(size, last - at)

@@ -34,6 +34,11 @@ class Course:
     hold: Hold = field(repr=False)
     theta: np.ndarray
 
+    @classmethod
+    def of(cls, trial: Trial, reference: tuple[float, float], theta: np.ndarray) -> "Course":
+        """Of a log whose inputs are offsets from `reference` (Hz, degC)."""
+        return cls(trial, trial.hold(reference), theta)
+
     @cached_property
     def gain(self) -> float:
         """G; 1 for a log whose own gain is free."""

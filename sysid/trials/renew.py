@@ -85,7 +85,7 @@ def _renew(
 ) -> Trial:
     """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor and an
     offset."""
-    new = heard(trial, model.real if trial.log.amplitude_only else model, course, floor, round_)
+    new = heard(trial, trial.as_recorded(model), course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
         return replace(new, start=start, late=late)

@@ -225,10 +225,13 @@ class Trial:
         """Number of rows that hold no signal, or were spoilt; other rows that are left out are outliers."""
         return int(np.sum(~self.there))
 
+    def as_recorded(self, model: np.ndarray) -> np.ndarray:
+        """Modelled rows (n,), real where the log's are."""
+        return model.real if self.log.amplitude_only else model
+
     def residual(self, model: np.ndarray) -> np.ndarray:
         """(n,) recorded - modelled; zero where there is no signal."""
-        left = self.log.response - (model.real if self.log.amplitude_only else model)
-        return np.where(self.there, left, 0.0)
+        return np.where(self.there, self.log.response - self.as_recorded(model), 0.0)
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:

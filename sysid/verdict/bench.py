@@ -39,8 +39,7 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     response, along it and across, and an offset under an amplitude what it has along the response at resonance; `noise` is one
     channel's standard deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
-    parts = zip(state.trials, state.models, strict=True)
-    return tuple(_of_one(View(t, m, state, fit.reference, coloured=True), state.spread) for t, m in parts)
+    return tuple(_of_one(view, state.spread) for view in View.each(state, fit.reference, coloured=True))
 
 
 def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:

@@ -45,7 +45,7 @@ REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that
 def tightened(state: State, reference: tuple[float, float], names: Sequence[str]) -> tuple[Trial, ...]:
     """The trials with priors of the size that they show, for a state whose error of G is due to `names`."""
     trials = list(state.trials)
-    views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
+    views = View.each(state, reference, coloured=True)
     for pair in (PAIRS[name] for name in names):
         held = [i for i, v in enumerate(views) if pair.held(v.trial, v.course.tau)]
         both = [pair.both(views[i], state.covariance) for i in held]

@@ -122,7 +122,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         if trial.silent:
             continue
-        model = model.real if trial.log.amplitude_only else model
+        model = trial.as_recorded(model)
         what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
         if not what and not named & {i, None}:
             what, doubt = wording.misfit(trial, model, trial.residual(model), state.tau)

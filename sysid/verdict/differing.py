@@ -25,6 +25,7 @@ from scipy.special import gammaincc
 
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, PLANT
+from sysid.model.span import inverted
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.view import View
 
@@ -53,7 +54,7 @@ class _Differ(NamedTuple):
 def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, dict[str, str]]:
     """What logs that differ add to the covariance (6, 6) of theta; a sentence for each parameter in which they do, to be ended
     by SPANS or OMITS."""
-    views = [View(t, m, state, reference, coloured=True) for t, m in zip(state.trials, state.models, strict=True)]
+    views = View.each(state, reference, coloured=True)
     added, said = np.zeros((len(NAMES), len(NAMES))), {}
     if len(views) > 1:
         for name, found in _Compared(views, state, [n for n in NAMES if n in free]).differing():
@@ -71,9 +72,7 @@ class _Compared:
         jacobians = [v.jacobian[:, self.index] * share for v, share in zip(views, told, strict=True)]
         self.slopes = [j.T @ v.r / share for j, v, share in zip(jacobians, views, told, strict=True)]
         self.grams = [j.T @ j for j in jacobians]
-        gram = sum(self.grams) + state.prior.precision[np.ix_(self.index, self.index)]
-        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        self.inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+        self.inverse = inverted(sum(self.grams) + state.prior.precision[np.ix_(self.index, self.index)])
         self.slope = sum(self.slopes) - state.prior.slope(state.theta)[self.index]
 
     def differing(self) -> Iterator[tuple[str, _Differ]]:

@@ -81,7 +81,7 @@ def beside(state: State) -> tuple[FittedLog, ...]:
     for trial, model in zip(state.trials, state.models, strict=True):
         rows = np.flatnonzero(trial.there)
         log = taken(trial.log, rows) if trial.lost else trial.log
-        model = (model.real if log.amplitude_only else model)[rows]
+        model = trial.as_recorded(model)[rows]
         left = log.response - model
         fitted.append(
             FittedLog(

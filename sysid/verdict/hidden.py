@@ -113,7 +113,7 @@ def _may_be(trial: Trial) -> bool:
 
 def _seen(question: Question, state: State) -> tuple[list[View], Linear]:
     minimiser = question.minimiser
-    views = [View(t, m, state, minimiser.reference) for t, m in zip(state.trials, state.models, strict=True)]
+    views = View.each(state, minimiser.reference)
     return views, Linear(views, state, list(minimiser.free), 0.0)
 
 

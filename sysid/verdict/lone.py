@@ -35,7 +35,7 @@ def resting(state: State, reference: tuple[float, float], free: Sequence[str], a
     told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
     if not told or not state.converged or all(t.silent for t in state.trials):
         return {}
-    views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
+    views = View.each(state, reference)
     shown = np.stack([_along(n, reference, at) for n in told])
     grown = _without_one(views, shown, [NAMES.index(n) for n in free])
     said = {}

@@ -21,6 +21,7 @@ from scipy.special import gammaincc
 from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, carried
+from sysid.model.span import inverted
 from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
@@ -74,7 +75,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     would move the parameters far. `at` (degC): where parameters are reported."""
     if all(t.silent for t in state.trials):
         return [], []
-    views = [View(t, m, state, reference) for t, m in zip(state.trials, state.models, strict=True)]
+    views = View.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
@@ -254,13 +255,11 @@ class Linear:
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]
         self.pulled = state.prior.slope(state.theta)[index]
-        gram = sum(j.T @ j for j in self.jacobians) + self.prior
-        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        self.inverse = np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+        self.inverse = inverted(sum(j.T @ j for j in self.jacobians) + self.prior)
         self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
         self.before = [v.likelihood(v.recorded) for v in views]
-        self.looked: dict[tuple[int, int], _Looked] = {}
-        self.added: dict[int, _Added | None] = {}
+        self.looked: dict[tuple[Term, int], _Looked] = {}
+        self.added: dict[Term, _Added | None] = {}
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
         """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
@@ -314,9 +313,9 @@ class Linear:
 
     def _added(self, term: Term) -> "_Added | None":
         """Looked at once: a term may be part of another."""
-        if id(term) not in self.added:
-            self.added[id(term)] = self._all(term) if term.parts else self._alone(term)
-        return self.added[id(term)]
+        if term not in self.added:
+            self.added[term] = self._all(term) if term.parts else self._alone(term)
+        return self.added[term]
 
     def _all(self, term: Term) -> "_Added":
         parts = [added for t in term.parts if (added := self._added(t)) is not None]
@@ -338,10 +337,10 @@ class Linear:
             end = 0
             for t in here:
                 part = slice(end, end := end + t.shapes[i].shape[1])
-                self.looked[id(t), i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
+                self.looked[t, i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
 
     def _alone(self, term: Term) -> "_Added | None":
-        parts = {i: self.looked[id(term), i] for i in term.shapes}
+        parts = {i: self.looked[term, i] for i in term.shapes}
         cross, square, score = (sum(x) for x in zip(*(part[1:] for part in parts.values()), strict=True))
         scale = np.sqrt(np.diag(square))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.verdict.view import View
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex or real."""
 

@@ -40,11 +40,16 @@ class View:
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
         self.n = len(self._whitening[0])
-        self.course = Course(trial, trial.hold(reference), state.theta)
-        self.model = model.real if trial.log.amplitude_only else model
+        self.course = Course.of(trial, reference, state.theta)
+        self.model = trial.as_recorded(model)
         self.residual = trial.residual(self.model)
         self.columns = self._in_dq() if trial.signed else self._in_amplitude()
         self.priors = len(self.columns)
+
+    @classmethod
+    def each(cls, state: State, reference: tuple[float, float], coloured: bool = False) -> list["View"]:
+        """Of all logs, at a minimum."""
+        return [cls(t, m, state, reference, coloured) for t, m in zip(state.trials, state.models, strict=True)]
 
     @cached_property
     def basis(self) -> np.ndarray:
