@@ -70,7 +70,7 @@ def power(force):
     return (force / 1.5) ** 0.6
 
 
-ANOTHER = "what the finger does grows with its force by another law"
+ANOTHER = "the effect of the finger grows with its force by another law"
 
 
 def test_another_law_of_the_force_is_named(bench):

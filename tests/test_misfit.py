@@ -352,7 +352,7 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
         log = without_the_edge(bench.transient(seed=70 + seed, noise=(0.01, 0.002)[seed % 2]))
         fit = sysid.fit([replace(log, time=1e-4 * np.arange(len(log)))])
         assert fit.result is Result.misfit, fit.parameters
-        assert any("as if the change had been before" in said for said in fit.warnings), fit.warnings
+        assert any("as if the change had come earlier" in said for said in fit.warnings), fit.warnings
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)])
@@ -417,7 +417,7 @@ def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
     clean = [unfed(bench, seed) for seed in range(20)]
     assert not any(said(log) for log in clean)  # each by chance in one of 16 000
     late = behind(clean[0], 100e-6)
-    told = re.search(r"a feedthrough of (.+) % .* late by (.+) s, by which", said(late)[0])
+    told = re.search(r"a feedthrough of (.+) % .* late by (.+) s, in which case", said(late)[0])
     # D = r tau/(1 - r), to second order in D (f - f0): a tenth
     assert float(told[2]) == pytest.approx(100e-6, rel=0.1) and float(told[1]) == pytest.approx(5.7, rel=0.1)
     assert not said(replace(late, bench={"delay_s": 0.0}))
