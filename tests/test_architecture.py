@@ -20,7 +20,7 @@ model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 verdict    result identify wording flank fitted determined view lone coincidence through standing differing term moments terms
-           misfit odd leaning late conclusion hidden bench comparison
+           misfit odd mirrored leaning late conclusion hidden bench comparison
 reading
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior

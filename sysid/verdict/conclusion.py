@@ -15,6 +15,7 @@ from sysid.verdict.determined import alone, informed, parameter, usable
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.late import timed
 from sysid.verdict.leaning import leaning
+from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Found, misfits
 from sysid.verdict.odd import odd_one
 from sysid.verdict.result import Result
@@ -93,6 +94,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     found = timed(_likeliest(found), best, reference, free)
     wrong, doubts = _described(best, found, FINGER[0] in free)
     if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
+        return [said], []
+    if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best)):
         return [said], []
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
     if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:

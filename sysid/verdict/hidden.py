@@ -17,7 +17,7 @@ import numpy as np
 from sysid.minimum.minimise import State
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
-from sysid.verdict.coincidence import hangs_on
+from sysid.verdict.coincidence import complex_of, hangs_on
 from sysid.verdict.conclusion import Question
 from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear, error_of_lateness
@@ -30,6 +30,8 @@ TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: 
 ROUNDS = 4  # of the plant and the time constant in turn
 FURTHEST = 0.7  # of its logarithm in one of them: twice
 TINY = 1e-9  # of what a log tells of it
+FED = 0.15  # of the largest response
+ANY = 10.0  # prior of a gain that may be off by any factor
 NEAR = 0.03  # of it: what is left is a nuisance to first order
 
 
@@ -56,7 +58,10 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         best, time = _fitted(question, state, hidden, tried)
         if _gained(state, best, hidden) < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
-        if hangs_on(("late", "filter", "poles"), best, reference, free):
+        views = [View(best.trials[i], best.models[i], best, reference, coloured=True) for i in hidden]
+        if hangs_on(("late", "filter", "poles"), best, reference, free) or any(map(_feeds, views)):
+            return None
+        if _is_gain(question, state, best, hidden):
             return None
         said = _said([state.trials[i].log.name for i in hidden], time, tried.order)
         trials = _filtered(question.trials, hidden, time, tried.order)
@@ -91,6 +96,24 @@ def _gained(before: State, after: State, hidden: Sequence[int]) -> float:
     """Log-likelihood that the filter is worth. The cost of a log counts the numbers that are left to it, each by the logarithm of
     its noise in whatever unit: here all count alike."""
     return before.cost - after.cost - NUMBERS * sum(float(np.log(after.trials[i].noise.std)) for i in hidden)
+
+
+def _feeds(view: View) -> bool:
+    """Whether so much of the drive goes through beside the filter that it rather makes something else look like one: a gain
+    (`_is_gain`), or a saturated channel."""
+    if "feedthrough" not in view.trial.shapes:
+        return False
+    through = complex_of(view, "feedthrough", 1.0) @ np.array([c.value for c in view.columns])
+    return bool(abs(through) > FED * view.trial.scale)
+
+
+def _is_gain(question: Question, before: State, after: State, hidden: Sequence[int]) -> bool:
+    """Whether a gain of each of these logs is worth as much. A gain of r (a drive in other units, another range) looks like one
+    pole of tau (1 - 1/r) behind a feedthrough of (r - 1) G: exactly so of a step, and by coincidence of a filter."""
+    own = [replace(t, nuisances=(*t.nuisances, "gain"), narrow=t.narrow | {"gain": ANY}, late=0.0) for t in before.trials]
+    trials = tuple(own[i] if i in hidden else t for i, t in enumerate(before.trials))
+    gained = _gained(before, question.minimiser.refine(trials, before.theta, known=1), hidden)
+    return gained > _gained(before, after, hidden) - SURE
 
 
 def _longer(views: Sequence[View]) -> float:

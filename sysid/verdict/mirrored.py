@@ -1,0 +1,42 @@
+"""A step or ring-down whose Wq has the other sign than that of the other logs.
+
+It turns the other way, as if the resonance lay on the other side of the drive, and by the others it does not. A sweep shows the
+sign by itself (`minimum.guess.phase_falls`); of a transient it shows beside other logs, which conjugate it agrees with.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.minimum.minimise import Minimiser, State
+from sysid.trials.trial import Trial
+from sysid.verdict.misfit import misfits
+from sysid.verdict.wording import SAY_SO
+
+SURE = 10.0  # log-likelihood
+
+
+def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> str | None:
+    """A sentence on the logs, one transient or all of them, whose conjugates are described along with the others, which they are
+    not themselves; else None."""
+    best, said = together.cost - SURE, None
+    for turned in _tried(trials):
+        found = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
+        left, _ = misfits(found, minimiser.reference, minimiser.free, None)
+        if found.cost < best and not any(f.certain and f.harmful for f in left):
+            best, said = found.cost, ", ".join(trials[i].log.name for i in turned)
+    return said and f"{said}: the phase turns the other way than in the other logs; if d and q are not swapped, {SAY_SO}"
+
+
+def _tried(trials: Sequence[Trial]) -> Iterator[tuple[int, ...]]:
+    moving = tuple(i for i, t in enumerate(trials) if t.resonant and not t.steady and np.iscomplexobj(t.log.response))
+    if len(trials) > 1:
+        yield from ((i,) for i in moving)
+    if 1 < len(moving) < len(trials):
+        yield moving
+
+
+def _conjugate(trial: Trial) -> Trial:
+    log, whole = (x and replace(x, response=x.response.conj()) for x in (trial.log, trial.whole))
+    return replace(trial, log=log, whole=whole)
