@@ -133,7 +133,7 @@ def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench):
     """By 5 %: a feedthrough and a lateness that cancel make it up, and G was the sweep's, 18 of its errors off."""
     fits = [sysid.fit(step_and_sweep(bench, s, 1.05)) for s in SEEDS]
     named = [f for f in fits if f.result is Result.misfit or said_of_G(f)]
-    assert len(named) >= 8  # of the others chance hides it: a feedthrough and a lateness that do not quite cancel
+    assert len(named) >= 15  # five errors of the step, as it would tell G alone: of 16, chance may hide one
     assert all(abs(off(bench, f, "G")) < 3 for f in named if f.result is Result.successful)
 
 
@@ -142,3 +142,12 @@ def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, feedthrough):
     fits = [sysid.fit(step_and_sweep(bench, s, 1.0, feedthrough)) for s in SEEDS]
     assert all(f.result is Result.successful and abs(off(bench, f, "G")) < 4 for f in fits)
     assert sum(said_of_G(f) for f in fits) <= 3  # in one of twenty by chance: in more than 3 of 16 once in 100
+
+
+def test_a_gain_of_two_is_no_filter(bench):
+    """A drive in another unit: a filter of tau/2 behind a feedthrough as large as the response looks the same in a step; G was
+    half of what it is, 200 to 400 of its errors off."""
+    for seed in range(4):
+        fit = sysid.fit(step_and_sweep(bench, seed, 0.5))
+        assert fit.result is Result.misfit
+        assert any("G contradicts the other logs" in w for w in fit.warnings)

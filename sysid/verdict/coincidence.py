@@ -87,8 +87,12 @@ def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> 
     """The nuisances, "late" or "start", that cause the error of G: without them it would be known much better."""
     if "G" not in free:
         return ()
-    held = [name for name, pair in PAIRS.items() if any(pair.held(t, state.tau) for t in state.trials)]
-    return tuple(name for name in held if hangs_on((name,), state, reference, free))
+    return tuple(name for name in may_cancel(state) if hangs_on((name,), state, reference, free))
+
+
+def may_cancel(state: State) -> tuple[str, ...]:
+    """The nuisances, "late" or "start", that some log may hold beside what cancels them."""
+    return tuple(name for name, pair in PAIRS.items() if any(pair.held(t, state.tau) for t in state.trials))
 
 
 def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:

@@ -13,11 +13,12 @@ estimate by g_i u_i, with g_i = d theta/d u_i, and so adds to its covariance
 
 The estimate stays what it was, each log weighed by its own errors: logs that differ by chance cost it no accuracy. What remains
 unseen puts the mean of two equal logs up to 2 of its errors off, of three up to 1.7. A step beside a log that tells G can take a
-gain of its own for a feedthrough and a lateness that cancel: where they do (`verdict.coincidence`), by what chance does as
-seldom, the logs differ by that gain.
+gain of its own for a feedthrough and a lateness that cancel, or for an offset and a start, in any size. So G is compared as each
+log would tell it alone, where these are as small as they look (`verdict.coincidence`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from scipy.special import gammaincc
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, PLANT
 from sysid.model.span import inverted
-from sysid.verdict.coincidence import cancelling
+from sysid.verdict.coincidence import cancelling, may_cancel, tightened
 from sysid.verdict.view import View
 
 CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
@@ -40,25 +41,31 @@ OMITS = "; the error of {} does not include it, as tau or G would then not be de
 
 
 class _Differ(NamedTuple):
-    """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std` that they show, 0 if
-    none; by what theta moves with each, (logs, 6); and one over the probability of as much."""
+    """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std` that they show; and
+    one over the probability of as much."""
 
     held: tuple[int, ...]
     off: np.ndarray
     error: np.ndarray
     std: float
-    moves: np.ndarray
     rare: float
 
 
 def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, dict[str, str]]:
     """What logs that differ add to the covariance (6, 6) of theta; a sentence for each parameter in which they do, to be ended
     by SPANS or OMITS."""
-    views = View.each(state, reference, coloured=True)
-    added, said = np.zeros((len(NAMES), len(NAMES))), {}
-    if len(views) > 1:
-        for name, found in _Compared(views, state, [n for n in NAMES if n in free]).differing():
-            added += found.std**2 * found.moves.T @ found.moves
+    added, said = np.zeros((len(NAMES), len(NAMES))), dict[str, str]()
+    if len(state.trials) < 2:
+        return added, said
+    names = [n for n in NAMES if n in free]
+    logs = alone = _Compared(state, reference, names)  # `alone`: with what makes up for a gain as small as it looks
+    if "G" in free and (pairs := may_cancel(state)):
+        alone = _Compared(replace(state, trials=tightened(state, reference, pairs)), reference, names)
+    for name in (n for n in names if n in PLANT and n != "k_T"):
+        if (found := (alone if name == "G" else logs).differing(name)) is not None:
+            found = _in_full(found, logs.views) if name == "G" else found
+            moves = logs.moves(found.held, name)
+            added += found.std**2 * moves.T @ moves
             said[name] = _said(name, found, [state.trials[i].log.name for i in found.held])
     return added, said
 
@@ -66,8 +73,9 @@ def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]
 class _Compared:
     """The logs at their fit, linearised: what each tells of the parameters `names`, and what all of them do."""
 
-    def __init__(self, views: Sequence[View], state: State, names: Sequence[str]):
-        self.views, self.names, self.index = views, names, [NAMES.index(n) for n in names]
+    def __init__(self, state: State, reference: tuple[float, float], names: Sequence[str]):
+        self.views = views = View.each(state, reference, coloured=True)
+        self.names, self.index = names, [NAMES.index(n) for n in names]
         told = [np.sqrt(v.trial.noise.told) for v in views]  # of outliers, and noise of the phase, rows say less than weights do
         jacobians = [v.jacobian[:, self.index] * share for v, share in zip(views, told, strict=True)]
         self.slopes = [j.T @ v.r / share for j, v, share in zip(jacobians, views, told, strict=True)]
@@ -75,16 +83,8 @@ class _Compared:
         self.inverse = inverted(sum(self.grams) + state.prior.precision[np.ix_(self.index, self.index)])
         self.slope = sum(self.slopes) - state.prior.slope(state.theta)[self.index]
 
-    def differing(self) -> Iterator[tuple[str, _Differ]]:
-        """The parameters in which they do, by name."""
-        for name in (n for n in self.names if n in PLANT and n != "k_T"):
-            found = self._by_score(name)
-            if name == "G" and found is None:
-                found = self._by_cancelling()
-            if found is not None:
-                yield name, found
-
-    def _by_score(self, name: str) -> _Differ | None:
+    def differing(self, name: str) -> _Differ | None:
+        """Whether they do in this parameter."""
         k = self.names.index(name)
         own = np.array([gram[k, k] for gram in self.grams])
         held = tuple(np.flatnonzero(own > TOLD * np.max(own)).tolist())
@@ -95,28 +95,24 @@ class _Compared:
         left = np.diag(cross[k]) - cross.T @ self.inverse @ cross
         std, rare = _size(score, left, cross[k])
         diagonal = np.maximum(np.diag(left), TOLD * cross[k])
-        found = _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, self._moves(held, k), rare)
-        return found if rare > CHANCE and std > 0 else None
+        return _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, rare) if rare > CHANCE and std > 0 else None
 
-    def _by_cancelling(self) -> _Differ | None:
-        """By the gain of the log in which a feedthrough and a lateness cancel most strikingly; a share 1/n of its square is the
-        variance that n logs show."""
-        own = {i: shown for i, v in enumerate(self.views) if (shown := cancelling(v)) is not None}
-        if not own:
-            return None
-        i = max(own, key=lambda i: own[i][1])
-        gain, worth = own[i]
-        held = tuple(i for i, v in enumerate(self.views) if v.trial.driven)
-        if worth < np.log(CHANCE) or len(held) < 2:
-            return None
-        std, off = abs(gain - 1) / np.sqrt(len(held)), (gain - 1) * (np.array(held) == i)
-        return _Differ(held, off, np.ones(len(held)), std, self._moves(held, self.names.index("G")), float(np.exp(worth)))
-
-    def _moves(self, held: Sequence[int], k: int) -> np.ndarray:
-        """(logs, 6) of theta with the k-th parameter of each of these logs."""
-        moves = np.zeros((len(held), len(NAMES)))
+    def moves(self, held: Sequence[int], name: str) -> np.ndarray:
+        """(logs, 6) by what theta moves with the parameter of each of these logs."""
+        k, moves = self.names.index(name), np.zeros((len(held), len(NAMES)))
         moves[:, self.index] = [self.inverse @ self.grams[i][:, k] for i in held]
         return moves
+
+
+def _in_full(found: _Differ, views: Sequence[View]) -> _Differ:
+    """Gains that differ, in the size that a feedthrough and a lateness have which cancel: as small as they look, they make up for
+    a part. A share 1/n of its square is the variance that n logs show."""
+    gains = {i: shown[0] - 1 for i in found.held if (shown := cancelling(views[i])) is not None}
+    i = max(gains, key=lambda i: abs(gains[i]), default=-1)
+    if i < 0 or abs(gains[i]) < np.sqrt(len(found.held)) * found.std:
+        return found
+    off = gains[i] * (np.array(found.held) == i)
+    return found._replace(off=off, error=np.ones(len(off)), std=abs(gains[i]) / np.sqrt(len(off)))
 
 
 def _size(score: np.ndarray, left: np.ndarray, own: np.ndarray) -> tuple[float, float]:
