@@ -355,6 +355,36 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
         assert any("as if the change had come earlier" in said for said in fit.warnings), fit.warnings
 
 
+def test_rows_that_are_lost_amid_a_rise_are_named(bench):
+    """Three rows of a twentieth of tau, and the recorder counts on: tau was 7 of its errors off, or something else was named."""
+    first = []
+    for seed in range(6):
+        log = bench.transient(seed=seed, noise=0.005)
+        kept = np.delete(np.arange(len(log)), slice(32, 35))
+        fit = sysid.fit([replace(taken(log, kept), time=log.time[: len(kept)])])
+        assert fit.result is Result.misfit
+        first.append(fit.warnings[-1].split("; or else ")[0])
+    assert sum("rows seem to be missing there" in said for said in first) >= 4  # the place is known to a tau or so
+
+
+def test_of_two_logs_the_one_whose_temperature_is_not_recorded_is_doubted(bench):
+    warm = replace(bench.transient(seed=1, temperature=28.0), temperature=None)
+    said = " ".join(sysid.fit([warm, replace(bench.sweep(seed=2), name="sweep")]).warnings)
+    assert "step: the resonance is" in said and "its temperature is not recorded" in said
+
+
+def test_less_gain_and_damping_in_a_warmer_log_may_be_its_temperature(bench):
+    """A finger, or a plate whose damping grows with the temperature: of two logs nobody can tell."""
+    other = object.__new__(type(bench))
+    other.plant = replace(bench.plant, G=0.9 * bench.plant.G, tau=0.9 * bench.plant.tau)
+    for degC, heat in ((24.0, False), (34.0, True)):
+        logs = [replace(b.sweep(seed=k, temperature=t), name=f"{t:g}") for k, (b, t) in enumerate(((bench, 24.0), (other, degC)))]
+        fit = sysid.fit(logs)
+        assert fit.result is Result.misfit
+        said = next(w for w in fit.warnings if "was left on the plate" in w)
+        assert ("G and tau fall with the temperature" in said) is heat
+
+
 @pytest.mark.parametrize(("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)])
 def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(bench, aside, expected):
     """The largest of ten in a thousand rows, and the response is not where it is: it was an outlier whose row is the change's."""

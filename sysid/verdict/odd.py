@@ -12,7 +12,7 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import carried
 from sysid.trials.trial import Trial
 from sysid.verdict.misfit import misfits
-from sysid.verdict.terms import finger, own, times
+from sysid.verdict.terms import finger, own, times, unread, warmer, was_read
 from sysid.verdict.wording import clipped, touched
 
 APART = 5.0  # standard deviations by which a log has to contradict the others: once in a million
@@ -23,7 +23,9 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> s
     """A sentence on the log that the fit of all leaves most of, where it and the others are each described well; else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
+    known = [was_read(t.log) for t in trials]
     i = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
+    i = known.index(False) if len(trials) == 2 and sum(known) == 1 else i  # of two either may be the odd one
     others = (*trials[:i], *trials[i + 1 :])
     alone, rest = (minimiser.minima(some)[0] for some in ((trials[i],), others))
     if not (_described(minimiser, alone) and _described(minimiser, rest)):
@@ -36,7 +38,9 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> s
     if abs(value) < APART * error:
         return None
     if touch := _touch(apart):
-        return finger(trials[i].log.name)(np.array([touch]), None)
+        return finger(trials[i].log.name, warmer([t.log for t in trials], i))(np.array([touch]), None)
+    if name == "f0" and not known[i] and any(known):
+        return unread(trials[i].log.name, value)
     what, about = said[name]
     return own(trials[i].log.name, what, about(value))
 

@@ -5,6 +5,7 @@ from itertools import chain
 
 import numpy as np
 
+from sysid.logs.log import Log
 from sysid.model.plant import accumulated
 from sysid.model.prior import FINGER
 from sysid.rows.hold import contact, force_of
@@ -32,6 +33,7 @@ RUNNING = (
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
 CURVED = "f0 curved over temperature"
+PLACES = 8  # in a transient, at which rows may be missing
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 
@@ -61,7 +63,28 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
-        yield from chain(_under_amplitude(i, view), _creeping(i, view), moments(i, view))
+        yield from chain(_under_amplitude(i, view), _creeping(i, view), moments(i, view), _rows_lost(i, view))
+
+
+def _rows_lost(i: int, view: View) -> Iterator[Term]:
+    """Rows that a recorder lost amid a transient, though the times go on: those behind are ahead of them. Looked for at PLACES
+    between which the response moves alike."""
+    trial, moved = view.trial, np.cumsum(np.abs(view.course.rate))
+    if trial.log.time is None or trial.whole is not None or moved[-1] == 0 or trial.spacing == 0:
+        return
+    ahead = view.observed(view.course.rate[None])[0]
+    for row in np.unique(np.searchsorted(moved, moved[-1] * (np.arange(PLACES) + 0.5) / PLACES)):
+
+        def say(value: np.ndarray, _: View, row: int = int(row)) -> str | None:
+            lost = value[0] / trial.spacing
+            if not 0.5 < lost < 0.1 * len(trial.log):
+                return None
+            return (
+                f"{trial.log.name}: from about {trial.log.time[row]:.4g} s on it is ahead by about {lost:.2g} rows: rows seem to"
+                " be missing there, though the times go on; record it again, or leave it out"
+            )
+
+        yield Term("rows lost", {i: (ahead * (np.arange(len(ahead)) >= row))[:, None]}, say, i, freedom=2)
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:
@@ -336,27 +359,42 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
     def doubted(parameter: str) -> tuple[str, float] | None:
         return (parameter, 1.0) if len(views) == 2 else None
 
+    logs = [v.trial.log for v in views]
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
-        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, finger(name), i, between=True)
+        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, finger(name, warmer(logs, i)), i, between=True)
         yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"), between=True)
         yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"), between=True)
-        if "f0" in free:
-            yield Term("resonance", {i: columns[:, 2:3]}, _elsewhere(v, "k_T" in free), i, beside=doubted("f0"), between=True)
+        believed = len(views) == 2 and was_read(logs[i]) and not was_read(logs[1 - i])
+        if "f0" in free and not believed:  # of two, the one whose temperature is not recorded is the one to doubt
+            say = _elsewhere(v, "k_T" in free, any(map(was_read, logs)))
+            yield Term("resonance", {i: columns[:, 2:3]}, say, i, beside=doubted("f0"), between=True)
 
 
-def finger(name: str) -> Callable[[np.ndarray, View | None], str | None]:
-    """Of a log whose G and tau are both off those of the others by the factor e^-value."""
+def finger(name: str, warmer: float) -> Callable[[np.ndarray, View | None], str | None]:
+    """Of a log whose G and tau are both off those of the others by the factor e^-value; it is `warmer` degC than they are."""
+    by_heat = f", or G and tau fall with the temperature, {warmer:+.2g} degC there; record another such log to tell"
 
     def say(value: np.ndarray, _: View | None) -> str | None:
         if value[0] <= 0:
             return None
         return (
             f"{name}: G and tau are both lower than in the other logs, by about the factor {np.exp(-value[0]):.2g}: a finger, or"
-            " something else that damps, was left on the plate; leave this log out"
+            f" something else that damps, was left on the plate{by_heat if abs(warmer) > OFF else ''}; leave this log out"
         )
 
     return say
+
+
+def was_read(log: Log) -> bool:
+    """Whether its temperature is its own, not that of the other logs (`reading.trials`)."""
+    return log.temperature is not None and "temperature_std_degC" in log.bench
+
+
+def warmer(logs: Sequence[Log], i: int) -> float:
+    """By how many degC the i-th log is warmer than the others on average; 0 where that is not recorded."""
+    others = [float(np.mean(log.temperature)) for k, log in enumerate(logs) if k != i and was_read(log)]
+    return float(np.mean(logs[i].temperature)) - float(np.mean(others)) if others and was_read(logs[i]) else 0.0
 
 
 def times(x: float) -> str:
@@ -372,18 +410,26 @@ def own(name: str, what: str, about: str) -> str:
     )
 
 
+def unread(name: str, hertz: float, would: str = "") -> str:
+    """Of a log whose resonance is elsewhere than that of the others, and whose temperature is not known."""
+    about = f"{hertz:+.4g} Hz off that of the other logs"
+    return f"{name}: the resonance is {about}; its temperature is not recorded{would}: record it"
+
+
 def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
     return lambda value, _: own(name, what, put(float(value[0])))
 
 
-def _elsewhere(view: View, warmed: bool) -> Callable[[np.ndarray, View], str]:
+def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, View], str]:
     """A resonance that contradicts the others, and by how much the thermometer would be off if it was that: `warmed`, k_T is
-    fitted."""
+    fitted; `read`, some log has a temperature."""
     name, k_T = view.trial.log.name, float(view.course.theta[3])
 
     def say(value: np.ndarray, _: View) -> str:
         said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
         off = value[0] / k_T if warmed and k_T else np.inf
+        if read and not was_read(view.trial.log):
+            return unread(name, value[0], f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else "")
         if view.trial.log.temperature is None or abs(off) > OFF:
             return said
         return f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how far that may be"
