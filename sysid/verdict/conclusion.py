@@ -101,7 +101,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:
         return ranges, []
     between = found and (found[0].name in BETWEEN or found[0].log is None)
-    if wrong and not between and (said := odd_one(question.minimiser, question.trials, best)):
+    gain = found[0].log if between and found[0].name == "gain" else None  # to first order, which of a factor of two says little
+    if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
         wrong, doubts = [said], []
     doubts = doubts if wrong else [*doubts, *unseen]
     if hangs and not identify.hopeless(best.trials, free):

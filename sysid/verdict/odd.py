@@ -19,13 +19,15 @@ APART = 5.0  # standard deviations by which a log has to contradict the others: 
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
 
 
-def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> str | None:
-    """A sentence on the log that the fit of all leaves most of, where it and the others are each described well; else None."""
+def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State, which: int | None = None) -> str | None:
+    """A sentence on the log that the fit of all leaves most of, or on `which`, where it and the others are each described well;
+    else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
     known = [was_read(t.log) for t in trials]
     i = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
     i = known.index(False) if len(trials) == 2 and sum(known) == 1 else i  # of two either may be the odd one
+    i = i if which is None else which
     others = (*trials[:i], *trials[i + 1 :])
     alone, rest = (minimiser.minima(some)[0] for some in ((trials[i],), others))
     if not (_described(minimiser, alone) and _described(minimiser, rest)):
