@@ -1,6 +1,7 @@
 """The scene engine against the carrier's equation of motion, matrix exponentials, closed forms, and itself in other pieces."""
 
 import dataclasses
+import gc
 import tracemalloc
 from collections import Counter
 from fractions import Fraction
@@ -519,6 +520,7 @@ def test_a_day_in_bounded_memory_ends_with_the_right_phase():
     scene = Scene(quartz, inputs, int(day * rate) + 1, rate)
 
     def peak(scene):
+        gc.collect()  # what other tests left
         tracemalloc.start()
         kept = []
         for log in scene.stream():
@@ -531,7 +533,9 @@ def test_a_day_in_bounded_memory_ends_with_the_right_phase():
     peak(dataclasses.replace(scene, rows=100_000))  # compiled
     _, short = peak(dataclasses.replace(scene, rows=200_000))
     kept, long = peak(scene)
-    assert long < short + 1e6  # a day takes what three hours take, and the rows that this test keeps
+    # A day takes what three hours take, the rows that this test keeps, and some MB of cycles that were not collected yet: one
+    # complex number for each further row would be 24 MB.
+    assert long < short + 8e6
     assert len(kept) > 150 and kept[-1][0] > 0.99 * day
     with mp.workdps(40):
         for time, temperature, found in kept[::10]:
