@@ -17,7 +17,7 @@ from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
-from sysid.trials.trial import Trial, with_noise
+from sysid.trials.trial import Trial, numbers_taken, with_noise
 
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
@@ -66,6 +66,13 @@ class State:
     def half_bandwidth(self) -> float:
         """1/(2 pi tau), Hz."""
         return 1 / (2 * np.pi * self.tau)
+
+    @property
+    def likelihood(self) -> float:
+        """Log-likelihood of the logs, every number of theirs at its optimum, up to a constant of the same logs in the same unit.
+        By its difference descriptions with other nuisances compare, whatever the units: `cost` counts each number that a
+        description leaves to a log by the logarithm of its noise, in the unit of the response."""
+        return -self.cost - sum(numbers_taken(t) * float(np.log(t.noise.std)) for t in self.trials)
 
     @property
     def evidence(self) -> float:

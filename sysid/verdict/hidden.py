@@ -23,8 +23,8 @@ from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
 
-NUMBERS = 4  # that a filter takes from a log: time constant and steepness, of d and of q
-ENOUGH = 25.0  # log-likelihood: SURE, and nearly four for each of these, whose priors are so much wider than what is found
+# Log-likelihood: SURE, and nearly four for each of its numbers in d and in q, whose priors are so much wider than what is found.
+ENOUGH = 25.0
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 4  # of the plant and the time constant in turn
@@ -56,7 +56,7 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         if not tried.order or not (late or tried.worth > SURE):
             continue
         best, time = _fitted(question, state, hidden, tried)
-        if _gained(state, best, hidden) < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
+        if best.likelihood - state.likelihood < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
         views = [View(best.trials[i], best.models[i], best, reference, coloured=True) for i in hidden]
         if hangs_on(("late", "filter", "poles"), best, reference, free) or any(map(_feeds, views)):
@@ -92,12 +92,6 @@ def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order
     return tuple(behind(t) if i in hidden else t for i, t in enumerate(trials))
 
 
-def _gained(before: State, after: State, hidden: Sequence[int]) -> float:
-    """Log-likelihood that the filter is worth. The cost of a log counts the numbers that are left to it, each by the logarithm of
-    its noise in whatever unit: here all count alike."""
-    return before.cost - after.cost - NUMBERS * sum(float(np.log(after.trials[i].noise.std)) for i in hidden)
-
-
 def _feeds(view: View) -> bool:
     """Whether so much of the drive goes through beside the filter that it rather makes something else look like one: a gain
     (`_is_gain`), or a saturated channel."""
@@ -112,8 +106,7 @@ def _is_gain(question: Question, before: State, after: State, hidden: Sequence[i
     pole of tau (1 - 1/r) behind a feedthrough of (r - 1) G: exactly so of a step, and by coincidence of a filter."""
     own = [replace(t, nuisances=(*t.nuisances, "gain"), narrow=t.narrow | {"gain": ANY}, late=0.0) for t in before.trials]
     trials = tuple(own[i] if i in hidden else t for i, t in enumerate(before.trials))
-    gained = _gained(before, question.minimiser.refine(trials, before.theta, known=1), hidden)
-    return gained > _gained(before, after, hidden) - SURE
+    return question.minimiser.refine(trials, before.theta, known=1).likelihood > after.likelihood - SURE
 
 
 def _longer(views: Sequence[View]) -> float:

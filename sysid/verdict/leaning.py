@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial, with_noise
-from sysid.verdict.misfit import STRANGE, Found, misfits
+from sysid.verdict.misfit import Found, misfits
 
 STEPS = 24  # of each sign, a sixth part each, within which the cost falls to its optimum,
 NEAREST, FARTHEST = 1 / 64, 1 / 2  # from and to so much of the span of the frequencies; of less the first order tells
@@ -42,7 +42,7 @@ def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     straight = minimiser.minima(_straightened(state.trials, 0.0))[0]
     kappa, lean = _fitted(minimiser, state.trials, tried[k], sizes[1] / sizes[0] - 1)
     gained = straight.cost - lean.cost
-    if gained < max([f.worth for f in found if f.name != STRANGE], default=0.0) + SURE:
+    if gained < max([f.worth for f in found], default=0.0) + SURE:
         return None
     left, _ = misfits(lean, minimiser.reference, minimiser.free, None)
     if any(f.worth > LEFT * gained for f in left if f.certain):

@@ -18,24 +18,20 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import gammaincc
 
-from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
 from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
-from sysid.verdict.term import Term, together
+from sysid.verdict.term import UNNAMED, Term, together
 from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
 from sysid.verdict.view import View
-from sysid.verdict.wording import OFTEN, SAY_SO, UNSAID, stamps_shared
+from sysid.verdict.wording import OFTEN, UNSAID
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
 UNCHANGED = 0.01  # sum of squares in units of the noise
-ROUGH = 5.0  # by which a residual is larger than the noise between its neighbours, and
-MOST = 0.3  # share of a log that it is, when the log is not what the model is about
-SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
@@ -44,7 +40,8 @@ SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
-STRANGE = "strange"  # of a log that is not described, which explains nothing
+EXPLAINED = 0.5  # of a power, more than which is left by what is not its cause
+CHANCE = 3.0  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -59,6 +56,7 @@ class Found:
 
     freedom: int  # numbers that it has
     certain: bool = True
+    explains: bool = True  # at least half of the power that neighbouring rows share, or all but what chance leaves of it
 
     @property
     def farthest(self) -> str:
@@ -83,8 +81,6 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     if len(views) > 1 and not any(f.harmful and f.certain for f in found):  # alike in several logs: freer, and so looked for last
         alike = list(together([t for t in tried if t.name in ALIKE and fit.tells(t)], views))
         found, tried = found + fit.found(alike, len(tried)), tried + alike
-    if len(views) > 1 or not any(f.harmful and f.certain for f in found):  # a log alone contradicts no other
-        found += [strange for i, v in enumerate(views) if (strange := _strange(i, v, len(views) == 1)) is not None]
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
@@ -198,27 +194,6 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
     if found is None or found[1] < threshold:
         return None
     return Found(own(view.trial.log.name, "G", times(found[0] - 1)), found[1], {"G": np.inf}, "gain", i, 1)
-
-
-def _strange(i: int, view: View, alone: bool) -> Found | None:
-    """A log of which the model leaves most, smooth as it is: beside others by what its own gain is off, if that is what it is."""
-    y, left = view.trial.log.response, view.residual
-    if len(y) < 8 or view.trial.log.drive is None or view.trial.silent:
-        return None
-    rough, total = np.sqrt(np.mean(np.abs(np.diff(left)) ** 2) / 2), np.sqrt(np.mean(np.abs(left) ** 2))
-    if total < ROUGH * rough or total < MOST * np.std(y):
-        return None
-    shape = view.course.forced if view.trial.signed else np.abs(view.course.forced)
-    ratio = float(np.abs(np.vdot(shape, y)) / max(np.vdot(shape, shape).real, 1e-300))
-    what = "it is not that of one resonance which stays as it is; check its columns, their units and signs"
-    if view.trial.steady and view.trial.resonant and view.trial.signed and not phase_falls(view.trial):
-        what = f"its phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
-    elif not view.trial.steady and stamps_shared(view.trial) > SHARED * len(view.trial.whole or y):
-        what = "rows share their time stamps; record the time with more digits"
-    elif not alone:
-        what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
-    said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
-    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, STRANGE, i, 1)
 
 
 class _Added(NamedTuple):
@@ -380,5 +355,18 @@ class Linear:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
         if term.squared is not None and term.squared[0] in moves:
             moves[term.squared[0]] += term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
-        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, bool(gained >= chance + ENOUGH))
+        certain = bool(gained >= chance + ENOUGH)
+        explains = said != UNNAMED and self._explains(rows, coefficient, shift)
+        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, certain, explains)
         return found if found.certain or found.harmful else None
+
+    def _explains(self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray) -> bool:
+        """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold it: neighbouring
+        rows of the residual then share half of what they did or less, or no more than rows of their own do by chance."""
+        before = after = chance = 0.0
+        for i, (part, which) in rows.items():
+            view, jacobian = self.views[i], self.jacobians[i]
+            left = view.r - jacobian @ shift - part @ coefficient[which]
+            before, after = before + view.shared(view.r), after + view.shared(left)
+            chance += float(left @ left) / np.sqrt(view.n)
+        return after <= max(EXPLAINED * before, CHANCE * chance)

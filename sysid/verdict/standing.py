@@ -20,7 +20,7 @@ import numpy as np
 from sysid.minimum.minimise import MODES, Minimiser, State
 from sysid.model import rice
 from sysid.rows.prepare import OFFSET_UNITS
-from sysid.trials.trial import Trial, numbers_left, with_noise
+from sysid.trials.trial import Trial, with_noise
 
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
@@ -118,16 +118,9 @@ def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
     nested = before.trials[i].signed  # it has an offset already, of the response's own direction
     if rest.seen > SURE and not nested:
         return True
-    worth = _worth(before, after, i) if after.converged else 0.0
+    worth = after.likelihood - before.likelihood if after.converged else 0.0
     tells = worth > SOME if nested else before.trials[i].driven
     return worth > WORTH or (tells and after.converged and _moved(before, after) > MOVES)
-
-
-def _worth(before: State, after: State, i: int) -> float:
-    """Log-likelihood, at its best, of an offset under the i-th log. The cost counts the numbers that it takes from those that
-    tell the noise's level; here they are not."""
-    taken = numbers_left(before.trials[i]) - numbers_left(after.trials[i])
-    return before.cost - after.cost - taken * float(np.log(after.trials[i].noise.std))
 
 
 def _moved(before: State, after: State) -> float:

@@ -12,7 +12,7 @@ from sysid.rows.hold import contact, force_of
 from sysid.trials.extra import possible
 from sysid.trials.trial import LEAST_WARMING
 from sysid.verdict.moments import moments
-from sysid.verdict.term import Term, of_one
+from sysid.verdict.term import UNNAMED, Term, of_one
 from sysid.verdict.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -93,6 +93,8 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
     out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
     places = np.append(-BESIDE, BESIDE)
+    # Outside of all frequencies it shows no peak, and whatever is nearly even looks like it; so does one that is the larger.
+    below, above = (np.min(c.detuning), np.max(c.detuning)) if view.trial.swept else (-np.inf, np.inf)
     others = c.at(np.tile(2j * np.pi * half_bandwidth * places, (len(c.hold.drive), 1))).forced
     for beside, shape in zip(places, others.T, strict=True):
         shapes = view.observed(np.stack([shape, 1j * shape])).T
@@ -100,6 +102,8 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
 
         def say(value: np.ndarray, view: View, beside: float = beside, size: float = size) -> str:
             share = 100 * size * np.hypot(*value)
+            if share > 100 or not below < -2 * np.pi * half_bandwidth * beside < above:
+                return UNNAMED
             return (
                 f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
                 f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; {out}"
