@@ -98,8 +98,9 @@ def _concluded(question: Question, states: list[State]) -> Fit:
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
-    tight = unfolded(minimiser, minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1))
-    narrow = conclude(question, [tight], hangs(tight, minimiser.reference, minimiser.free))
+    tight = minimiser.imaged([minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)])
+    tight = [unfolded(minimiser, s) for s in tight]
+    narrow = conclude(question, tight, hangs(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit:
         return narrow
     wide = conclude(question, states, names)

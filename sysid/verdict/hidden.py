@@ -44,7 +44,7 @@ class _Tried(NamedTuple):
 
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
-    """The question and its minimum with the filter that the logs show; None where they show none, or a delay besides, or where
+    """The question and its minima with the filter that the logs show; None where they show none, or a delay besides, or where
     the error of G would be due to how the filtered response begins."""
     reference, free = question.minimiser.reference, question.minimiser.free
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
@@ -52,7 +52,10 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         return None
     views, linear = _seen(question, state)
     late = any(0.5 * (views[i].late / error_of_lateness(views[i], linear)) ** 2 > SURE for i in hidden)
-    for tried in _tried(views, linear, hidden):
+    likeliest = _tried(views, linear, hidden)
+    if not likeliest[0].order and likeliest[0].worth > likeliest[1].worth + SURE:
+        return None  # late, and not by a filter
+    for tried in likeliest:
         if not tried.order or not (late or tried.worth > SURE):
             continue
         best, time = _fitted(question, state, hidden, tried)
@@ -65,7 +68,7 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
             return None
         said = _said([state.trials[i].log.name for i in hidden], time, tried.order)
         trials = _filtered(question.trials, hidden, time, tried.order)
-        return replace(question, trials=trials, warnings=(*question.warnings, said)), [best]
+        return replace(question, trials=trials, warnings=(*question.warnings, said)), question.minimiser.imaged([best])
     return None
 
 
