@@ -14,6 +14,8 @@ from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.fitted import Fit, beside
+from sysid.verdict.hurried import hurried
+from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.late import timed
 from sysid.verdict.leaning import leaning
 from sysid.verdict.mirrored import mirrored
@@ -108,8 +110,9 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     found, unseen = misfits(best, reference, free, at)
     likely = _likeliest(timed(_likeliest(found), best, reference, free))
     wrong, doubts = _described(best, found, likely, FINGER[0] in free)
-    if (wrong or doubts) and (said := leaning(question.minimiser, best, likely)):
-        return [Said(said)], []
+    for another in (hurried, leaning) if wrong or doubts else ():
+        if said := another(question.minimiser, best, found):
+            return [Said(said)], []
     if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best)):
         return [Said(said)], []
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
@@ -119,6 +122,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
         wrong, doubts = [Said(said)], []
+    wrong = wrong or [Said(said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *unseen]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]
@@ -140,16 +144,20 @@ def _described(state: State, found: Sequence[Found], likely: Sequence[Found], fi
     the logs hold, `likely` what of it they say; `fingered`: what a finger does is fitted."""
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
-    named = {f.log for f in likely} if harmful else set()
+    named = {f.log: f.sentence for f in reversed(likely)}
     wrong, doubts = [], []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         if trial.silent:
             continue
         if what := (None if fingered else wording.touched(trial)) or wording.clipped(trial):
             wrong.append(Said(f"{trial.log.name}: {what}"))
-        elif not named & {i, None} and (left := left_of(trial, model, state.tau, not harmful and i in shown)):
-            said = f"{trial.log.name}: {left.said}"
-            doubts, wrong = ([*doubts, said], wrong) if left.noise else (doubts, [*wrong, Said(said, left.mostly)])
+            continue
+        known = harmful and (i in named or None in named)
+        left = None if known else left_of(trial, model, state.tau, not harmful and i in shown)
+        if left is not None and left.noise:
+            doubts.append(f"{trial.log.name}: {left.said}")
+        elif left is not None:
+            wrong.append(Said(named.get(i, f"{trial.log.name}: {left.said}"), left.mostly and i not in named))
     if harmful:
         names = {f.name: f.sentence for f in reversed(likely)}
         return [*wrong, Said("; or else ".join(reversed(names.values())))], []

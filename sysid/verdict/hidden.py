@@ -19,6 +19,7 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.coincidence import complex_of, hangs_on
 from sysid.verdict.conclusion import Question
+from sysid.verdict.immediate import FED
 from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
@@ -30,7 +31,6 @@ TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: 
 ROUNDS = 4  # of the plant and the time constant in turn
 FURTHEST = 0.7  # of its logarithm in one of them: twice
 TINY = 1e-9  # of what a log tells of it
-FED = 0.15  # of the largest response
 ANY = 10.0  # prior of a gain that may be off by any factor
 NEAR = 0.03  # of it: what is left is a nuisance to first order
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import gammaincc
 
-from sysid.minimum.minimise import State
+from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
 from sysid.rows.dwell import dwells
@@ -26,6 +26,7 @@ from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import UNNAMED, Term, together
 from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
+from sysid.verdict.unexplained import left_of
 from sysid.verdict.view import View
 from sysid.verdict.wording import OFTEN, UNSAID
 
@@ -36,11 +37,12 @@ TENSE = 2.0  # standard deviations of its prior, by which a response may be late
 ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
+LEFT = 0.2  # of what a description gains, no more than which anything is worth that it leaves: its own numbers are coarse
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
-EXPLAINED = 0.5  # of a power, more than which is left by what is not its cause
+EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
 CHANCE = 3.0  # standard deviations
 
 
@@ -56,7 +58,7 @@ class Found:
 
     freedom: int  # numbers that it has
     certain: bool = True
-    explains: bool = True  # at least half of the power that neighbouring rows share, or all but what chance leaves of it
+    explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
 
     @property
     def farthest(self) -> str:
@@ -88,6 +90,20 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit) or _row_before(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
+
+
+def described(minimiser: Minimiser, state: State) -> bool:
+    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing unexplained."""
+    found, _ = misfits(state, minimiser.reference, minimiser.free, None)
+    left = (left_of(t, m, state.tau) for t, m in zip(state.trials, state.models, strict=True) if not t.silent)
+    return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
+
+
+def explained(minimiser: Minimiser, anew: State, gained: float, found: Sequence[Found]) -> bool:
+    """Whether another description of the logs, which is worth `gained`, explains what was `found` beside the first: it is worth
+    more than each of these, and leaves little."""
+    left, _ = misfits(anew, minimiser.reference, minimiser.free, None)
+    return gained > max((f.worth for f in found), default=0.0) and all(f.worth <= LEFT * gained for f in left if f.certain)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
@@ -362,7 +378,7 @@ class Linear:
 
     def _explains(self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray) -> bool:
         """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold it: neighbouring
-        rows of the residual then share half of what they did or less, or no more than rows of their own do by chance."""
+        rows of the residual then share EXPLAINED of the power they did, or less, or no more than independent rows by chance."""
         before = after = chance = 0.0
         for i, (part, which) in rows.items():
             view, jacobian = self.views[i], self.jacobians[i]

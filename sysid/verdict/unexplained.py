@@ -44,15 +44,14 @@ def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> 
         residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
     rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
     part, chance = _structure(residual[rows])
-    if not sure:
-        if part < STRUCTURE * size or chance < SIGNIFICANT:
-            return None
-        if not trial.steady and not _near_changes(residual[rows], trial.since_change[rows], tau):
-            return None
+    mostly = part > MOSTLY * float(np.std(trial.log.response))
+    if not sure and (part < STRUCTURE * size or chance < SIGNIFICANT):
+        return None
+    if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], tau)):
+        return None
     much = f"{100 * part / size:.2g} % of the response"
     if not sure and _is_coloured_noise(trial, residual, model):
         return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
-    mostly = part > MOSTLY * float(np.std(trial.log.response))
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
 
