@@ -20,6 +20,7 @@ from sysid.verdict.conclusion import Question, conclude
 from sysid.verdict.differing import OMITS, SPANS, dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
+from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
 from sysid.verdict.through import with_delays
@@ -69,9 +70,12 @@ def _together(question: Question, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs."""
     best = found.modes[0]
     more, said = dispersion(best, found.reference, found.names)
-    if not said:
+    more = more + question.dispersion
+    if not np.any(more):
         return found
     again = conclude(question, [replace(s, dispersion=more) for s in found.modes], hangs(best, found.reference, found.names))
+    if not said:
+        return again
     told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
     return replace(told, warnings=(*(sentence + does.format(name) for name, sentence in said.items()), *told.warnings))
 
@@ -134,6 +138,8 @@ def _asked(
         states = minimiser.minima(read, start)
     sampled = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, sampled, strict=True) if what]
+    read, states, apart, said = owned(minimiser, read, states, logs)
+    warnings += said
     for _ in range(TWICE if any(t.at_one_frequency for t in read) else 1):
         states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     states, said = with_offsets(minimiser, states)
@@ -143,7 +149,7 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    return Question(minimiser, read, stated, reference_temperature, tuple(warnings)), states
+    return Question(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
 
 
 def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:

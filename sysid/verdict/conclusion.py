@@ -40,6 +40,7 @@ class Question:
     stated: dict[str, tuple[float, float]]
     reference_temperature: float  # degC, at which f0 is told if k_T is
     warnings: tuple[str, ...]  # what had to be assumed
+    dispersion: np.ndarray  # (6, 6) what readings of the logs that cannot be told apart add to the covariance
 
 
 def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -> Fit:

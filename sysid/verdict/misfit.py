@@ -21,11 +21,10 @@ from scipy.special import gammaincc
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
-from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import UNNAMED, Term, together
-from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
+from sysid.verdict.terms import CURVED, RUNNING, one_way, own, terms, times
 from sysid.verdict.unexplained import left_of
 from sysid.verdict.view import View
 from sysid.verdict.wording import OFTEN, UNSAID
@@ -88,7 +87,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
-    doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit) or _row_before(i, v, fit)) is not None]
+    doubts += [said for i, v in enumerate(views) if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
 
 
@@ -160,26 +159,18 @@ def _aslant(view: View, run: np.ndarray) -> float:
     return float(np.linalg.norm((view.residual[run] * np.conj(along)).imag / (np.abs(along) or 1.0)))
 
 
-def _row_late(i: int, view: View, fit: "Linear") -> str | None:
-    """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
-    it should, as if the resonance were a step of the sweep away. Where nothing is late, a frequency that runs on: half a step."""
-    if "f0" not in fit.names or not one_way(view):
-        return None
-    stated = view.trial.lateness < 0.5 * view.trial.spacing
-    if stated and ("delay_s" not in view.trial.log.bench or np.any(np.diff(view.trial.log.frequency) == 0)):
+def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
+    """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between its rows: half a
+    step."""
+    log, changes = view.trial.log, np.diff(view.trial.log.frequency) if view.trial.resonant else np.zeros(1)
+    if "f0" not in fit.names or not one_way(view) or "delay_s" not in log.bench or np.any(changes == 0):
         return None  # a frequency that stays for several rows does not run on
-    if np.any(np.diff(view.trial.log.frequency) == 0) and dwells(view.trial.log, view.course.tau):  # its own rows would show it
+    f0, step = fit.names.index("f0"), float(np.ptp(log.frequency)) / (len(log) - 1)
+    moved = 0.5 * step * min(fit.share(i)[f0, f0], 1.0)
+    if moved < MOVES * fit.std[f0]:
         return None
-    f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
-    share = min(fit.share(i)[f0, f0], 1.0)
-    contradicted = step * np.sqrt(1 - share) > FARAWAY * fit.std[f0]  # by what the other logs tell of f0
-    moved = share * step * (0.5 if stated else 1.0)
-    if moved < MOVES * fit.std[f0] or (contradicted and not stated):
-        return None
-    if stated:
-        way = "higher" if view.trial.log.frequency[-1] > view.trial.log.frequency[0] else "lower"
-        return RUNNING.format(view.trial.log.name, moved, way, moved / fit.std[f0])
-    return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
+    way = "higher" if log.frequency[-1] > log.frequency[0] else "lower"
+    return RUNNING.format(log.name, moved, way, moved / fit.std[f0])
 
 
 def _row_before(i: int, view: View, fit: "Linear") -> str | None:

@@ -23,11 +23,6 @@ HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
     " would move {{}}; sweep back as well, or record the temperature of every row"
 )
-SHIFTED = (
-    "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
-    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
-    " row to row), or let every point settle"
-)
 RUNNING = (
     "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"

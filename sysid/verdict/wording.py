@@ -103,14 +103,23 @@ OFTEN = 0.1  # changes a row, from which on a transient's `sampling` matters how
 
 
 def sampled(trial: Trial, stated: str | None) -> str | None:
-    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
+    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and was told from the log alone;
+    else None."""
     if stated is not None or trial.log.time is None:
         return None
     if trial.steady:
         return f"{UNSAID} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
-    if trial.log.sampling == "settled":
-        return f"{UNSAID} settled, as rows of the same inputs then agree"
-    return f"{UNSAID} instant" if trial.changes > OFTEN * len(trial.log) else None
+    return f"{UNSAID} settled, as rows of the same inputs then agree" if trial.log.sampling == "settled" else None
+
+
+def owned(reading: str | None) -> str:
+    """A sentence on the reading that the logs show, or that they do not tell which it is."""
+    if reading is not None:
+        return f"{UNSAID} {reading}, as the logs show; say sampling: settled or sampling: instant"
+    return (
+        "whether a row's response belongs to its own inputs, or to those of the row before, is not stated, and the logs do not"
+        " tell: read half way, and the errors include both; say sampling: settled or instant, or sweep back as well"
+    )
 
 
 def hangs_on_lateness(error: float) -> str:
