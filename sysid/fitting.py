@@ -17,7 +17,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
-from sysid.verdict.differing import OMITS, SPANS, dispersion
+from sysid.verdict.differing import dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
 from sysid.verdict.ownership import owned
@@ -67,32 +67,33 @@ def fit(
 
 
 def _together(question: Question, found: Fit) -> Fit:
-    """The fit, its errors those of logs that differ by more than theirs."""
+    """The fit, its errors those of logs that differ by more than theirs, or that may be read in two ways."""
     best = found.modes[0]
     more, said = dispersion(best, found.reference, found.names)
     more = more + question.dispersion
     if not np.any(more):
         return found
     again = conclude(question, [replace(s, dispersion=more) for s in found.modes], hangs(best, found.reference, found.names))
-    if not said:
-        return again
-    told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
-    return replace(told, warnings=(*(sentence + does.format(name) for name, sentence in said.items()), *told.warnings))
+    spanned = again.result is Result.successful or not said
+    told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
+    alarms = [x.told(spanned) for x in said if x.rare or not spanned]
+    notes = [x.told(spanned) for x in said if spanned and not x.rare]
+    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
     """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
     well."""
-    states = [with_delays(s, found.reference) for s in found.modes]
-    if not (said := states[0][1]):
+    told = [with_delays(s, found.reference) for s in found.modes]
+    if not (told[0].spanned or told[0].partly):
         return found
-    anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
-    again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
-    others = sum(t.signed and t.driven for t in anew.trials) > len(said)
+    anew = replace(question, trials=_with_priors(question.trials, told[0].trials))
+    again = _concluded(anew, _anew(question.minimiser, found.modes, [t.trials for t in told]))
+    others = sum(t.signed and t.driven for t in anew.trials) > told[0].logs
     before, after = (fit.parameters["G"].std or 0.0 for fit in (found, again))
     if others and after <= WIDER * before:
         return again
-    return replace(again, warnings=(*said, *again.warnings))
+    return replace(again, warnings=(*told[0].partly, *again.warnings), notes=(*again.notes, *told[0].spanned))
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:

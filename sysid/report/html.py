@@ -32,7 +32,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
         remedy=ADVICE.get(document["result"], ""),
         gains=gains(document["controller"]) if document["controller"] else [],
         promised=promised(document["controller"]) if document["controller"] else [],
-        notes=grouped(document["logs"]),
+        notes=grouped(document),
         added=_added(document["logs"]),
         images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,

@@ -80,7 +80,7 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     table.add_column(overflow="fold")
     result = document["result"]
     good = result == "successful"
-    lines = [*_reasons(document), *(("note", note) for note in grouped(document["logs"]))]
+    lines = [*_reasons(document), *(("note", note) for note in grouped(document))]
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
     if document["advice"] is not None:

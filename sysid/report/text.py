@@ -82,13 +82,13 @@ def taken_for(log: Mapping[str, Any]) -> str:
     return log["description"].removeprefix("transient").removeprefix("settled points").removeprefix(", ")
 
 
-def grouped(logs: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The logs' notes, each once, with the logs that it is about."""
+def grouped(document: Mapping[str, Any]) -> list[str]:
+    """The notes of the fit, and those of the logs, each once, with the logs that it is about."""
     names: dict[str, list[str]] = {}
-    for log in logs:
+    for log in document["logs"]:
         for note in log["notes"]:
             names.setdefault(note, []).append(log["name"])
-    return [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
+    return [*document["notes"]] + [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
 
 
 def gains(controller: Mapping[str, Any]) -> list[str]:
