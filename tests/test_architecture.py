@@ -19,8 +19,9 @@ rows       clock dwell hold rounding thermometer lost glitch condense level gap 
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
-verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing differing term moments terms
-           misfit odd mirrored leaning hurried late conclusion hidden ownership bench comparison
+verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing
+           differing term moments terms misfit odd mirrored leaning hurried late conclusion hidden ownership
+           bench comparison
 reading
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior

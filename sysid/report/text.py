@@ -8,11 +8,17 @@ import numpy as np
 
 PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 ADVICE = {
-    "the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance",
+    "the fit did not converge": "add a sweep across the resonance",
     "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they name",
     "the logs do not determine tau or G": "the parameters say what to record",
-    "the sampler stopped before it reached its criteria": "record a voltage step and a sweep across the resonance",
+    "the sampler stopped before it reached its criteria": "take the normal approximation, --accuracy quick, or record more rows",
 }
+SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance"}
+
+
+def advice(result: str, logs: int) -> str:
+    """What to do about a fit of so many logs that ended so; empty where that went well."""
+    return (SEVERAL if logs > 1 else {}).get(result) or ADVICE.get(result, "")
 
 
 def clean(text: str) -> str:
