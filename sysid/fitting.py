@@ -17,6 +17,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
+from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
@@ -56,6 +57,11 @@ def fit(
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
+    rest, said = decays(best)
+    if rest:
+        given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
+        if told := of_decays(fit(rest, **given), said):
+            return told
     found = _concluded(question, states)
     if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
         again = _concluded(*filtered)

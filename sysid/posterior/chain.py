@@ -56,7 +56,7 @@ class Chain:
         self.target, self.ess, self.rhat = target, 0.0, np.inf
 
     def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
-        """Continue in rounds until every determined parameter has `effective` draws and R-hat is below AGREED, or `rounds` are over.
+        """Continue in rounds until every determined parameter has `effective` draws and an R-hat below AGREED, or for `rounds`.
 
         False where the next round would have ended after `until` (perf_counter) and was not begun.
         """

@@ -13,7 +13,7 @@ ADVICE = {
     "the logs do not determine tau or G": "the parameters say what to record",
     "the sampler stopped before it reached its criteria": "take the normal approximation, --accuracy quick, or record more rows",
 }
-SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance"}
+SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep"}
 
 
 def advice(result: str, logs: int) -> str:
