@@ -13,8 +13,8 @@ ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its left.
 HOUSE = """
 precision
-logs       units textfile cells stamps pieces preamble csvfile csvbody mapping draft header lockin switched carrier waveform
-           benchwords log
+logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody mapping capture missing labels
+           roles draft header lockin switched carrier waveform benchwords log
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew

@@ -1,0 +1,216 @@
+"""What the head of a column says, whoever wrote it: its unit, and which part of which signal or which input it may be.
+
+A head is taken apart into words. `Z re (Ohm)`, `Re[Z]`, `Zre`, `ReS11`, `S11(REAL)` and `TR1: Gain (Real)` say the same of
+different signals: the real part. Letters that mean different things to different instruments (x, y, r, g, b) are decided by
+the columns beside them.
+"""
+
+import re
+from dataclasses import dataclass
+
+from sysid.logs import units
+from sysid.logs.mapping import ANGLES, is_decibel, split_ending
+
+INPUTS: dict[str, tuple[str, ...]] = {
+    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value", "xvalue", "seconds", "elapsed"),
+    "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence", "frq", "omega", "ω"),
+    "temperature": ("temp", "temperature", "temperatur", "température", "t"),
+    "force": ("force", "kraft"),
+    "duty": ("duty", "pwm"),
+    "voltage": ("v", "u", "voltage", "volt", "volts", "vin", "drive", "excitation", "spannung", "tension"),
+    "wd": ("wd",),
+    "wq": ("wq",),
+    "w": ("w", "displacement", "velocity", "response", "position", "deflection", "speed", "vibration"),
+}
+# Words that name a part wherever they stand; a phase before a magnitude, a magnitude in bars before a real part.
+PHASE = {
+    "phase",
+    "phi",
+    "theta",
+    "θ",
+    "φ",
+    "ϕ",
+    "arg",
+    "ang",
+    "angle",
+    "argument",
+    "thetaz",
+    "thetay",
+    "θz",
+    "θy",
+    "phz",
+    "phas",
+}
+REAL = {"re", "real", "realpart", "inphase"}
+IMAGINARY = {"im", "imag", "imaginary", "imagpart", "quadrature", "quad"}
+MAGNITUDE = {
+    "abs",
+    "mag",
+    "magn",
+    "magnitude",
+    "modulus",
+    "amplitude",
+    "amp",
+    "ampl",
+    "db",
+    "logmag",
+    "linmag",
+    "betrag",
+}
+SIGNAL = {
+    "gain",
+    "power",
+    "level",
+    "r",
+    "s11",
+    "s21",
+    "s12",
+    "s22",
+}  # that are magnitudes where nothing else is said
+LETTERS = {
+    "x": {"x", "u1", "g"},
+    "y": {"y", "u2", "b"},
+}  # of a lock-in, and of what calls its channels otherwise
+ALONE = {"g", "b"}  # that also call channels
+# Of what an impedance analyser writes, by the unit: letters that mean other things elsewhere.
+RATIOS: dict[str, dict[str, set[str]]] = {
+    "ohm": {
+        "x": {"r", "rs", "resistance"},
+        "y": {"x", "xs", "reactance"},
+        "magnitude": {"z", "impedance", "zabs", "absz", "w"},
+    },
+    "S": {
+        "x": {"g", "gp", "conductance"},
+        "y": {"b", "bp", "susceptance"},
+        "magnitude": {"y", "admittance", "yabs", "absy"},
+    },
+}
+NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
+_TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
+_PARTS = PHASE | REAL | IMAGINARY | MAGNITUDE
+_PLAIN = {
+    "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm",
+    "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
+}  # fmt: skip
+# Parts that are glued to the sign of what they are of: ReS11, dBS21, Zre, absZ.
+_OF = r"s\d\d|[zy]"
+_PART = r"re|real|im|imag|mag|abs|mod|ang|arg|db|deg|phase|ph"
+_GLUED = re.compile(rf"(?P<a>{_PART})(?P<b>{_OF})|(?P<d>{_OF})(?P<c>{_PART})")
+_SPELT = {"mod": "abs", "ph": "phase", "deg": "phase"}
+
+
+@dataclass(frozen=True)
+class Label:
+    """A column's head taken apart: its words in small letters, its unit ("" where it states none), and its sign."""
+
+    text: str  # in small letters, without the unit
+    words: tuple[str, ...]
+    unit: str
+    sign: int = 1  # -1 of a column that is called minus something, as -Im(Z)
+
+    def is_called(self, name: str) -> bool:
+        """Whether the whole of it, its first word or its last is one of an input's names."""
+        return bool({self.text, *self.words[:1], *self.words[-1:]} & set(INPUTS[name]))
+
+    @property
+    def part(self) -> str:
+        """ "phase", "x", "y" or "magnitude" by the words that say so wherever they stand; "" where none does."""
+        words = set(self.words)
+        if self.unit in ANGLES or (words & PHASE and not self.unit):
+            return "phase"
+        if "|" in words:
+            return "magnitude"
+        named = (
+            (words & REAL, "x"),
+            (words & IMAGINARY, "y"),
+            (words & MAGNITUDE or is_decibel(self.unit), "magnitude"),
+        )
+        return next((part for said, part in named if said), "")
+
+    def letter(self, ratio: str) -> str:
+        """The part that a letter or a signal's name stands for, in a file of a `ratio` ("ohm" or "S") or of none ("")."""
+        if ratio and (not self.unit or units.same_kind(self.unit, ratio)):
+            first = self.words[:1]
+            return next((part for part, names in RATIOS[ratio].items() if set(first) & names), "")
+        behind = {self.text, *self.words[:1], *self.words[1:][-1:]} - (
+            ALONE if len(self.words) > 1 else set()
+        )
+        part = next((part for part, names in LETTERS.items() if behind & names), "")
+        return part or ("magnitude" if set(self.words) & SIGNAL else "")
+
+    @property
+    def channel(self) -> tuple[str, ...]:
+        """The words that do not say which part of a response it is, but of which channel or parameter."""
+        letters = {"x", "y", "r", "|"}
+        return tuple(word for word in self.words if word not in _PARTS | letters)
+
+
+def parse(text: str) -> Label:
+    """A head taken apart. Where a trace's title before it names a part, as `A |Z|: Data Trace Real` does, the head itself is of
+    no use: analysers write every trace as a real part beside an imaginary one."""
+    title, parted, _ = text.rpartition(": ")
+    if parted:
+        words = title.split()
+        label = parse(" ".join(words[1:] if len(words) > 1 and len(words[0]) == 1 else words))
+        if label.part in ("phase", "magnitude") or (
+            len(words) > 1 and len(words[0]) == 1 and label.words[-1:] in _TITLES
+        ):
+            return label
+    plain = re.sub(r"in[-_ ]phase", "inphase", text.strip().replace("′", "'").replace("″", "''"), flags=re.I)
+    plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
+    plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
+    plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
+    unit, rest = _unit(plain)
+    rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
+    apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
+    words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", apart.casefold()) if word]
+    return Label(
+        rest.strip(" :;,").casefold(), tuple(part for word in words for part in _apart(word)), unit, sign
+    )
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit, and not one of the words for a part of a signal, some of which the library takes for units."""
+    return (
+        bool(text)
+        and text.casefold() not in _PARTS - {"db"}
+        and (text in ANGLES or is_decibel(text) or units.fits("w", text))
+    )
+
+
+def in_usual_letters(unit: str) -> str:
+    """A unit as it is usually written: DB is dB, DEG is deg, OHM is ohm; any other as it is."""
+    return (
+        _PLAIN.get(unit.casefold(), unit)
+        if unit.casefold() in _PLAIN and unit not in ("mHz", "MHz")
+        else unit
+    )
+
+
+def _unit(text: str) -> tuple[str, str]:
+    """The unit that a head states ("": none), and the head without it."""
+    for found in reversed(list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", text))):
+        unit = in_usual_letters(units.short(units.split_amplitude(found[1].strip())[0]))
+        if is_unit(unit):
+            return unit, f"{text[: found.start()]} {text[found.end() :]}"
+    bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
+    for pattern in (r"[/,]\s*([^/,\s_]+)$", r"\s(\S{2,})$", r"(?<=[a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$"):
+        if (
+            (found := re.search(pattern, bare))
+            and is_unit(unit := in_usual_letters(units.short(found[1])))
+            and found.start()
+        ):
+            if pattern.startswith(r"\s") and unit not in _PLAIN.values() and unit not in units._PLAIN:
+                continue
+            return unit, text.removesuffix(found[0])
+    unit = in_usual_letters(split_ending(text, False)[0])
+    ending = text.rpartition("_")[0]
+    return (unit, ending or text) if is_unit(unit) else ("", text)
+
+
+def _apart(word: str) -> list[str]:
+    """A word, and where a part is glued to what it is of, both."""
+    if word in _PARTS or not (found := _GLUED.fullmatch(word)):
+        return [word]
+    part, of = found["a"] or found["c"], found["b"] or found["d"]
+    return [of, _SPELT.get(part, part)]
