@@ -199,7 +199,7 @@ def _other_table(below: bytes, line: int, dialect: Dialect) -> str:
     """What to do about a table of another header that begins among the lines from `line` on; "" where none does."""
     lines = [raw.decode("utf-8", errors="replace") for raw in below.split(b"\n", DEEPEST)[:DEEPEST]]
     names = names_below(lines, replace(dialect, delimiter=None))
-    return "" if names is None else f"; another table begins in line {line + names}: save each in a file of its own"
+    return "" if names is None else f"; another table begins in line {line + names}: save each in a file of its own, or join them"
 
 
 def _is_remark(row: str, cells: list[str], head: Head) -> bool:

@@ -108,6 +108,11 @@ class _Draft:
                 return (
                     'amplitude = "peak"  # a signal as it stands, with its sign, is no amplitude of a carrier'
                 )
+        told = [
+            self.columns.labels[k].amplitude for name, k in self.found.items() if name in units.AMPLITUDES
+        ]
+        if told and all(told):
+            return "# amplitude: as the columns say"
         return 'amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"'
 
     def of_ratio(self) -> list[str]:
@@ -197,9 +202,12 @@ class _Draft:
     def _column(self, name: str, index: int) -> str:
         """One column with its unit, "?" where nothing tells it."""
         unit, why = self._unit(name, index)
-        minus = ", scale = -1.0" if self.columns.labels[index].sign < 0 else ""
-        file = f", file = {_quote(self.files[name])}" if name in self.files else ""
-        return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{minus}{file} }}{why}"
+        label = self.columns.labels[index]
+        more = ", scale = -1.0" if label.sign < 0 else ""
+        stated = label.amplitude if name in units.AMPLITUDES and not self.ratio else ""
+        more += f", amplitude = {_quote(stated)}" if stated else ""
+        more += f", file = {_quote(self.files[name])}" if name in self.files else ""
+        return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{more} }}{why}"
 
     def _unit(self, name: str, index: int) -> tuple[str, str]:
         unit = self.columns.unit(index)

@@ -12,7 +12,7 @@ from sysid.logs import units
 from sysid.logs.mapping import ANGLES, is_decibel, split_ending
 
 INPUTS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value", "xvalue", "seconds", "elapsed"),
+    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value", "xvalue", "second", "seconds", "sec", "elapsed"),
     "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence", "frq", "omega", "ω"),
     "temperature": ("temp", "temperature", "temperatur", "température", "t"),
     "force": ("force", "kraft"),
@@ -92,9 +92,36 @@ _PLAIN = {
     "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm",
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
 }  # fmt: skip
+# How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued to a word; in the
+# last two it is a usual one.
+_USUAL = {
+    *_PLAIN.values(),
+    "V",
+    "mV",
+    "uV",
+    "A",
+    "mA",
+    "s",
+    "ms",
+    "us",
+    "um",
+    "nm",
+    "mm",
+    "m/s",
+    "mm/s",
+    "degC",
+    "S",
+    "%",
+}
+_ENDINGS: tuple[tuple[str, set[str]], ...] = (
+    (r"[/,]\s*([^/,\s_]+)$", set()),
+    (r"\s(\S{2,})$", _USUAL),
+    (r"(?<=[a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$", _USUAL),
+)
+_DEGREES = {"C": "degC", "F": "degF", "c": "degC"}
 # Parts that are glued to the sign of what they are of: ReS11, dBS21, Zre, absZ.
 _OF = r"s\d\d|[zy]"
-_PART = r"re|real|im|imag|mag|abs|mod|ang|arg|db|deg|phase|ph"
+_PART = r"re|real|im|imag|mag|abs|mod|ang|arg|db|deg|phase|phz|ph"
 _GLUED = re.compile(rf"(?P<a>{_PART})(?P<b>{_OF})|(?P<d>{_OF})(?P<c>{_PART})")
 _SPELT = {"mod": "abs", "ph": "phase", "deg": "phase"}
 
@@ -107,6 +134,7 @@ class Label:
     words: tuple[str, ...]
     unit: str
     sign: int = 1  # -1 of a column that is called minus something, as -Im(Z)
+    amplitude: str = ""  # "rms" or "pp" of one that says so
 
     def is_called(self, name: str) -> bool:
         """Whether the whole of it, its first word or its last is one of an input's names."""
@@ -161,12 +189,14 @@ def parse(text: str) -> Label:
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
     plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
     unit, rest = _unit(plain)
+    stated = re.search(r"(?:^|[^A-Za-z])[A-Za-z]{0,2}(rms|pp)(?![A-Za-z])", plain, re.IGNORECASE)
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
     words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", apart.casefold()) if word]
-    return Label(
-        rest.strip(" :;,").casefold(), tuple(part for word in words for part in _apart(word)), unit, sign
-    )
+    parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
+    unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
+    unit = _DEGREES.get(unit, unit) if set(parts) & set(INPUTS["temperature"]) else unit
+    return Label(rest.strip(" :;,").casefold(), parts, unit, sign, stated[1].casefold() if stated else "")
 
 
 def is_unit(text: str) -> bool:
@@ -194,14 +224,10 @@ def _unit(text: str) -> tuple[str, str]:
         if is_unit(unit):
             return unit, f"{text[: found.start()]} {text[found.end() :]}"
     bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
-    for pattern in (r"[/,]\s*([^/,\s_]+)$", r"\s(\S{2,})$", r"(?<=[a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$"):
-        if (
-            (found := re.search(pattern, bare))
-            and is_unit(unit := in_usual_letters(units.short(found[1])))
-            and found.start()
-        ):
-            if pattern.startswith(r"\s") and unit not in _PLAIN.values() and unit not in units._PLAIN:
-                continue
+    for pattern, usual in _ENDINGS:
+        found = re.search(pattern, bare)
+        unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""
+        if is_unit(unit) and (unit in usual or not usual):
             return unit, text.removesuffix(found[0])
     unit = in_usual_letters(split_ending(text, False)[0])
     ending = text.rpartition("_")[0]

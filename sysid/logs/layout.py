@@ -30,18 +30,15 @@ class Table:
 
 
 def names_across(header: Sequence[str], rows: Sequence[Sequence[str]]) -> int | None:
-    """How many cells stand before the numbers of each line of a table that lies across, the last of which names its quantity;
-    None of any other table. `header` names these cells, or there is none."""
-    heads = {
-        next((k for k, cell in enumerate(row) if not is_number(cell) and cell.strip()), -1) for row in rows
-    }
-    counts = [len([cell for cell in row if cell.strip()]) for row in rows]
-    if len(rows) < 2 or len(heads) != 1 or min(counts) < max(heads) + 3:
-        return None
-    place = heads.pop()
-    told = len(header) == place + 1 if any(header) else place == 0
-    numbers = all(is_number(cell) for row in rows for cell in row[place + 1 :] if cell.strip())
-    return place + 1 if told and place >= 0 and numbers else None
+    """How many cells stand before the numbers of each line of a table that lies across, the last of which names its
+    quantity; None of any other table. `header` names these cells, or there is none. A bad cell here and there is left
+    to be refused by its name."""
+    place = len(header) - 1 if any(header) else 0
+    wide = [row for row in rows if len([cell for cell in row if cell.strip()]) >= place + 4]
+    named = [row for row in wide if row[place].strip() and not is_number(row[place])]
+    whole = [row for row in named if all(is_number(cell) for cell in row[place + 1 :] if cell.strip())]
+    told = len(wide) >= len(rows) - 1 and 2 * len(whole) > len(rows)
+    return place + 1 if len(rows) > 1 and told else None
 
 
 def across(
@@ -117,7 +114,7 @@ def tables(path: str, dialect: Dialect) -> list[Table]:
         if rows:
             names, context = _header([text for _, text in above], delimiter, width)
             if found and not any(names):
-                at, text = next(((at, text) for at, text in above if text.strip()), (lines[0], ""))
+                at, text = next(((at, text) for at, text in reversed(above) if text.strip()), (lines[0], ""))
                 said = f"found {text.strip()!r} among the rows, expected a row of numbers, or the header of another table"
                 raise LogError(f"{path}, line {at}: {said}")
             found.append(Table(tuple(context), names, tuple(rows), tuple(lines)))

@@ -18,7 +18,8 @@ from sysid.logs.mapping import Plan, Source
 from sysid.logs.textfile import open_text
 
 LOST = 0.05  # of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most
-DWELL = 11.0  # times tau as the slope of |W| shows it, which is up to 2.6 times too short: four tau, as of settled points
+DWELL = 4.0  # times tau, from which on points are settled
+STEEP = 2.6  # by which the steepest slope of |W| shows a tau that is too short: 3 sqrt(3)/2
 EMPTY = {
     "",
     "-",
@@ -144,6 +145,7 @@ def _settles(arrays: Arrays, response: np.ndarray, missing: np.ndarray) -> bool:
         return False
     size = float(np.max(np.abs(known - np.mean(known))))
     tau = float(np.max(np.abs(np.diff(known)) / (2 * np.pi * move))) / size if size > 0 else np.inf
+    tau *= 1 if np.iscomplexobj(response) else STEEP
     return float(np.median(np.diff(time))) >= DWELL * tau
 
 

@@ -141,30 +141,56 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
 
 
 def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
-    """The columns with the one that is left as the response, whatever it shows: a speed, a temperature. As they are where there
-    is none, or where it is one of several that do not say what they are."""
-    if guessed.keys() & {"w", "wd", "x", "y", "magnitude", "response"}:
-        return dict(guessed)
-    left = [
-        index
-        for index in range(len(columns.labels))
-        if index not in guessed.values() and _may_respond(columns, index)
+    """The columns with the one that is left as the response, whatever it shows: a speed, a temperature. As they are
+    where there is none, or where it is one of several that do not say what they are."""
+    found = dict(guessed)
+    if found.keys() & {"wd", "x", "y", "magnitude", "response"} or not found.keys() & {"time", "frequency"}:
+        return found
+    if "w" not in found:
+        left = [k for k in range(len(columns.labels)) if k not in found.values() and _may_respond(columns, k)]
+        left = _without_drive(columns, found, [index for index in left if columns.unit(index)] or left)
+        told = bool(left) and (len(left) == 1 or bool(columns.unit(left[0])))
+        one = left[0] if told else None if left else _lone_input(columns, found)
+        if one is None:
+            return found
+        found["w"] = one
+    unit = columns.unit(found["w"])
+    derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "A"))
+    if "frequency" in found and not columns.is_signed(found["w"]) and ("w" not in guessed or derivative):
+        found["magnitude"] = found.pop("w")
+    return found
+
+
+def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:
+    """Columns that may be a response, without one of few levels beside it, which is put into `found` as the drive."""
+    few = [index for index in left if len(np.unique(columns.numbers(index))) <= LEVELS]
+    others = len(left) + ("temperature" in found and columns.moves(found["temperature"]))
+    if others != 2 or len(few) != 1 or len(columns.head.sample) <= LEVELS or found.keys() & {*units.DRIVES}:
+        return left
+    unit = columns.unit(few[0])
+    found["voltage" if not unit or fits("voltage", unit) else "duty" if fits("duty", unit) else "drive"] = (
+        few[0]
+    )
+    return [index for index in left if index not in few]
+
+
+def _lone_input(columns: Columns, found: dict[str, int]) -> int | None:
+    """A column that looked like an input, or like a phase, and is all there is that may be a response; it leaves `found`: an
+    angle, a motor's speed, a heater's temperature, one channel of an oscilloscope."""
+    angles = [
+        k
+        for k, label in enumerate(columns.labels)
+        if label.part == "phase" and label.unit and columns.moves(k)
     ]
-    told = [index for index in left if columns.unit(index)]
-    rest = dict(guessed)
-    if not guessed.keys() & {"time", "frequency"}:
-        return rest
-    one = (told or (left if len(left) == 1 else []))[:1]
-    for name in (
-        () if one or left else ("temperature", "voltage")
-    ):  # a heater's log; one channel of an oscilloscope
-        if name in rest and columns.moves(rest[name]):
-            one = [rest.pop(name)]
-            break
-    if not one:
-        return rest
-    vibrates = "frequency" in guessed and not columns.is_signed(one[0])
-    return rest | {"magnitude" if vibrates else "w": one[0]}
+    if len(angles) == 1 and "time" in found:
+        return angles[0]
+    for name in ("frequency", "temperature", "voltage"):
+        speed = name != "frequency" or (
+            "time" in found and not columns.unit(found.get(name, 0)).endswith("Hz")
+        )
+        if name in found and speed and columns.unit(found[name]) and columns.moves(found[name]):
+            return found.pop(name)
+    return None
 
 
 def plausible(columns: Columns, name: str, used: Mapping[str, int]) -> list[int]:
@@ -184,12 +210,15 @@ def plausible(columns: Columns, name: str, used: Mapping[str, int]) -> list[int]
 
 
 def _may_respond(columns: Columns, index: int) -> bool:
-    label = columns.labels[index]
-    data = not NOT_DATA.search(columns.head.names[index]) and not set(label.words[:1]) & COUNTERS
-    inputs = any(
-        fits(name, label.unit) for name in ("time", "frequency") if label.unit
-    ) or columns.head.dated(index)
-    return data and not inputs and label.part != "phase" and bool(label.words) and columns.moves(index)
+    label, name = columns.labels[index], columns.head.names[index]
+    data = bool(label.words) and not NOT_DATA.search(name) and not set(label.words[:1]) & COUNTERS
+    part = any(
+        label.unit and units.same_kind(label.unit, kind) for kind in ("F", "H")
+    )  # an analyser's capacitance
+    inputs = columns.head.dated(index) or (
+        label.unit and (fits("time", label.unit) or label.unit.endswith("Hz"))
+    )
+    return data and not part and not inputs and label.part != "phase" and columns.moves(index)
 
 
 def _named(columns: Columns) -> dict[str, list[int]]:
