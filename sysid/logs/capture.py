@@ -15,7 +15,8 @@ import numpy as np
 
 from sysid.logs.cells import listed
 from sysid.logs.csvbody import Body, read_body
-from sysid.logs.csvfile import Head, LogError, read_head
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.files import open_head
 from sysid.logs.mapping import MappingFile
 from sysid.logs.sheet import Sheet
 
@@ -54,7 +55,7 @@ def captures(paths: Sequence[str], mapping: MappingFile) -> list[dict[str, str]]
 
 def side_by_side(group: dict[str, str], mapping: MappingFile) -> Head:
     """The head of a capture's files as one table. Raises LogError where their rows differ."""
-    heads = {pattern: read_head(path, mapping.dialect) for pattern, path in group.items()}
+    heads = {pattern: open_head(path, mapping.dialect) for pattern, path in group.items()}
     bodies = [_whole(head) for head in heads.values()]
     counts, names = [len(body) for body in bodies], [Path(path).name for path in group.values()]
     if len(set(counts)) > 1:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.cells import listed
+from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
 from sysid.logs.mapping import ANGLES, is_decibel
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
@@ -137,6 +137,7 @@ class _Draft:
         lines = [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
         lines += ['decimal = ","'] if dialect.decimal == "," else []
         lines += [f"comment = {_quote(mark)}" for mark in marks if len(marks) == 1 and mark != "#"]
+        lines += [f"table = {_quote(dialect.table)}"] if dialect.table is not None else []
         join = _quote(dialect.join) if isinstance(dialect.join, str) else dialect.join
         lines += (
             [f"join = {join}  # the tables below one another share it"] if dialect.join is not None else []
@@ -175,18 +176,36 @@ class _Draft:
         return [index for index in range(len(self.head.names)) if index not in taken.values()]
 
     def constants(self) -> list[str]:
-        """What may be constant, and not in the file."""
-        samples = "response" in self.found
-        if self.ratio == "S":
-            lines = ["[constants]", 'voltage = "1 V"  # as an admittance is the current per volt']
-        else:
-            driven = samples or self.ratio or self.found.keys() & {*units.DRIVES}
-            lines = ["# [constants]"] if driven else ["# [constants]", '# voltage = "1 V"']
-        lines += ['# temperature = "20 degC"'] if "temperature" not in self.found else []
+        """What is constant: as the file states it above its rows, and what may be and is not in it."""
+        samples, stated = "response" in self.found, self._stated()
+        driven = (
+            samples or self.ratio or self.found.keys() & {*units.DRIVES} or stated.keys() & {*units.DRIVES}
+        )
+        live = [f"{name} = {_quote(value)}" for name, value in stated.items()]
+        live += ['voltage = "1 V"  # as an admittance is the current per volt'] if self.ratio == "S" else []
+        spare = [] if driven or self.ratio else ['# voltage = "1 V"']
+        spare += [] if "temperature" in {*self.found, *stated} else ['# temperature = "20 degC"']
+        lines = [*(["[constants]", *live] if live else ["# [constants]"]), *spare]
         rate = "time" in self.found or any(
             key.casefold().startswith("sample_rate") for key in self.head.metadata
         )
         return lines + (["", "# [metadata]", "# sample_rate_Hz = 1e6"] if samples and not rate else [])
+
+    def _stated(self) -> dict[str, str]:
+        """Constant inputs of the file's own metadata, which a mapping file with columns has to name."""
+        found: dict[str, str] = {}
+        for key, value in self.head.metadata.items():
+            name = units.parse_name(key)
+            if name is None or name.quantity not in units.CONSTANTS or not is_number(value):
+                continue
+            drive = name.quantity in units.DRIVES
+            taken = {*self.found, *found} & ({*units.DRIVES} if drive else {name.quantity})
+            if taken or (drive and (self.ratio or "response" in self.found)):
+                continue
+            amplitude = f"_{name.amplitude}" if drive and name.amplitude != "peak" else ""
+            unit = name.unit if units.fits(name.quantity, name.unit) else "?"
+            found[name.quantity] = f"{value} {unit}{amplitude}"
+        return found
 
     def _missing(self) -> list[str]:
         found = self.found
@@ -234,7 +253,9 @@ class _Draft:
     def _quantity(self, index: int | None) -> str:
         """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
         unit = self.columns.unit(index) if index is not None else ""
-        quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), "?")
+        words = self.columns.labels[index].words if index is not None else ()
+        called = next((kind for kind in KINDS if kind in words), "?")
+        quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
         return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
 
 

@@ -29,7 +29,8 @@ from sysid.logs.benchwords import BENCH, bench_of, misread
 from sysid.logs.capture import captures, side_by_side
 from sysid.logs.cells import Dialect, decimals, listed
 from sysid.logs.csvbody import Body, read_body
-from sysid.logs.csvfile import Head, LogError, read_head
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.files import open_head
 from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
 from sysid.logs.mapping import (
     MappingFile,
@@ -240,7 +241,7 @@ def _read_file(group: dict[str, str], mapping: MappingFile | None) -> list[Log]:
             for part in group.values():
                 stack.enter_context(unchanged(part))
             several = mapping is not None and bool(mapping.files)
-            head = side_by_side(group, mapping) if several else read_head(path, mapping.dialect if mapping else Dialect())
+            head = side_by_side(group, mapping) if several else open_head(path, mapping.dialect if mapping else Dialect())
             plan = file_plan(head, mapping)
             wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
             dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}

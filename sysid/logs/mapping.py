@@ -13,6 +13,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     header = true                       # false: the first line holds numbers already; left out: seen from it
     skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
     join = "Frequency"                  # tables one below the other, as traces are saved, share this column: read side by side
+    table = "/sweep"                    # of a file of several tables, HDF5 groups say: which of them
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
 
@@ -71,7 +72,7 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
     "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
-    "skip": (int,), "join": (str, int), "rows": (list, dict), "split_by": (str, int), "columns": (dict,),
+    "skip": (int,), "join": (str, int), "table": (str,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,),
     "constants": (dict,), "metadata": (dict,),
 }  # fmt: skip
 WORDS: dict[str, tuple[Any, ...]] = {
@@ -315,7 +316,7 @@ def load_mapping(path: str | Path) -> MappingFile:
     if options.get("skip", 0) < 0:
         raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
     comment = (options["comment"],) if "comment" in options else None
-    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip", "join")))
+    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip", "table", "join")))
     return MappingFile(str(path), options, dialect)
 
 

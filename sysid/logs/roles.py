@@ -130,7 +130,8 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     others = [index for index in range(count) if index != time]
     volts = [index for index in others if fits("voltage", columns.unit(index))]
     pair = count == 3 and len(volts) == 2
-    quick = time is not None and 0 < columns.step(time) < QUICK
+    sampled = any(key.casefold().startswith("sample_rate") for key in columns.head.metadata)
+    quick = sampled if time is None else 0 < columns.step(time) < QUICK
     if guessed.keys() & {"wd", "x", "magnitude", "frequency"} or len(others) < 2 or not (pair or quick):
         return {}
     others = volts if pair else others
