@@ -302,6 +302,18 @@ def test_numbers_that_are_claimed_and_not_there(tmp_path, monkeypatch):
     refused(tmp_path / "a.parquet", "a.parquet", "150000 numbers claimed")
 
 
+def test_what_a_compressed_file_would_unpack_to_is_counted_first(tmp_path, monkeypatch):
+    """Within a structure, of which a list of variables says nothing."""
+    io_ = pytest.importorskip("scipy.io")
+    path = tmp_path / "a.mat"
+    io_.savemat(path, {"meas": {"w_um": np.zeros(1_000_000), "time_s": np.zeros(1_000_000)}}, do_compression=True)
+    assert path.stat().st_size < 20_000
+    monkeypatch.setattr(store, "MOST", 1_000_000)
+    refused(path, "a.mat", "numbers claimed")
+    monkeypatch.undo()
+    assert len(read_logs(path)[0]) == 1_000_000
+
+
 def test_links_out_of_a_file_are_refused(tmp_path):
     h5py = pytest.importorskip("h5py")
     hdf(tmp_path / "other.h5", OURS)
@@ -345,6 +357,14 @@ def test_objects_are_named_and_never_made(tmp_path):
         file["voltage_V"] = np.arange(5.0)
     error = refused(tmp_path / "a.h5", "a.h5, row 1", "'frequency_Hz'", "found 'a'", "a finite number")
     assert error.mapping is None
+
+
+def test_a_tdms_file_that_is_cut_off_is_refused(tmp_path, capfd):
+    """The library would read what is left of it."""
+    tdms(tmp_path / "whole.tdms", OURS)
+    (tmp_path / "a.tdms").write_bytes((tmp_path / "whole.tdms").read_bytes()[:-100])
+    refused(tmp_path / "a.tdms", "a.tdms", "a damaged TDMS file", "less data than expected")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_wav_that_claims_more_than_it_holds(tmp_path):

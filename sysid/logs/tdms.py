@@ -1,6 +1,9 @@
 """TDMS files of LabVIEW: a group is a table, its channels are the columns, properties are constants."""
 
+import logging
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,24 +13,38 @@ from sysid.logs.textfile import LogError
 
 
 def read_tdms(path: str, kind: str) -> Store:
-    """The contents of a TDMS file. Raises LogError where it is damaged, or claims too many samples."""
+    """The contents of a TDMS file. Raises LogError where it is damaged, cut off, or claims too many samples."""
     nptdms, store = library("nptdms", path, kind, "tdms"), Store(path, kind)
+    said: list[str] = []
     try:
-        with warnings.catch_warnings():
+        with _heard(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             for group in nptdms.TdmsFile.read_metadata(path).groups():
                 for channel in group.channels():
                     store.claim(f"{group.name}/{channel.name}", len(channel))
             store.claimed = 0
-            file = nptdms.TdmsFile.read(path)
-            _enter(store, file)
+            _enter(store, nptdms.TdmsFile.read(path))
     except LogError:
         raise
     except Exception as error:  # the library answers damaged files with errors of many types
-        raise LogError(
-            f"{path}: found a damaged TDMS file ({type(error).__name__}: {error}), expected one that can be read"
-        ) from None
+        said = [f"{type(error).__name__}: {error}"]
+    if said:
+        expected = "one that was written to its end"
+        raise LogError(f"{path}: found a damaged TDMS file ({said[0][:200]}), expected {expected}")
     return store
+
+
+@contextmanager
+def _heard(said: list[str]) -> Iterator[None]:
+    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on the screen."""
+    log, handler = logging.getLogger("nptdms"), logging.Handler(logging.WARNING)
+    handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    propagate, log.propagate = log.propagate, False
+    others, log.handlers = log.handlers, [handler]
+    try:
+        yield
+    finally:
+        log.handlers, log.propagate = others, propagate
 
 
 def _enter(store: Store, file: Any) -> None:
