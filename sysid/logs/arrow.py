@@ -1,4 +1,5 @@
-"""Tables of Apache Arrow: Parquet, and Feather of version 2. Columns are theirs, the metadata of the file its constants."""
+"""Tables of Apache Arrow: Parquet, and Feather of version 2. Columns are theirs, the metadata of the file its
+constants."""
 
 from typing import Any
 
@@ -30,7 +31,8 @@ def read_parquet(path: str, kind: str) -> Store:
 
 
 def read_feather(path: str, kind: str) -> Store:
-    """The contents of a Feather file, in batches whose rows are counted. Raises LogError as `read_parquet` does."""
+    """The contents of a Feather file, in batches whose rows are counted. Raises LogError as `read_parquet`
+    does."""
     ipc, store = library("pyarrow.ipc", path, kind, "files"), Store(path, kind)
     pyarrow = library("pyarrow", path, kind, "files")
     try:

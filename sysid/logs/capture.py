@@ -1,8 +1,9 @@
-"""One capture in several files, as oscilloscopes write a channel each: found by their names, read side by side.
+"""One capture in several files, as oscilloscopes write a channel each: found by their names, read side by
+side.
 
-A mapping file names them by `file` of its columns: a pattern such as `*CH1.csv`. What its `*` and `?` stand for
-is the name of the capture, so that F0001CH1.csv belongs to F0001CH2.csv, and F0002CH1.csv to F0002CH2.csv.
-"""
+A mapping file names them by `file` of its columns: a pattern such as `*CH1.csv`. What its `*` and `?` stand
+for is the name of the capture, so that F0001CH1.csv belongs to F0001CH2.csv, and F0002CH1.csv to
+F0002CH2.csv."""
 
 import hashlib
 import re
@@ -24,8 +25,8 @@ STEP = 1e-3  # of a step, by which the rows of two files may stand apart: their 
 
 
 def captures(paths: Sequence[str], mapping: MappingFile) -> list[dict[str, str]]:
-    """The files of each capture, {pattern: path}, in the order of their first file. Raises LogError where a file fits no pattern
-    or several, or a capture lacks one."""
+    """The files of each capture, {pattern: path}, in the order of their first file. Raises LogError where a
+    file fits no pattern or several, or a capture lacks one."""
     found: dict[tuple[str, ...], dict[str, str]] = {}
     for path in paths:
         name, folder = Path(path).name, str(Path(path).parent)
@@ -105,7 +106,8 @@ def _whole(head: Head) -> Body:
 
 
 def _check_shared(head: Head, mapping: MappingFile) -> None:
-    """Raise LogError where the files differ in a column that the mapping file names without a `file`: their common time."""
+    """Raise LogError where the files differ in a column that the mapping file names without a `file`: their
+    common time."""
     for name, entry in mapping.options.get("columns", {}).items():
         if "file" in entry:
             continue
@@ -128,7 +130,8 @@ def _check_same(head: Head, own: int, other: int) -> None:
 
 
 def _wild(pattern: str, name: str) -> tuple[str, ...] | None:
-    """What the marks * and ? of a pattern stand for in a file's name, capitals aside; None where it does not fit."""
+    """What the marks * and ? of a pattern stand for in a file's name, capitals aside; None where it does not
+    fit."""
     parts = "".join("(.*)" if mark == "*" else "(.)" if mark == "?" else re.escape(mark) for mark in pattern)
     found = re.fullmatch(parts, name, re.IGNORECASE | re.DOTALL)
     return found.groups() if found else None

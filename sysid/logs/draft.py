@@ -1,8 +1,10 @@
-"""A mapping file drafted for a log whose columns are not understood: what is left to its reader is "?" or commented out."""
+"""A mapping file drafted for a log whose columns are not understood: what is left to its reader is "?" or
+commented out."""
 
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,14 +12,17 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
+from sysid.logs.labels import GAINS, SCATTERING
 from sysid.logs.mapping import ANGLES, is_decibel
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
 
 SPLITS = ("chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
 KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
-# What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no amplitude.
+# What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
+# amplitude.
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
-# What instruments are known to write, by what stands above their tables: units of columns that state none, and options.
+# What instruments are known to write, by what stands above their tables: units of columns that state none,
+# and options.
 ANALYSER = {"ratio": "ohm", "frequency": "Hz", "phase": "deg"}
 RMS = {"amplitude": "rms"}
 KNOWN = (
@@ -36,7 +41,8 @@ KNOWN = (
 
 
 def template(head: Head) -> str:
-    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
+    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or
+    commented out."""
     columns = Columns(head)
     guessed = roles(columns)
     samples = waveform(columns, guessed)
@@ -48,7 +54,7 @@ def template(head: Head) -> str:
     known = _known(head)
     ratio = columns.ratio or known[1].get("ratio", "")
     ratio = ratio if found.keys() & {"x", "y", "magnitude"} and _is_ratio(columns, found, ratio) else ""
-    draft = _Draft(head, columns, found, ratio, known, files)
+    draft = _Draft(head, columns, found, ratio, *known, files)
     lines = [
         f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"
     ]
@@ -61,43 +67,45 @@ def template(head: Head) -> str:
     return "\n".join([*lines, ""])
 
 
+@dataclass(frozen=True)
 class _Draft:
     """The lines of a mapping file for the columns `found`, by the names that mapping files have for them."""
 
-    def __init__(
-        self,
-        head: Head,
-        columns: Columns,
-        found: Mapping[str, int],
-        ratio: str,
-        known: tuple[str, Mapping[str, str]],
-        files: Mapping[str, Any],
-    ) -> None:
-        self.head, self.columns, self.found, self.ratio, self.files = head, columns, found, ratio, files
-        self.instrument, self.known = known
+    head: Head
+    columns: Columns
+    found: Mapping[str, int]
+    ratio: str  # "ohm" or "S" of an impedance or an admittance, else ""
+    instrument: str  # that wrote the file, "" where nothing tells
+    known: Mapping[str, str]  # what it is known to write
+    files: Mapping[str, Any]  # of a channel a file: the patterns of the files
 
     def of_rows(self) -> list[str]:
         """What is to be said of rows of amplitudes, or of a signal that is no carrier's."""
-        lines = [
-            '# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier',
-            self._amplitude(),
-        ]
-        known = self.found.keys() & {"w", "wd"}
-        if not known:
-            first = next((self.found[name] for name in ("x", "y", "magnitude") if name in self.found), None)
-            lines += [self._quantity(first)]
-        if self.found.keys() & {"phase", "x", "y", "wd"} or not self.found.keys() & {"w", "wd", "magnitude"}:
-            lines += (
-                ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
-                if not known
-                else []
-            )
+        kind = '# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier'
+        lines = [kind, self._amplitude()]
+        if self.found.keys() & {"w", "wd"}:
+            return lines
+        first = next((self.found[name] for name in ("x", "y", "magnitude") if name in self.found), None)
+        lines += [self._quantity(first)]
+        if self.found.keys() & {"phase", "x", "y"} or "magnitude" not in self.found:
+            sign = "1" if self._words() & SCATTERING else '"?"'
+            lines += [
+                f"phase_sign = {sign}  # 1 when the phase falls through the resonance, -1 when it rises"
+            ]
         return lines
 
+    def _words(self) -> set[str]:
+        """The words of the response's heads."""
+        places = [self.found[name] for name in ("x", "y", "magnitude", "phase") if name in self.found]
+        return {word for index in places for word in self.columns.labels[index].words}
+
     def _amplitude(self) -> str:
-        """How drive and response are stated: asked for unless the instrument, or the response's unit, tells."""
+        """How drive and response are stated: asked for unless the instrument, or the response's unit,
+        tells."""
         if "amplitude" in self.known:
             return f"amplitude = {_quote(self.known['amplitude'])}  # as {self.instrument} states both"
+        if self._words() & GAINS and not self.found.keys() & {*units.DRIVES}:
+            return 'amplitude = "peak"  # of a ratio, which states none'
         index = self.found.get("w")
         if index is not None and "frequency" not in self.found:
             unit = self.columns.unit(index)
@@ -116,7 +124,8 @@ class _Draft:
         return 'amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"'
 
     def of_ratio(self) -> list[str]:
-        """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree about the phase."""
+        """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree
+        about the phase."""
         lines = ['# kind = "steady"  # or "transient"']
         if self.ratio == "ohm":
             return [*lines, 'quantity = "impedance"  # read as the current 1/Z that 1 V drives']
@@ -132,7 +141,8 @@ class _Draft:
         return [kind, self._quantity(self.found["response"]), guess]
 
     def dialect(self) -> list[str]:
-        """How the file is written, where a mapping file has to say it, and what tells its experiments apart."""
+        """How the file is written, where a mapping file has to say it, and what tells its experiments
+        apart."""
         dialect, marks = self.head.dialect, self.head.dialect.comment or ()
         lines = [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
         lines += ['decimal = ","'] if dialect.decimal == "," else []
@@ -159,11 +169,15 @@ class _Draft:
         return lines
 
     def columns_missing(self) -> list[str]:
-        """What else a file may hold, commented out, with a column that may be it; and the columns that are not used."""
+        """What else a file may hold, commented out, with a column that may be it; and the columns that are
+        not used."""
         missing = [name for name in self._missing() if not (self.ratio and name == "voltage")]
         lines, taken = [], dict(self.found)
         for name in missing:
             may = self._candidates(name, taken)
+            if name == "voltage" and not may:
+                duty = [k for k in plausible(self.columns, "duty", taken) if self.columns.unit(k)]
+                name, may = ("duty", duty) if duty else (name, may)
             lines += [f'# {name} = {{ column = {self._place(may[0]) if may else _quote("?")}, unit = "?" }}']
             taken |= {name: may[0]} if may and (name in ("x", "y") or not any(self.head.names)) else {}
         unused = [index for index in range(len(self.head.names)) if index not in self.found.values()]
@@ -251,7 +265,8 @@ class _Draft:
         return _quote(label) if label and self.head.names.count(label) == 1 else str(index)
 
     def _quantity(self, index: int | None) -> str:
-        """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
+        """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's
+        volts."""
         unit = self.columns.unit(index) if index is not None else ""
         words = self.columns.labels[index].words if index is not None else ()
         called = next((kind for kind in KINDS if kind in words), "?")
@@ -260,14 +275,16 @@ class _Draft:
 
 
 def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:
-    """Whether the response is the ratio that some columns hold: a log may have a thermistor's ohms beside it."""
+    """Whether the response is the ratio that some columns hold: a log may have a thermistor's ohms beside
+    it."""
     unit = next(columns.unit(found[name]) for name in ("x", "y", "magnitude") if name in found)
     return bool(ratio) and (not unit or (not is_decibel(unit) and units.same_kind(unit, ratio)))
 
 
 def _files(head: Head, columns: Columns, guessed: Mapping[str, int]) -> dict[str, Any]:
-    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one: patterns of the files of
-    the drive and of the response, and the column `of` the samples in each. Empty of any other file."""
+    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one:
+    patterns of the files of the drive and of the response, and the column `of` the samples in each. Empty of
+    any other file."""
     named = re.fullmatch(
         r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
     )
@@ -298,5 +315,6 @@ def _quote(text: str) -> str:
 
 
 def _in_comment(text: str) -> str:
-    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least of all."""
+    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least
+    of all."""
     return "".join(c if c.isprintable() else " " for c in text)

@@ -1,4 +1,5 @@
-"""A file of any kind as the head of a table: text, or what is told by its first bytes, or by its ending, to be something else."""
+"""A file of any kind as the head of a table: text, or what is told by its first bytes, or by its ending, to
+be something else."""
 
 import re
 from collections.abc import Callable

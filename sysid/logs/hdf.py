@@ -1,7 +1,8 @@
-"""HDF5 files, those of MATLAB 7.3 among them: a group is a table, its datasets are the columns, attributes are constants.
+"""HDF5 files, those of MATLAB 7.3 among them: a group is a table, its datasets are the columns, attributes
+are constants.
 
-Links out of the file, datasets that lie in other files, and such as claim numbers that the file does not hold are refused.
-"""
+Links out of the file, datasets that lie in other files, and such as claim numbers that the file does not hold
+are refused."""
 
 from typing import Any
 

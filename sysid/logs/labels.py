@@ -1,9 +1,9 @@
-"""What the head of a column says, whoever wrote it: its unit, and which part of which signal or which input it may be.
+"""What the head of a column says, whoever wrote it: its unit, and which part of which signal or which input
+it may be.
 
-A head is taken apart into words. `Z re (Ohm)`, `Re[Z]`, `Zre`, `ReS11`, `S11(REAL)` and `TR1: Gain (Real)` say the same of
-different signals: the real part. Letters that mean different things to different instruments (x, y, r, g, b) are decided by
-the columns beside them.
-"""
+A head is taken apart into words. `Z re (Ohm)`, `Re[Z]`, `Zre`, `ReS11`, `S11(REAL)` and `TR1: Gain (Real)`
+say the same of different signals: the real part. Letters that mean different things to different instruments
+(x, y, r, g, b) are decided by the columns beside them."""
 
 import re
 from dataclasses import dataclass
@@ -12,7 +12,20 @@ from sysid.logs import units
 from sysid.logs.mapping import ANGLES, is_decibel, split_ending
 
 INPUTS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value", "xvalue", "second", "seconds", "sec", "elapsed"),
+    "time": (
+        "t",
+        "time",
+        "timestamp",
+        "zeit",
+        "temps",
+        "x-axis",
+        "x_value",
+        "xvalue",
+        "second",
+        "seconds",
+        "sec",
+        "elapsed",
+    ),
     "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence", "frq", "omega", "ω"),
     "temperature": ("temp", "temperature", "temperatur", "température", "t"),
     "force": ("force", "kraft"),
@@ -22,56 +35,24 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "wq": ("wq",),
     "w": ("w", "displacement", "velocity", "response", "position", "deflection", "speed", "vibration"),
 }
-# Words that name a part wherever they stand; a phase before a magnitude, a magnitude in bars before a real part.
+# Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
 PHASE = {
-    "phase",
-    "phi",
-    "theta",
-    "θ",
-    "φ",
-    "ϕ",
-    "arg",
-    "ang",
-    "angle",
-    "argument",
-    "thetaz",
-    "thetay",
-    "θz",
-    "θy",
-    "phz",
-    "phas",
-}
+    "phase", "phi", "theta", "θ", "φ", "ϕ", "arg", "ang", "angle", "argument", "thetaz", "thetay", "θz",
+    "θy", "phz", "phas",
+}  # fmt: skip
 REAL = {"re", "real", "realpart", "inphase"}
 IMAGINARY = {"im", "imag", "imaginary", "imagpart", "quadrature", "quad"}
 MAGNITUDE = {
-    "abs",
-    "mag",
-    "magn",
-    "magnitude",
-    "modulus",
-    "amplitude",
-    "amp",
-    "ampl",
-    "db",
-    "logmag",
-    "linmag",
+    "abs", "mag", "magn", "magnitude", "modulus", "amplitude", "amp", "ampl", "db", "logmag", "linmag",
     "betrag",
-}
-SIGNAL = {
-    "gain",
-    "power",
-    "level",
-    "r",
-    "s11",
-    "s21",
-    "s12",
-    "s22",
-}  # that are magnitudes where nothing else is said
-LETTERS = {
-    "x": {"x", "u1", "g"},
-    "y": {"y", "u2", "b"},
-}  # of a lock-in, and of what calls its channels otherwise
-ALONE = {"g", "b"}  # that also call channels
+}  # fmt: skip
+SCATTERING = {"s11", "s12", "s21", "s22"}
+GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
+SIGNAL = GAINS | {"power", "level", "r"}  # magnitudes where nothing else is said
+# Letters of a lock-in, and of what calls its channels otherwise.
+LETTERS = {"x": {"x", "u1", "g", "vx", "ux"}, "y": {"y", "u2", "b", "vy", "uy"}}
+ALONE = {"g", "b"}  # letters that also call channels
+AXES = {"vx", "vy", "ux", "uy"}  # of a lock-in's volts; of another unit they are directions
 # Of what an impedance analyser writes, by the unit: letters that mean other things elsewhere.
 RATIOS: dict[str, dict[str, set[str]]] = {
     "ohm": {
@@ -92,8 +73,8 @@ _PLAIN = {
     "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm",
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
 }  # fmt: skip
-# How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued to a word; in the
-# last two it is a usual one.
+# How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
+# to a word; in the last two it is a usual one.
 _USUAL = {
     *_PLAIN.values(),
     "V",
@@ -128,7 +109,8 @@ _SPELT = {"mod": "abs", "ph": "phase", "deg": "phase"}
 
 @dataclass(frozen=True)
 class Label:
-    """A column's head taken apart: its words in small letters, its unit ("" where it states none), and its sign."""
+    """A column's head taken apart: its words in small letters, its unit ("" where it states none), and its
+    sign."""
 
     text: str  # in small letters, without the unit
     words: tuple[str, ...]
@@ -142,7 +124,8 @@ class Label:
 
     @property
     def part(self) -> str:
-        """ "phase", "x", "y" or "magnitude" by the words that say so wherever they stand; "" where none does."""
+        """ "phase", "x", "y" or "magnitude" by the words that say so wherever they stand; "" where none
+        does."""
         words = set(self.words)
         if self.unit in ANGLES or (words & PHASE and not self.unit):
             return "phase"
@@ -156,13 +139,15 @@ class Label:
         return next((part for said, part in named if said), "")
 
     def letter(self, ratio: str) -> str:
-        """The part that a letter or a signal's name stands for, in a file of a `ratio` ("ohm" or "S") or of none ("")."""
+        """The part that a letter or a signal's name stands for, in a file of a `ratio` ("ohm" or "S") or of
+        none ("")."""
         if ratio and (not self.unit or units.same_kind(self.unit, ratio)):
             first = self.words[:1]
             return next((part for part, names in RATIOS[ratio].items() if set(first) & names), "")
-        behind = {self.text, *self.words[:1], *self.words[1:][-1:]} - (
-            ALONE if len(self.words) > 1 else set()
-        )
+        if set(self.words) & AXES and self.unit and not units.same_kind(self.unit, "V"):
+            return ""
+        behind = {self.text, *self.words[:1], *self.words[1:][-1:]}
+        behind -= ALONE if len(self.words) > 1 else set()
         part = next((part for part, names in LETTERS.items() if behind & names), "")
         return part or ("magnitude" if set(self.words) & SIGNAL else "")
 
@@ -174,8 +159,8 @@ class Label:
 
 
 def parse(text: str) -> Label:
-    """A head taken apart. Where a trace's title before it names a part, as `A |Z|: Data Trace Real` does, the head itself is of
-    no use: analysers write every trace as a real part beside an imaginary one."""
+    """A head taken apart. Where a trace's title before it names a part, as `A |Z|: Data Trace Real` does, the
+    head itself is of no use: analysers write every trace as a real part beside an imaginary one."""
     title, parted, _ = text.rpartition(": ")
     if parted:
         words = title.split()
@@ -184,7 +169,8 @@ def parse(text: str) -> Label:
             len(words) > 1 and len(words[0]) == 1 and label.words[-1:] in _TITLES
         ):
             return label
-    plain = re.sub(r"in[-_ ]phase", "inphase", text.strip().replace("′", "'").replace("″", "''"), flags=re.I)
+    plain = text.strip().replace("′", "'").replace("″", "''")
+    plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
     plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
     plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
@@ -200,7 +186,8 @@ def parse(text: str) -> Label:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit, and not one of the words for a part of a signal, some of which the library takes for units."""
+    """Whether a text is a unit, and not one of the words for a part of a signal, some of which the library
+    takes for units."""
     return (
         bool(text)
         and text.casefold() not in _PARTS - {"db"}
@@ -229,8 +216,9 @@ def _unit(text: str) -> tuple[str, str]:
         unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""
         if is_unit(unit) and (unit in usual or not usual):
             return unit, text.removesuffix(found[0])
-    unit = in_usual_letters(split_ending(text, False)[0])
-    ending = text.rpartition("_")[0]
+    ending, _, last = text.rpartition("_")
+    unit = _PLAIN.get(last, "") if ending else ""  # freq_hz
+    unit = unit or in_usual_letters(split_ending(text, False)[0])
     return (unit, ending or text) if is_unit(unit) else ("", text)
 
 

@@ -1,4 +1,5 @@
-"""Tables that lie otherwise in their file: across, one quantity a line; or one below the other, a trace of an analyser each.
+"""Tables that lie otherwise in their file: across, one quantity a line; or one below the other, a trace of an
+analyser each.
 
 Both become a `Sheet`, columns with a name each, which the rest of the reader takes like any other table.
 """
@@ -20,8 +21,8 @@ TITLE = 40  # characters of a title that tells tables apart
 
 @dataclass(frozen=True)
 class Table:
-    """One of a file's tables: the lines above it, its names ("" each where it has no header), its rows as text, and the line of
-    the first, counted from 1, with those of the others."""
+    """One of a file's tables: the lines above it, its names ("" each where it has no header), its rows as
+    text, and the line of the first, counted from 1, with those of the others."""
 
     above: tuple[str, ...]
     names: tuple[str, ...]
@@ -30,9 +31,9 @@ class Table:
 
 
 def names_across(header: Sequence[str], rows: Sequence[Sequence[str]]) -> int | None:
-    """How many cells stand before the numbers of each line of a table that lies across, the last of which names its
-    quantity; None of any other table. `header` names these cells, or there is none. A bad cell here and there is left
-    to be refused by its name."""
+    """How many cells stand before the numbers of each line of a table that lies across, the last of which
+    names its quantity; None of any other table. `header` names these cells, or there is none. A bad cell here
+    and there is left to be refused by its name."""
     place = len(header) - 1 if any(header) else 0
     wide = [row for row in rows if len([cell for cell in row if cell.strip()]) >= place + 4]
     named = [row for row in wide if row[place].strip() and not is_number(row[place])]
@@ -44,8 +45,8 @@ def names_across(header: Sequence[str], rows: Sequence[Sequence[str]]) -> int | 
 def across(
     path: str, dialect: Dialect, start: int, line: int, header: Sequence[str], before: int
 ) -> tuple[Sheet, tuple[str, ...]]:
-    """The sheet of a table that lies across, whose lines begin at byte `start`, which begins line `line`, and its names; the
-    cells in front of a line's name tell its experiment."""
+    """The sheet of a table that lies across, whose lines begin at byte `start`, which begins line `line`, and
+    its names; the cells in front of a line's name tell its experiment."""
     groups: dict[tuple[str, ...], dict[str, tuple[int, list[str]]]] = {}
     for number, text in enumerate(_texts(path, start), line):
         if not text.strip() or text.startswith(dialect.comment or ()):
@@ -86,7 +87,8 @@ def across(
 
 
 def _even(path: str, group: dict[str, tuple[int, list[str]]]) -> None:
-    """Make all quantities of a group as long as the longest, where the cells are there and empty; else LogError."""
+    """Make all quantities of a group as long as the longest, where the cells are there and empty; else
+    LogError."""
     longest = max(
         max((k for k, cell in enumerate(cells, 1) if cell), default=0) for _, cells in group.values()
     )
@@ -103,7 +105,8 @@ def _even(path: str, group: dict[str, tuple[int, list[str]]]) -> None:
 
 
 def tables(path: str, dialect: Dialect) -> list[Table]:
-    """The tables that stand one below the other in a file, with what stands above each. What is no row among rows: LogError."""
+    """The tables that stand one below the other in a file, with what stands above each. What is no row among
+    rows: LogError."""
     found: list[Table] = []
     above: list[tuple[int, str]] = []
     rows: list[tuple[str, ...]] = []
@@ -143,7 +146,8 @@ def tables(path: str, dialect: Dialect) -> list[Table]:
 
 
 def _header(above: Sequence[str], delimiter: str, width: int) -> tuple[tuple[str, ...], list[str]]:
-    """The names in the last line above a table, where it has as many cells as the rows and no number; and the other lines."""
+    """The names in the last line above a table, where it has as many cells as the rows and no number; and the
+    other lines."""
     filled = [text.strip() for text in above if text.strip()]
     cells = tuple(cell.strip() for cell in split_line(filled[-1].lstrip("#%! "), delimiter)) if filled else ()
     if len(cells) != width or any(map(is_number, cells)):
@@ -152,15 +156,17 @@ def _header(above: Sequence[str], delimiter: str, width: int) -> tuple[tuple[str
 
 
 def can_be_joined(found: Sequence[Table]) -> bool:
-    """Whether tables are traces over one stimulus: as many rows, and the same numbers in their first columns."""
+    """Whether tables are traces over one stimulus: as many rows, and the same numbers in their first
+    columns."""
     if len(found) < 2 or len({len(table.rows) for table in found}) > 1:
         return False
     return all(_same(_stimulus(found[0], 0), _stimulus(table, 0)).all() for table in found[1:])
 
 
 def joined(path: str, found: Sequence[Table], join: str | int, decimal: str) -> tuple[Sheet, tuple[str, ...]]:
-    """The sheet of several tables side by side, and its names: that of the column `join`, which they share, once; a name that
-    stands in several of them with the title of its table before it. Tables that do not fit: LogError."""
+    """The sheet of several tables side by side, and its names: that of the column `join`, which they share,
+    once; a name that stands in several of them with the title of its table before it. Tables that do not fit:
+    LogError."""
     if len(found) < 2:
         raise LogError(
             f"{path}: found {len(found)} table, expected two or more that share the column {join!r}"
@@ -217,7 +223,8 @@ def _same(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _titles(found: Sequence[Table]) -> list[str]:
-    """What tells the tables apart: the values of those lines above them that all have, with different values."""
+    """What tells the tables apart: the values of those lines above them that all have, with different
+    values."""
     stated = [dict(_stated(text) for text in table.above) for table in found]
     keys = [
         key for key in stated[-1] if all(key in of for of in stated) and len({of[key] for of in stated}) > 1

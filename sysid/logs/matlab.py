@@ -1,4 +1,5 @@
-"""MATLAB files of version 5: a variable is a column, a structure a table of its fields. Objects and functions are left out."""
+"""MATLAB files of version 5: a variable is a column, a structure a table of its fields. Objects and functions
+are left out."""
 
 import struct
 import zlib
@@ -44,7 +45,8 @@ def read_matlab(path: str, kind: str) -> Store:
 
 
 def _unpacked(path: str) -> int:
-    """How many bytes the compressed variables of a file are when they are unpacked, counted without keeping them."""
+    """How many bytes the compressed variables of a file are when they are unpacked, counted without keeping
+    them."""
     total = 0
     with open(path, "rb") as file:
         order = "<" if file.read(HEADER)[-2:] == b"IM" else ">"

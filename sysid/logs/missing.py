@@ -1,9 +1,10 @@
-"""Rows that a log cannot hold: refused by name, or left out where a cell is empty and the log tells little there.
+"""Rows that a log cannot hold: refused by name, or left out where a cell is empty and the log tells little
+there.
 
-What a row tells is taken from the response W itself, without a model: a row's information about a gain is as |W|^2, about a
-frequency or a time constant as |dW|^2 (for settled points dW/df0 = -dW/df, for a decay dW/dtau = -(t/tau) dW/dt), about a
-constant background as 1. Rows may be left out that hold no more than `LOST` of any of these sums.
-"""
+What a row tells is taken from the response W itself, without a model: a row's information about a gain is as
+|W|^2, about a frequency or a time constant as |dW|^2 (for settled points dW/df0 = -dW/df, for a decay dW/dtau
+= -(t/tau) dW/dt), about a constant background as 1. Rows may be left out that hold no more than `LOST` of any
+of these sums."""
 
 import itertools
 from collections.abc import Mapping
@@ -44,9 +45,9 @@ Arrays = Mapping[str, tuple[np.ndarray, str]]
 def rows_to_keep(
     head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: Arrays, kind: str | None
 ) -> tuple[np.ndarray | None, str]:
-    """Which of the rows of `arrays`, NaN where a cell holds no number, are kept, and a note that names the others; None where
-    all are. `rows`: their numbers in the file, None for all. Raises LogError where a cell is no number and not empty, or where
-    the rows to leave out would be missed."""
+    """Which of the rows of `arrays`, NaN where a cell holds no number, are kept, and a note that names the
+    others; None where all are. `rows`: their numbers in the file, None for all. Raises LogError where a cell
+    is no number and not empty, or where the rows to leave out would be missed."""
     bad = {name: ~np.isfinite(values) for name, (values, _) in arrays.items() if not plan.sources[name].spare}
     missing = np.any([*bad.values(), np.zeros(len(next(iter(arrays.values()))[0]), bool)], axis=0)
     if not missing.any():
@@ -82,7 +83,8 @@ def refuse_row(
 
 
 def _lost(arrays: Arrays, missing: np.ndarray, kind: str | None) -> tuple[float, str]:
-    """The share of what the log tells that its missing rows hold, and why they cannot be done without, if so."""
+    """The share of what the log tells that its missing rows hold, and why they cannot be done without, if
+    so."""
     if kind == "waveform":
         there = np.flatnonzero(~missing)
         inner = len(there) == 0 or there[-1] - there[0] + 1 != len(there)
@@ -136,7 +138,8 @@ def _change(arrays: Arrays, missing: np.ndarray) -> bool:
 
 
 def _settles(arrays: Arrays, response: np.ndarray, missing: np.ndarray) -> bool:
-    """Whether each row of a sweep is held for so long that the plate settles: its tau is that of the steepest step."""
+    """Whether each row of a sweep is held for so long that the plate settles: its tau is that of the steepest
+    step."""
     if "frequency" not in arrays:
         return False
     time, frequency, known = arrays["time"][0][~missing], arrays["frequency"][0][~missing], response[~missing]
@@ -158,7 +161,8 @@ def _runs(chosen: np.ndarray) -> list[tuple[int, int]]:
 def _all_empty(
     head: Head, body: Body, plan: Plan, rows: np.ndarray | None, bad: Mapping[str, np.ndarray]
 ) -> bool:
-    """Whether the cells that hold no number are empty, or hold what is written for none: no text, and no overload."""
+    """Whether the cells that hold no number are empty, or hold what is written for none: no text, and no
+    overload."""
     cells: dict[int, list[int]] = {}
     for name, of in bad.items():
         column = plan.sources[name].column

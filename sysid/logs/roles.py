@@ -1,4 +1,5 @@
-"""Which column of another instrument's file is probably which: by its head, its unit, the columns beside it and its numbers."""
+"""Which column of another instrument's file is probably which: by its head, its unit, the columns beside it
+and its numbers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,7 +49,8 @@ class Columns:
 
     @cached_property
     def ratio(self) -> str:
-        """ "ohm" where the columns hold an impedance, by their units, or R beside X, or |Z|; "S" of an admittance; else ""."""
+        """ "ohm" where the columns hold an impedance, by their units, or R beside X, or |Z|; "S" of an
+        admittance; else ""."""
         for of in RATIOS:
             for label in self.labels:
                 said = label.unit and not is_decibel(label.unit) and label.unit not in ANGLES
@@ -111,7 +113,8 @@ def fits(name: str, unit: str) -> bool:
 
 
 def roles(columns: Columns) -> dict[str, int]:
-    """The columns by the names of a mapping file: inputs, and a response where it is whole, of one channel where it can be."""
+    """The columns by the names of a mapping file: inputs, and a response where it is whole, of one channel
+    where it can be."""
     if not any(columns.head.names):
         return _by_numbers(columns)
     found = _named(columns)
@@ -124,8 +127,8 @@ def roles(columns: Columns) -> dict[str, int]:
 
 
 def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
-    """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes, or a column
-    beside two of volts. Empty for any other file."""
+    """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes,
+    or a column beside two of volts. Empty for any other file."""
     time, count = guessed.get("time"), len(columns.labels)
     others = [index for index in range(count) if index != time]
     volts = [index for index in others if fits("voltage", columns.unit(index))]
@@ -142,8 +145,8 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
 
 
 def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
-    """The columns with the one that is left as the response, whatever it shows: a speed, a temperature. As they are
-    where there is none, or where it is one of several that do not say what they are."""
+    """The columns with the one that is left as the response, whatever it shows: a speed, a temperature. As
+    they are where there is none, or where it is one of several that do not say what they are."""
     found = dict(guessed)
     if found.keys() & {"wd", "x", "y", "magnitude", "response"} or not found.keys() & {"time", "frequency"}:
         return found
@@ -163,7 +166,8 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
 
 
 def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:
-    """Columns that may be a response, without one of few levels beside it, which is put into `found` as the drive."""
+    """Columns that may be a response, without one of few levels beside it, which is put into `found` as the
+    drive."""
     few = [index for index in left if len(np.unique(columns.numbers(index))) <= LEVELS]
     others = len(left) + ("temperature" in found and columns.moves(found["temperature"]))
     if others != 2 or len(few) != 1 or len(columns.head.sample) <= LEVELS or found.keys() & {*units.DRIVES}:
@@ -176,8 +180,8 @@ def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> 
 
 
 def _lone_input(columns: Columns, found: dict[str, int]) -> int | None:
-    """A column that looked like an input, or like a phase, and is all there is that may be a response; it leaves `found`: an
-    angle, a motor's speed, a heater's temperature, one channel of an oscilloscope."""
+    """A column that looked like an input, or like a phase, and is all there is that may be a response; it
+    leaves `found`: an angle, a motor's speed, a heater's temperature, one channel of an oscilloscope."""
     angles = [
         k
         for k, label in enumerate(columns.labels)
@@ -238,8 +242,8 @@ def _named(columns: Columns) -> dict[str, list[int]]:
 
 
 def _name(label: Label, ratio: str, found: Mapping[str, list[int]], moving: bool) -> str:
-    """What a column is called: an input, or a part of a response, which a column is not whose numbers are all the same (not
-    `moving`), nor is it a time."""
+    """What a column is called: an input, or a part of a response, which a column is not whose numbers are all
+    the same (not `moving`), nor is it a time."""
     of_ratio = ratio and label.letter(ratio)
     if not label.part and not of_ratio:
         fitting = [
@@ -275,8 +279,8 @@ def _response(columns: Columns, found: Mapping[str, list[int]]) -> dict[str, int
 
 
 def _by_numbers(columns: Columns) -> dict[str, int]:
-    """The columns of a file without a header: one that goes on from row to row is a time, or a swept frequency; then come a
-    drive of few levels, and a response's two parts or one alone."""
+    """The columns of a file without a header: one that goes on from row to row is a time, or a swept
+    frequency; then come a drive of few levels, and a response's two parts or one alone."""
     count = len(columns.labels)
     going = next((index for index in range(count) if columns.rises(index)), None)
     if going is None or len(columns.numbers(going)) < 3:
@@ -297,7 +301,8 @@ def _by_numbers(columns: Columns) -> dict[str, int]:
 
 
 def _two_traces(columns: Columns, found: Mapping[str, list[int]]) -> dict[str, list[int]]:
-    """Two traces that do not say what they show: by their numbers a magnitude and its angle, else two parts."""
+    """Two traces that do not say what they show: by their numbers a magnitude and its angle, else two
+    parts."""
     inputs = {index for name in ("time", "frequency") for index in found.get(name, ())}
     traces = [index for index in range(len(columns.labels)) if index not in inputs and columns.moves(index)]
     if len(traces) != 2:

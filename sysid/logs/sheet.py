@@ -1,4 +1,5 @@
-"""A table that does not lie in its file as one row a line: its columns in memory, and where in the file each cell stands."""
+"""A table that does not lie in its file as one row a line: its columns in memory, and where in the file each
+cell stands."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,8 +11,8 @@ from sysid.logs.cells import NO_NUMBER, to_number
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """The columns of a table, (n,) each: numbers, or the texts of a file. `where(row, column)`, both from 0, names the file and
-    the place of a cell in it."""
+    """The columns of a table, (n,) each: numbers, or the texts of a file. `where(row, column)`, both from 0,
+    names the file and the place of a cell in it."""
 
     columns: tuple[np.ndarray, ...]
     where: Callable[[int, int], str]

@@ -1,8 +1,8 @@
-"""What a file that is no text holds, as one table: columns of equal length, constants, and how much of it may be read.
+"""What a file that is no text holds, as one table: columns of equal length, constants, and how much of it may
+be read.
 
-Numbers are taken as they are, complex ones as two columns, texts as texts; whatever else stands in such a file (objects,
-functions, references) is never made or run: it is named, and left out.
-"""
+Numbers are taken as they are, complex ones as two columns, texts as texts; whatever else stands in such a
+file (objects, functions, references) is never made or run: it is named, and left out."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +21,8 @@ MOST = 1 << 27  # numbers in a file: a gigabyte, which fits into a laptop's memo
 
 @dataclass
 class Store:
-    """The contents of a file: `tables[table][column]` is (n,), a table's name "" where there is one; constants as text."""
+    """The contents of a file: `tables[table][column]` is (n,), a table's name "" where there is one;
+    constants as text."""
 
     path: str
     kind: str  # as "a MATLAB file"
@@ -66,8 +67,9 @@ class Store:
             self.left_out.append(f"{name} ({what} of shape {array.shape})")
 
     def head(self, dialect: Dialect) -> Head:
-        """The head of its table: the one that the dialect names, or the only one; tables of the same columns, one below
-        the other, each an experiment. Raises LogError where there is none, or where it is not clear which."""
+        """The head of its table: the one that the dialect names, or the only one; tables of the same columns,
+        one below the other, each an experiment. Raises LogError where there is none, or where it is not clear
+        which."""
         tables = {name: whole for name, of in self.tables.items() if (whole := self._of_one_length(of))}
         wanted = dialect.table if dialect.table is not None else self.default
         if wanted is not None and wanted not in tables:

@@ -13,7 +13,8 @@ from sysid.logs.textfile import LogError
 
 
 def read_tdms(path: str, kind: str) -> Store:
-    """The contents of a TDMS file. Raises LogError where it is damaged, cut off, or claims too many samples."""
+    """The contents of a TDMS file. Raises LogError where it is damaged, cut off, or claims too many
+    samples."""
     nptdms, store = library("nptdms", path, kind, "tdms"), Store(path, kind)
     said: list[str] = []
     try:
@@ -36,7 +37,8 @@ def read_tdms(path: str, kind: str) -> Store:
 
 @contextmanager
 def _heard(said: list[str]) -> Iterator[None]:
-    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on the screen."""
+    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on the
+    screen."""
     log, handler = logging.getLogger("nptdms"), logging.Handler(logging.WARNING)
     handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
     propagate, log.propagate = log.propagate, False

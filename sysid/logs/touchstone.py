@@ -1,4 +1,5 @@
-"""Touchstone files of network analysers, one port and two: the scattering parameters, and the admittance that they mean.
+"""Touchstone files of network analysers, one port and two: the scattering parameters, and the admittance that
+they mean.
 
 With the reference impedance R of the file (S parameters, Pozar, Microwave Engineering, 4.3):
 
@@ -6,8 +7,8 @@ With the reference impedance R of the file (S parameters, Pozar, Microwave Engin
     a device in series          Y = -Y21;     then S11 + S21 = 1
     a device across the line    Y = 1 / Z21;  then S21 - S11 = 1
 
-Which of the last two it is the parameters themselves tell. A resonance of S alone has the loaded Q; that of Y is the plate's own.
-"""
+Which of the last two it is the parameters themselves tell. A resonance of S alone has the loaded Q; that of Y
+is the plate's own."""
 
 import warnings
 from typing import Any
@@ -22,7 +23,8 @@ _AT = {"series": "in series", "across": "across the line"}
 
 
 def read_touchstone(path: str, kind: str) -> Store:
-    """The contents of a Touchstone file of one port or two. Raises LogError of any other, and where it is damaged."""
+    """The contents of a Touchstone file of one port or two. Raises LogError of any other, and where it is
+    damaged."""
     skrf, store = library("skrf", path, kind, "touchstone"), Store(path, kind)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):

@@ -1,4 +1,5 @@
-"""Universal files (UFF, data set 58): frequency responses and time histories, each a table of its abscissa and its values."""
+"""Universal files (UFF, data set 58): frequency responses and time histories, each a table of its abscissa
+and its values."""
 
 import warnings
 from typing import Any
