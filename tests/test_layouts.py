@@ -3,6 +3,8 @@
 The truth is the circuit R, L, C beside C0, and a carrier of known level, in closed form.
 """
 
+import tomllib
+
 import numpy as np
 import pytest
 from refusal import refused
@@ -131,6 +133,13 @@ def test_traces_that_do_not_fit_are_refused_by_line(save, line, old, new, words)
         refused(path, *words, columns=columns)
     else:
         assert len(read_logs(path, columns=columns)[0]) == 201
+
+
+def test_traces_that_are_no_impedance_are_not_taken_for_one(save):
+    """Of a capacitance and a loss nobody is told that they are real and imaginary part."""
+    PARTS["Cp"], PARTS["D"] = lambda z: (1 / z).imag / (2 * np.pi * F), lambda z: (1 / z).real / (1 / z).imag
+    draft = refused(save(raw_4294a(Z, ("Cp", "D")))).mapping
+    assert 'quantity = "?"' in draft and not {"x", "y", "phase"} & {*tomllib.loads(draft)["columns"]}
 
 
 def test_one_table_cannot_be_joined(save):

@@ -21,13 +21,14 @@ KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", 
 # What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
 # amplitude.
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
+_CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
 # What instruments are known to write, by what stands above their tables: units of columns that state none,
 # and options.
 ANALYSER = {"ratio": "ohm", "frequency": "Hz", "phase": "deg"}
 RMS = {"amplitude": "rms"}
 KNOWN = (
     (
-        r"\b(HP|Agilent|Keysight)?\s*(4192A|4194A|4294A|4990A|E4990A|E4980A|E5061B)\b",
+        r"\b(HP|Agilent|Keysight)?\s*(4192A|4194A|4294A|4990A|E4990A)\b",
         "impedance analysers",
         ANALYSER,
     ),
@@ -52,19 +53,25 @@ def template(head: Head) -> str:
     )
     found = samples or lone_signal(columns, guessed)
     known = _known(head)
-    ratio = columns.ratio or known[1].get("ratio", "")
+    unsaid = not {word for label in columns.labels for word in label.words} & (GAINS | _CIRCUIT)
+    ratio = columns.ratio or (known[1].get("ratio", "") if unsaid else "")
     ratio = ratio if found.keys() & {"x", "y", "magnitude"} and _is_ratio(columns, found, ratio) else ""
     draft = _Draft(head, columns, found, ratio, *known, files)
-    lines = [
-        f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"
-    ]
+    lines = []
     if not head.dialect.header and not any(head.names):
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
     lines += draft.of_samples() if samples else draft.of_ratio() if ratio else draft.of_rows()
     lines += draft.dialect()
     lines += ["", "[columns]", *draft.columns_found(), *draft.columns_missing()]
     lines += ["", *draft.constants()]
-    return "\n".join([*lines, ""])
+    live = [line.partition("  #")[0] for line in lines if not line.startswith("#")]
+    do = (
+        "fill in every ?, and save"
+        if any('"?"' in line for line in live)
+        else "nothing is left to fill in: save"
+    )
+    first = f"# How to read {_in_comment(head.name)}: {do}; then read the logs with --columns FILE"
+    return "\n".join([first, *lines, ""])
 
 
 @dataclass(frozen=True)

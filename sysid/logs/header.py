@@ -26,7 +26,7 @@ SYNONYMS = {
     "volt": "voltage", "volts": "voltage",
 }  # fmt: skip
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
-SMALL = 1 << 24  # bytes of a file in which traces one below the other are looked for: instruments write less
+SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
 SAMPLES = ("sample", "samples", "sample_no", "sample_number", "sample_index")  # what counts the rows of an even sampling
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 

@@ -68,6 +68,7 @@ RATIOS: dict[str, dict[str, set[str]]] = {
 }
 NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
 _TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
+_TRACE = re.compile(r"\W*(data|memory) trace (real|imag)\W*", re.IGNORECASE)  # whatever it shows
 _PARTS = PHASE | REAL | IMAGINARY | MAGNITUDE
 _PLAIN = {
     "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm",
@@ -161,13 +162,13 @@ class Label:
 def parse(text: str) -> Label:
     """A head taken apart. Where a trace's title before it names a part, as `A |Z|: Data Trace Real` does, the
     head itself is of no use: analysers write every trace as a real part beside an imaginary one."""
-    title, parted, _ = text.rpartition(": ")
-    if parted:
-        words = title.split()
-        label = parse(" ".join(words[1:] if len(words) > 1 and len(words[0]) == 1 else words))
-        if label.part in ("phase", "magnitude") or (
-            len(words) > 1 and len(words[0]) == 1 and label.words[-1:] in _TITLES
-        ):
+    title, parted, own = text.rpartition(": ")
+    words = title.split()
+    if parted and words:
+        lettered = len(words) > 1 and len(words[0]) == 1  # A |Z|, of a trace A
+        label = parse(" ".join(words[1:] if lettered else words))
+        told = label.part in ("phase", "magnitude") or (lettered and label.words[-1:] in _TITLES)
+        if told or (lettered and _TRACE.fullmatch(own)):
             return label
     plain = text.strip().replace("′", "'").replace("″", "''")
     plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)

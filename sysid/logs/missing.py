@@ -48,11 +48,14 @@ def rows_to_keep(
     """Which of the rows of `arrays`, NaN where a cell holds no number, are kept, and a note that names the
     others; None where all are. `rows`: their numbers in the file, None for all. Raises LogError where a cell
     is no number and not empty, or where the rows to leave out would be missed."""
-    bad = {name: ~np.isfinite(values) for name, (values, _) in arrays.items() if not plan.sources[name].spare}
-    missing = np.any([*bad.values(), np.zeros(len(next(iter(arrays.values()))[0]), bool)], axis=0)
-    if not missing.any():
+    finite = {
+        name: np.isfinite(values) for name, (values, _) in arrays.items() if not plan.sources[name].spare
+    }
+    bad = {name: ~of for name, of in finite.items() if not of.all()}
+    if not bad:
         return None, ""
-    name = next(name for name, of in bad.items() if of.any())
+    missing = np.any([*bad.values()], axis=0)
+    name = next(iter(bad))
     source, row = plan.sources[name], int(np.argmax(bad[name]))
     share, why = _lost(arrays, missing, kind)
     if why or share > LOST or not _all_empty(head, body, plan, rows, bad):
@@ -64,7 +67,7 @@ def rows_to_keep(
         told = f"to do without loses {100 * share:.2g} % of what the log tells, more than {100 * LOST:g} %"
         more = why or (told if LOST < share < 1 else "")
         refuse_row(head, body, source, rows, row, expected, more)
-    labels = [plan.sources[name].label for name, of in bad.items() if of.any()]
+    labels = [plan.sources[name].label for name in bad]
     numbers = np.flatnonzero(missing) if rows is None else rows[missing]
     where = listed([_place(head, body, int(number)) for number in numbers])
     said = (

@@ -34,6 +34,17 @@ COUNTERS = {
     "grid",
     "#",
 }
+SAY_NOTHING = {
+    *"ab12",
+    "table",
+    "trace",
+    "data",
+    "real",
+    "imag",
+    "value",
+    "values",
+    "formatted",
+}  # of what a trace is
 _PAIRS = (("wd", "wq"), ("x", "y"), ("magnitude", "phase"))
 
 
@@ -305,7 +316,7 @@ def _two_traces(columns: Columns, found: Mapping[str, list[int]]) -> dict[str, l
     parts."""
     inputs = {index for name in ("time", "frequency") for index in found.get(name, ())}
     traces = [index for index in range(len(columns.labels)) if index not in inputs and columns.moves(index)]
-    if len(traces) != 2:
+    if len(traces) != 2 or any(set(columns.labels[index].words) - SAY_NOTHING for index in traces):
         return {}
     parts = ("magnitude", "phase") if _is_angle(*map(columns.numbers, traces)) else ("x", "y")
     return {part: [index] for part, index in zip(parts, traces, strict=True)}
