@@ -138,6 +138,14 @@ def test_groups_are_experiments_or_are_chosen(save, tmp_path):
     refused(path, "no table '/fourth'", "/third", columns=save('table = "/fourth"\n', "map.toml"))
 
 
+def test_what_belongs_to_text_is_noted_and_a_table_to_other_files(save, tmp_path):
+    hdf(tmp_path / "a.h5", OURS)
+    (log,) = read_logs(tmp_path / "a.h5", columns=save('delimiter = ";"\nskip = 3\n', "map.toml"))
+    assert "delimiter, skip of the mapping file: of text, not used of an HDF5 file" in log.notes
+    text = save("frequency_Hz,w_um\n1,2\n2,3\n")
+    refused(text, "log.csv", "a text table", "'/sweep'", columns=save('table = "/sweep"\n', "map.toml"))
+
+
 def test_units_that_are_attributes(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -185,6 +193,8 @@ def test_a_universal_file(save, tmp_path):
     assert asked(draft) == ["amplitude", "phase_sign", "x", "y"]
     (log,) = read_logs(tmp_path / "a.uff", columns=save(answered(draft), "map.toml"))
     np.testing.assert_allclose(log.response, 1j * S, rtol=1e-6, atol=1e-8)  # of 6 digits
+    (tmp_path / "b.txt").write_bytes((tmp_path / "a.uff").read_bytes())
+    assert refused(tmp_path / "b.txt", "displacement re").mapping == draft.replace("a.uff", "b.txt")
     uff(tmp_path / "a.uff", F, S, kind=11)
     assert 'quantity = "velocity"' in refused(tmp_path / "a.uff").mapping
 
