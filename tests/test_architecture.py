@@ -13,8 +13,9 @@ ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its left.
 HOUSE = """
 precision
-logs       units textfile cells stamps pieces preamble csvfile csvbody mapping draft header lockin switched carrier waveform
-           benchwords log
+logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
+           uff touchstone files mapping capture missing labels
+           roles draft header lockin switched carrier waveform benchwords log
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
@@ -52,7 +53,7 @@ TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".ipynb", ".h", ".c", ".txt", ".y
 HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs" + ".")
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself
-NAMES = {"PIL": "pillow", "yaml": "pyyaml"}  # imported under another name than it is declared under
+NAMES = {"PIL": "pillow", "yaml": "pyyaml", "skrf": "scikit-rf"}  # imported under another name than it is declared under
 
 
 def relative(path):
