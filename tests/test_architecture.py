@@ -22,7 +22,7 @@ trials     noise whitening trial experiment perturbed projected jitter extra rou
 minimum    guess search start images descent minimise ridge
 verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing
            differing term moments terms misfit odd mirrored leaning hurried late conclusion hidden ownership
-           bench comparison
+           decay bench comparison
 reading
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
