@@ -249,4 +249,8 @@ def _texts(path: str, start: int) -> list[str]:
         raise LogError(
             f"{path}: found more than {LARGEST >> 20} MiB of a table that does not lie row by row, expected less"
         )
-    return content.decode("utf-8", errors="replace").split("\n")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")  # as of a file that is one row a line
+    return text.split("\n")
