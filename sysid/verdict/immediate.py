@@ -36,8 +36,8 @@ def slopes(state: State, reference: tuple[float, float]) -> list[str]:
         share = value * float(np.ptp(trial.columns[list(trial.shapes).index("slope")])) / trial.scale
         if share > FED:
             found.append(
-                f"{trial.log.name}: {100 * share:.2g} % of the response is left as a background that changes along the sweep, more"
-                " than a bench has; no known effect explains it"
+                f"{trial.log.name}: {100 * share:.2g} % of the response is left as a background that changes along the sweep,"
+                " more than a bench has; no known effect explains it"
             )
     return found
 
