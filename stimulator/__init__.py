@@ -10,6 +10,7 @@ _HOME = {
     "Exponential": "stimulator.friction",
     "Material": "stimulator.plate",
     "Mode": "stimulator.modal",
+    "Modes": "stimulator.modes",
     "Neighbour": "stimulator.modal",
     "Pad": "stimulator.film",
     "PartialLevitation": "stimulator.friction",
