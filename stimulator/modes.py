@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import skfem
+import skfem  # the extra "stimulator"
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
@@ -22,13 +22,14 @@ from skfem.helpers import dd, ddot, grad
 
 from stimulator.errors import beyond, positive, refuse
 from stimulator.kept import Arrays, kept
-from stimulator.modal import Eigenmode, Mode, choose, resonator
+from stimulator.modal import Eigenmode, Mode, resonator, straight
 from stimulator.plate import Box, PlateGeometry
 from stimulator.section import moment_per_volt, section
 from stimulator.theory import wavelength
 
 CODE = [
-    str(Path(__file__).with_name(f"{name}.py")) for name in ("modes", "modal", "plate", "section", "theory")
+    str(Path(__file__).with_name(f"{name}.py"))
+    for name in ("modes", "modal", "plate", "section", "shape", "theory")
 ]
 # Of one eigenproblem: its factors fit into 1 GB, and the cubics, which are made in the coordinates of the
 # whole plate, err by less than 1e-5 of rounding.
@@ -46,8 +47,8 @@ Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is ha
 class Modes:
     """What `modes` found: the chosen `mode` with its neighbours, and how it was found.
 
-    `straight`: (Hz, uniformity) of every mode with straight nodal lines that was near; `unknowns`: of the
-    largest eigenproblem.
+    `straight`: (Hz, uniformity) of all modes near with straight nodal lines, the nearest first; `unknowns`: of
+    the largest eigenproblem.
     """
 
     plate: PlateGeometry
@@ -66,8 +67,7 @@ def modes(
     company: float = 500.0,
     cache: bool | str | Path = True,
 ) -> Modes:
-    """The mode nearest to `near` (Hz) whose nodal lines run straight along the width, and all within
-    `company` Hz of it.
+    """The mode nearest to `near` (Hz) with straight nodal lines along the width, and all within `company` Hz.
 
     `theory`: "kirchhoff" (fast; its wavelength is 1.4 % long at 1.2 mm and 32 kHz) or "mindlin".
     `per_wavelength`: elements a wavelength, at least; the default errs by less than 0.05 % in frequency.
@@ -86,8 +86,8 @@ def modes(
         Eigenmode(float(f0), solved["x"], solved["y"], values, moments)
         for f0, values, moments in zip(solved["f0"], solved["values"], solved["moments"], strict=True)
     ]
-    straight = tuple((float(f0), float(u)) for f0, u in solved["straight"])
-    return Modes(plate, theory, resonator(plate, found[0], found[1:]), straight, int(solved["unknowns"]))
+    lined_up = tuple((float(f0), float(u)) for f0, u in solved["straight"])
+    return Modes(plate, theory, resonator(plate, found[0], found[1:]), lined_up, int(solved["unknowns"]))
 
 
 def calibrated(
@@ -123,7 +123,8 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
     model = _Model(plate, theory, near + reach, per_wavelength)
     even = [parity for parity in model.parities if not parity[1]]
     seen = [found for parity in even for found in model.spectrum(parity, near, reach + company)]
-    chosen, straight = choose(seen, near, reach)
+    lined_up = straight(seen, near, reach)
+    chosen = lined_up[0]
     odd = [parity for parity in model.parities if parity[1]]
     seen += [found for parity in odd for found in model.spectrum(parity, chosen.f0, company)]
     beside = [found for found in seen if found is not chosen and abs(found.f0 - chosen.f0) <= company]
@@ -134,7 +135,7 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
     return arrays | {
         "x": chosen.x,
         "y": chosen.y,
-        "straight": np.array(straight),
+        "straight": np.array([(found.f0, found.shape.uniformity) for found in lined_up]),
         "unknowns": np.array(model.unknowns),
     }
 

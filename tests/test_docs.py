@@ -71,3 +71,12 @@ def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     assert modules - named == set()
     types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}
     assert named - modules - types == {"fit", "simulate", *PACKAGES}
+
+
+def test_the_examples_of_the_stimulator_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found: dict = {}
+    for code in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "stimulator.md").read_text(encoding="utf-8"), re.DOTALL):
+        exec(code, found)
+    assert found["plant"].f0 == pytest.approx(32300, abs=1)
+    assert 0.02 / 3 < found["plant"].G < 0.02 * 3

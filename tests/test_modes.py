@@ -11,6 +11,7 @@ from skfem import ElementQuadP, ElementVector
 
 import stimulator.modes as fe
 from stimulator import Material, Patch, PlateGeometry, RangeWarning, StimulatorError
+from stimulator.layouts import markdown, table
 from stimulator.modal import STRAIGHT
 from stimulator.modes import calibrated, modes
 from stimulator.plate import BARE, DEFAULT_LAYOUT, LAYOUTS
@@ -220,9 +221,10 @@ def flux(shape, box):
 def test_the_plant_is_n_tau_over_2_m_omega(default):
     plant = default.plant(TAU)
     assert plant.tau == TAU and plant.f0 == default.f0 and plant.k_T is None
-    assert pytest.approx(
-        1e6 * default.N * TAU / (2 * default.m * 2 * math.pi * default.f0), rel=1e-12
-    ) == plant.G
+    assert (
+        pytest.approx(1e6 * default.N * TAU / (2 * default.m * 2 * math.pi * default.f0), rel=1e-12)
+        == plant.G
+    )
     static = 1e6 * default.N / default.c  # um/V; at resonance Q times that
     assert abs(plant.G / (static * plant.Q) - 1) < 1e-12
     assert abs(plant.steady(100.0, default.f0)) == pytest.approx(100 * plant.G, rel=1e-12)
@@ -434,3 +436,21 @@ def test_a_thick_plate_in_thin_theory_is_named():
     thick = PlateGeometry(0.1, 0.08, 4e-3)
     with pytest.warns(RangeWarning, match="mindlin"):
         modes(thick, 40e3, cache=False)
+
+
+def test_a_poling_turned_round_drives_as_well():
+    """All patches of the other direction: the same plant, and neighbours as loud."""
+    layout = replace(DEFAULT, patches=DEFAULT.patches)
+    one = modes(layout, per_wavelength=4.0, cache=False).mode
+    turned = [replace(p, poling=-pole) for p, pole in zip(DEFAULT.patches, one.poling, strict=True)]
+    other = modes(replace(DEFAULT, patches=turned), per_wavelength=4.0, cache=False).mode
+    assert abs(other.N / one.N - 1) < 1e-9
+    for a, b in zip(one.neighbours, other.neighbours, strict=True):
+        assert b.drive * b.sense == pytest.approx(a.drive * a.sense, abs=1e-9)
+
+
+def test_layouts_side_by_side(folder):
+    rows = table({"one": modes(DEFAULT, cache=folder), "two": modes(DEFAULT, cache=folder)}, TAU)
+    lines = markdown(rows).splitlines()
+    assert lines[0].startswith("| layout | f0 (Hz) |") and len(lines) == 4
+    assert "| one | 31131 |" in lines[2] and "+128 (" in lines[2]
