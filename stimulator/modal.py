@@ -131,11 +131,11 @@ def _over(one: float, other: float) -> float:
 class Neighbour:
     """Another flexural mode near the chosen one.
 
-    f0, Hz. `drive`: its b = N/(2 m omega0) over that of the chosen mode, at the same voltage; `sense`: what the
-    sensing ceramics read of 1 um of it in the middle, over what they read of 1 um of the chosen one. With Z of
-    each mode in the middle, Z' = (b drive) V + ..., the ceramics read Z_chosen + sense Z. Its shape is positive
-    in the corner (0, 0); turning it would change the signs of `drive`, `sense` and `weight`, and no product of
-    two of them. nan where nothing drives or senses the chosen mode.
+    f0, Hz. `drive`: its b = N/(2 m omega0) over that of the chosen mode, at the same voltage; `sense`: what
+    the sensing ceramics read of 1 um of it in the middle, over what they read of 1 um of the chosen one. With
+    Z of each mode in the middle, Z' = (b drive) V + ..., the ceramics read Z_chosen + sense Z. Its shape is
+    positive in the corner (0, 0); turning it would change the signs of `drive`, `sense` and `weight`, and no
+    product of two of them. nan where nothing drives or senses the chosen mode.
     """
 
     f0: float
@@ -151,12 +151,13 @@ class Neighbour:
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """The chosen mode: f0 (Hz), modal mass m (kg), N (N/V) of all driving patches in parallel, its neighbours.
+    """The chosen mode: f0 (Hz), modal mass m (kg), N (N/V) of all driving patches in parallel, its
+    neighbours.
 
-    `shape`: 1 at the antinodes of the middle, its sign such that N is not negative. `uniformity`: from 0 to 1,
-    how straight its nodal lines run along the width. `radiation_tau` (s): the time constant if nothing but the
-    air took energy. `sense` (C/m): charge of the sensing ceramics for 1 m in the middle. `poling`: the direction
-    of each patch, as the layout states it or as it serves the mode.
+    `shape`: 1 at the antinodes of the middle, its sign such that N is not negative. `uniformity`: from 0 to
+    1, how straight its nodal lines run along the width. `radiation_tau` (s): the time constant if nothing but
+    the air took energy. `sense` (C/m): charge of the sensing ceramics for 1 m in the middle. `poling`: the
+    direction of each patch, as the layout states it or as it serves the mode.
     """
 
     f0: float
@@ -194,7 +195,7 @@ class Mode:
         return _plant(self.b * (1.0 if at is None else abs(float(self.weight(*at)))), tau, self.f0)
 
     def weight(self, x_m: ArrayLike, y_m: ArrayLike) -> np.ndarray:
-        """The amplitude at points (m, from the corner) over W, signed. Raises StimulatorError off the plate."""
+        """The amplitude at points (m, from the corner) over W, signed. Raises StimulatorError."""
         return self.shape(x_m, y_m)
 
     def contact(self, x_m: ArrayLike, y_m: ArrayLike, diameter_m: float = 8e-3) -> np.ndarray:

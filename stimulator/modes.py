@@ -18,6 +18,7 @@ import skfem  # the extra "stimulator"
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from skfem.element import DiscreteField
 from skfem.helpers import dd, ddot, grad
 
 from stimulator.errors import beyond, positive, refuse
@@ -31,9 +32,7 @@ CODE = [
     str(Path(__file__).with_name(f"{name}.py"))
     for name in ("modes", "modal", "plate", "section", "shape", "theory")
 ]
-# Of one eigenproblem: its factors fit into 1 GB, and the cubics, which are made in the coordinates of the
-# whole plate, err by less than 1e-5 of rounding.
-MOST_UNKNOWNS = 60_000
+MOST_UNKNOWNS = 60_000  # of one eigenproblem: its factors fit into 1 GB
 SAMPLES = 16  # a wavelength, of a kept shape: cubic splines then err by 1e-4
 MOST_SECANTS, CALIBRATED = 8, 1e-5  # steps, and the relative error of a frequency at which they end
 LEAST_WAVES = 2.0  # along the plate
@@ -47,8 +46,8 @@ Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is ha
 class Modes:
     """What `modes` found: the chosen `mode` with its neighbours, and how it was found.
 
-    `straight`: (Hz, uniformity) of all modes near with straight nodal lines, the nearest first; `unknowns`: of
-    the largest eigenproblem.
+    `straight`: (Hz, uniformity) of all modes near with straight nodal lines, the nearest first; `unknowns`:
+    of the largest eigenproblem.
     """
 
     plate: PlateGeometry
@@ -156,6 +155,35 @@ class _Theory:
     vanish: dict[tuple[str, int], list[str]]
 
 
+class _Hermite(skfem.ElementQuadBFS):
+    """Bogner-Fox-Schmit elements on rectangles, made in the coordinates of each of them.
+
+    In those of the whole plate, as the library makes them, elements narrower than 1/1000 of it lose all
+    digits.
+    """
+
+    def gbasis(self, mapping: Any, X: np.ndarray, i: int, tind: np.ndarray | None = None) -> tuple:
+        """Unknown i belongs to corner i // 4: value, slope along x, slope along y, and both."""
+        mesh = mapping.mesh
+        corners = mesh.p[:, mesh.t if tind is None else mesh.t[:, tind]]
+        low, size = corners.min(axis=1)[..., None], np.ptp(corners, axis=1)[..., None]
+        far = corners[:, i // 4, :, None] > low + size / 2
+        inside = (mapping.F(X, tind=tind) - low) / size
+        slopes = (i % 4) in (1, 3), (i % 4) in (2, 3)
+        along = (_cubic(inside[a], size[a], far[a], slopes[a]) for a in (0, 1))
+        (f, df, ddf), (g, dg, ddg) = along
+        gradient, hessian = np.array([df * g, f * dg]), np.array([[ddf * g, df * dg], [df * dg, f * ddg]])
+        return (DiscreteField(value=f * g, grad=gradient, hess=hessian),)
+
+
+def _cubic(inside: np.ndarray, size: np.ndarray, far: np.ndarray, slope: bool) -> tuple[np.ndarray, ...]:
+    """Hermite's cubic that is 1, or whose slope is 1, at one end, and its two derivatives."""
+    r, sign = np.where(far, 1 - inside, inside), np.where(far, -1.0, 1.0)
+    if slope:
+        return sign * size * r * (1 - r) ** 2, (1 - r) * (1 - 3 * r), sign * (6 * r - 4) / size
+    return (1 + 2 * r) * (1 - r) ** 2, sign * 6 * r * (r - 1) / size, (12 * r - 6) / size**2
+
+
 def _kirchhoff(u: Any, v: Any, w: Any) -> Any:
     H, G = dd(u), dd(v)
     return w.D * ((1 - w.nu) * ddot(H, G) + w.nu * (H[0, 0] + H[1, 1]) * (G[0, 0] + G[1, 1]))
@@ -172,7 +200,7 @@ def _mindlin(u: Any, v: Any, w: Any) -> Any:
 
 _THEORIES = {
     "kirchhoff": _Theory(
-        element=skfem.ElementQuadBFS,
+        element=_Hermite,
         order=6,
         per_element=4,
         per_wavelength=7.5,
