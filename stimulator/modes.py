@@ -260,15 +260,13 @@ class _Model:
         self.unknowns = max(self.unknowns, len(keep))
         shift = (2 * math.pi * centre) ** 2
         farthest = (2 * math.pi * (centre + reach)) ** 2 - shift  # downwards, the same reach in Hz is less
-        found = []
+        unit, found = 2 ** (-sum(self.halved) / 2), []  # of unit modal mass on the whole plate
         squares, vectors = around(K, M, shift, farthest)
         for square, vector in zip(squares, vectors.T, strict=True):
             f0 = math.sqrt(max(square, 0.0)) / (2 * math.pi)
             if abs(f0 - centre) <= reach and square > RIGID * shift:
                 whole = np.zeros(self.basis.N)
-                whole[keep] = vector / math.sqrt(
-                    2 ** sum(self.halved)
-                )  # of unit modal mass on the whole plate
+                whole[keep] = vector * unit
                 found.append(self._eigenmode(f0, whole, parity))
         return found
 
@@ -306,17 +304,15 @@ class _Model:
         return K, M
 
     def _moments(self) -> dict[Parity, np.ndarray]:
-        """Of each class (patches, unknowns): the work of 1 V on each patch, by its part here and by its
-        images."""
+        """Of each class (patches, unknowns): the work of 1 V on each patch, its part here and its images."""
         form, work = skfem.LinearForm(self.theory.curvature), {}
         images = list(product(*((1, -1) if halved else (1,) for halved in self.halved)))
         found = {parity: np.zeros((len(self.plate.patches), self.basis.N)) for parity in self.parities}
         for i, patch in enumerate(self.plate.patches):
             volt = moment_per_volt(self.plate, patch)
             for sign_x, sign_y in images:
-                box = patch.mirrored(
-                    self.plate.length if sign_x < 0 else None, self.plate.width if sign_y < 0 else None
-                ).box
+                mirrors = self.plate.length if sign_x < 0 else None, self.plate.width if sign_y < 0 else None
+                box = patch.mirrored(*mirrors).box
                 key = tuple(np.round(box, 9))
                 if key not in work:
                     inside = self._inside(box)
