@@ -1,5 +1,6 @@
 """README and docs: what they link to is there, what they show runs, and a lock-in wired as they say gives Wd and Wq."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -10,13 +11,14 @@ from scipy.integrate import solve_ivp
 from sysid import Result
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("sysid", "controller", "stimulator")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_what_a_page_links_to_is_there(page):
     links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    named = re.findall(r"`((?:sysid|controller|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
+    named = re.findall(r"`((?:sysid|controller|stimulator|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
     missing = [x for x in links if not (page.parent / x).exists()] + [x for x in named if not (ROOT / x).exists()]
     assert not missing
 
@@ -65,8 +67,23 @@ def test_a_lock_in_wired_as_the_page_says_gives_wd_and_wq(beside):
 
 def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     page = (ROOT / "docs" / "code.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller)/(?:\w+/)*(\w+)\.py`", page))
-    modules = {p.stem for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
+    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller|stimulator)/(?:\w+/)*(\w+)\.py`", page))
+    modules = {p.stem for folder in PACKAGES for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
     assert modules - named == set()
     types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}
-    assert named - modules - types == {"fit", "simulate", "sysid", "controller"}
+    assert named - modules - types == {"fit", "simulate", *PACKAGES}
+
+
+def test_the_examples_of_the_stimulator_run(tmp_path, monkeypatch):
+    """On a coarse mesh, and with a cache of their own."""
+    from stimulator import modes
+
+    coarse = dataclasses.replace(modes._THEORIES["kirchhoff"], per_wavelength=4.0)
+    monkeypatch.setitem(modes._THEORIES, "kirchhoff", coarse)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    page = (ROOT / "docs" / "stimulator.md").read_text(encoding="utf-8")
+    found: dict = {}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(code, found)
+    assert found["plant"].f0 == pytest.approx(32300, abs=1)
+    assert 0.02 / 3 < found["plant"].G < 0.02 * 3
