@@ -1,0 +1,35 @@
+"""The tactile stimulator around an identified plate: plate and modes, air film and friction, the touching
+finger and its judge.
+
+It builds on `sysid` and `controller`, which know nothing of it. Nothing is loaded before it is used.
+"""
+
+from importlib import import_module
+
+_HOME = {
+    "Exponential": "stimulator.friction",
+    "Material": "stimulator.plate",
+    "Mode": "stimulator.modal",
+    "Neighbour": "stimulator.modal",
+    "Pad": "stimulator.film",
+    "PartialLevitation": "stimulator.friction",
+    "Patch": "stimulator.plate",
+    "Piezo": "stimulator.plate",
+    "PlateGeometry": "stimulator.plate",
+    "RangeWarning": "stimulator.errors",
+    "Reynolds": "stimulator.film",
+    "StimulatorError": "stimulator.errors",
+    "film_pressure": "stimulator.film",
+    "overpressure": "stimulator.film",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str):
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'stimulator' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)
