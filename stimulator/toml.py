@@ -36,11 +36,6 @@ DESIGN = {
 }  # fmt: skip
 
 
-def is_touch(document: dict[str, Any]) -> bool:
-    """Whether a document is a touch file, and not a scene: it names a scene of the plate, or has one of its tables."""
-    return "plate_scene" in document or (not {"plant", "log", "inputs"} & set(document) and bool(set(PARTS) & set(document)))
-
-
 def load(path: Path) -> TouchScene:
     """The touch of a file. Raises SceneError."""
     return _Parts(path).scene()

@@ -96,6 +96,10 @@ class TouchScene:
             most["finger"] = float(damping.rho * (2.0 if self.finger else 1.0))
         return controller.design(self.plate.plant, **(most | self.loop))
 
+    def with_plant(self, plant: Any) -> "TouchScene":
+        """The same touch of another plant: a fit's, or a draw of its posterior."""
+        return dataclasses.replace(self, plate=self.plate.with_plant(plant))
+
     def bench(self, reference: Profile | None, G: float) -> Scene:
         """The plate's scene under the finger, asked for `reference` by its drive over `G`."""
         inputs = dict(self.plate.inputs)
@@ -212,6 +216,18 @@ class Touch:
             bench={"delay_s": float(late)} if late else {},
             **felt,
         )
+
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """What no log holds, by names that end in a unit: the finger, what was sensed of it, what was asked for, W, mu."""
+        unit = self.scene.plate.response_unit
+        found = {"x_mm": self.x, f"reference_{unit}": self.reference, f"motion_{unit}": self.W, "friction": self.friction}
+        if self.x is not None:
+            found["y_mm"] = self.finger[1]
+        if (sensed := self.sensed) is not None:
+            row = np.maximum(np.searchsorted(sensed.time, self.time * (1 + 1e-12), side="right") - 1, 0)
+            found |= {"sensed_x_mm": sensed.x[row], "sensed_y_mm": sensed.y[row], "sensed_force_N": sensed.force[row]}
+        return {name: v for name, v in found.items() if v is not None}
 
 
 def run_all(scenes: Sequence[TouchScene], loop: Any = None) -> Iterator[Touch]:
