@@ -19,7 +19,7 @@ import numpy as np
 
 from stimulator.errors import refuse
 from sysid.logs.log import Log
-from sysid.scene.effects import Delay, FingerDamping, SecondMode
+from sysid.scene.effects import Delay, FingerDamping, LockIn, SecondMode
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene
 
@@ -195,17 +195,21 @@ class Touch:
     def log(self) -> Log:
         """As a bench would have recorded it: a Log that `identify` reads.
 
-        In closed loop a command acts `latency` after the reading that it answers: rows are at the times of the commands, and
-        their readings late by that."""
-        scene, late = self.scene.plate, 0.0 if self.loop is None else self.loop.latency
-        delay = scene.find(Delay)
-        late += delay.time if delay else 0.0
+        In closed loop a command acts `latency` after the reading that it answers: rows are at the times at which commands begin
+        to act, and their readings are late by that."""
+        scene = self.scene.plate
+        late = 0.0 if self.loop is None else float(self.loop.latency)
+        delay = late + (effect.time if (effect := scene.find(Delay)) else 0.0)
+        bench = {"delay_s": float(delay)} if delay else {}
+        if filtered := scene.find(LockIn):
+            bench |= {"lockin_tau_s": float(filtered.tau), "lockin_order": float(filtered.order)}
         known = {"temperature": scene.inputs.get("temperature"), "force": getattr(self.scene.stroke, "force", None)}
-        felt = {name: None if p is None else p.at(self.time) for name, p in known.items()}
+        time = self.time + late
+        felt = {name: None if p is None else p.at(time) for name, p in known.items()}
         return Log(
             self.scene.name,
             self.measured,
-            time=self.time + late,
+            time=time,
             drive=self.V,
             frequency=self.f,
             kind="transient",
@@ -213,7 +217,7 @@ class Touch:
             response_unit=scene.response_unit,
             drive_unit=scene.drive_unit,
             metadata=scene.metadata,
-            bench={"delay_s": float(late)} if late else {},
+            bench=bench,
             **felt,
         )
 
