@@ -13,6 +13,7 @@ _HOME = {
     "Intensities": "stimulator.experiment",
     "Material": "stimulator.plate",
     "Mode": "stimulator.modal",
+    "Modes": "stimulator.modes",
     "Neighbour": "stimulator.modal",
     "Observer": "stimulator.observer",
     "OnMode": "stimulator.finger",

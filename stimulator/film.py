@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_banded
 
-from stimulator.errors import StimulatorError, beyond, not_negative, number, positive, refuse
+from stimulator.errors import beyond, not_negative, number, positive, refuse
 
 VISCOSITY = 1.85e-5  # Pa s, of air at 20 degC
 PRESSURE = 1.013e5  # Pa
@@ -83,8 +83,8 @@ def overpressure(e: ArrayLike, sigma: ArrayLike) -> np.ndarray:
         refuse("film.sigma", f"{sigma}", "squeeze numbers above zero")
     if np.any(sigma < FAST_SIGMA) or np.any(e > FAST_E):
         beyond(
-            f"film: e up to {np.max(e):.3g} and a squeeze number down to {np.min(sigma):.3g}; the fast law is within"
-            f" 2.5 % for e up to {FAST_E:g} and from {FAST_SIGMA:g} on; use Reynolds"
+            f"film: e up to {np.max(e):.3g} and a squeeze number down to {np.min(sigma):.3g}; the fast law is"
+            f" within 2.5 % for e up to {FAST_E:g} and from {FAST_SIGMA:g} on; use Reynolds"
         )
     return infinite_overpressure(e) * second_order(sigma) / 1.25
 
@@ -191,8 +191,8 @@ class _Balance:
             P = P + step
             if np.max(np.abs(step)) < CONVERGED * np.max(P):
                 return P
-        raise StimulatorError(
-            f"film: no convergence in {MOST_STEPS} steps of Newton's method, expected a smaller e or more cells"
+        refuse(
+            "film", f"no convergence in {MOST_STEPS} steps of Newton's method", "a smaller e, or more cells"
         )
 
     def _step(self, P: np.ndarray) -> np.ndarray:

@@ -123,7 +123,5 @@ def _inputs(W_um: ArrayLike, force_N: ArrayLike) -> tuple[np.ndarray, np.ndarray
         if not np.all(value >= 0) or np.any(np.isinf(value)):
             refuse(key, f"{np.min(value):g}", f"numbers of zero or more, in {unit}")
     if force.size and np.max(force) > LARGEST_FORCE:
-        beyond(
-            f"friction: a force of {np.max(force):g} N; the law of the area is known up to {LARGEST_FORCE:g} N"
-        )
+        beyond(f"friction: a force of {np.max(force):g} N; the area's law is known up to {LARGEST_FORCE:g} N")
     return W, force

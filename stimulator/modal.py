@@ -10,9 +10,9 @@ The loss is not predicted: tau is an input, bounded by what the plate radiates i
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,10 +20,13 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
 from stimulator.errors import beyond, positive, refuse
+from stimulator.plate import ROLES, Box, PlateGeometry
+from stimulator.theory import radiation_tau, wavelength
 
 if TYPE_CHECKING:
     from sysid import Plant
 
+STRAIGHT = 0.6  # uniformity of straight nodal lines: .8 to .98 is usual, and below .25 of most other modes
 MIDDLE = 0.6  # of length and width: where "W" is taken; its edge effects are three wavelengths away
 UM = 1e6  # a plant's response is in um
 RINGS, SPOKES = 4, 12  # of a disc's points: a disc of half a wavelength is averaged to 1 %
@@ -57,25 +60,128 @@ class Shape:
         """The shape times a number."""
         return Shape(self.x, self.y, factor * self.values)
 
+    def mean(self, of: Callable[[np.ndarray], np.ndarray], box: Box, along: str = "xy") -> np.ndarray:
+        """Mean over a rectangle of a function of the values, by Gauss' rule; `along` "y": for each x,
+        (96,)."""
+        (x, wx), (y, wy) = _gauss(*box[:2]), _gauss(*box[2:])
+        return of(self._spline(x, y)) @ wy if along == "y" else wx @ of(self._spline(x, y)) @ wy
 
-def rectangle_mean(
-    of: Callable[[np.ndarray, np.ndarray], np.ndarray], box: tuple[float, float, float, float]
-) -> float:
-    """Mean over a rectangle (x0, x1, y0, y1) of a function of x and y, by Gauss' rule."""
-    (x, wx), (y, wy) = _gauss(*box[:2]), _gauss(*box[2:])
-    return float(wx @ of(x[:, None], y[None, :]) @ wy)
+    @property
+    def whole(self) -> Box:
+        """The plate's edges."""
+        return 0.0, float(self.x[-1]), 0.0, float(self.y[-1])
+
+    @property
+    def middle(self) -> Box:
+        """The rectangle over which "W" is taken."""
+        inner = (1 - MIDDLE) / 2
+        _, length, _, width = self.whole
+        return inner * length, (1 - inner) * length, inner * width, (1 - inner) * width
+
+    @property
+    def uniformity(self) -> float:
+        """<(<phi>_y)^2>_x/<phi^2>: 1 for nodal lines straight along the width, 0 for a shape that averages
+        out over it."""
+        across = self.mean(lambda values: values, self.whole, along="y")
+        return float(_gauss(*self.whole[:2])[1] @ across**2 / self.mean(np.square, self.whole))
+
+
+@cache
+def _rule() -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(96)
 
 
 def _gauss(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Points and weights, which add up to 1; 96 points resolve 30 wavelengths."""
-    x, w = np.polynomial.legendre.leggauss(96)
+    x, w = _rule()
     return (low + high) / 2 + (high - low) / 2 * x, w / 2
 
 
-def middle(length: float, width: float) -> tuple[float, float, float, float]:
-    """The rectangle (x0, x1, y0, y1), m, over which "W" is taken."""
-    inner = (1 - MIDDLE) / 2
-    return inner * length, (1 - inner) * length, inner * width, (1 - inner) * width
+@dataclass(frozen=True, eq=False)
+class Eigenmode:
+    """A mode as it is found: f0 (Hz), its shape at unit modal mass (1/sqrt(kg)) on a grid `x`, `y` (m), and
+    `moments` (patches,), the work that 1 V on each patch, poled up, does on it (N/(V sqrt(kg)))."""
+
+    f0: float
+    x: np.ndarray
+    y: np.ndarray
+    values: np.ndarray
+    moments: np.ndarray
+
+    @cached_property
+    def shape(self) -> Shape:
+        """Positive in the corner (0, 0), where every mode of a free plate moves."""
+        return Shape(self.x, self.y, self.values * self.sign)
+
+    @property
+    def sign(self) -> float:
+        return -1.0 if self.values[0, 0] < 0 else 1.0
+
+    @cached_property
+    def amplitude(self) -> float:
+        """At the antinodes of the middle, 1/sqrt(kg)."""
+        return math.sqrt(2 * self.shape.mean(np.square, self.shape.middle))
+
+
+def choose(
+    found: Sequence[Eigenmode], near: float, reach: float
+) -> tuple[Eigenmode, tuple[tuple[float, float], ...]]:
+    """The mode with straight nodal lines nearest to `near` (Hz), and (Hz, uniformity) of all such ones within
+    `reach` of it.
+
+    By its shape, never by its place in the list: a coarse mesh changes the order of so dense a spectrum.
+    Raises StimulatorError.
+    """
+    straight = [one for one in found if one.shape.uniformity > STRAIGHT and abs(one.f0 - near) <= reach]
+    if not straight:
+        best = max((one.shape.uniformity for one in found), default=0.0)
+        within = f"one above {STRAIGHT:g} between {near - reach:.0f} and {near + reach:.0f} Hz"
+        refuse("near", f"no mode with straight nodal lines (uniformity at most {best:.2f})", within)
+    straight.sort(key=lambda one: one.f0)
+    return min(straight, key=lambda one: abs(one.f0 - near)), tuple(
+        (one.f0, one.shape.uniformity) for one in straight
+    )
+
+
+def resonator(plate: PlateGeometry, chosen: Eigenmode, beside: Sequence[Eigenmode]) -> "Mode":
+    """The chosen mode with its neighbours; patches that leave their poling open are poled to serve it."""
+    sign = np.array([patch.poling for patch in plate.patches])
+    poling = np.where(sign == 0, np.where(chosen.sign * chosen.moments < 0, -1, 1), sign)
+    drive, sense = (
+        np.array([patch.role == role for patch in plate.patches], bool) * poling for role in ROLES
+    )
+
+    def per_volt(mode: Eigenmode, patches: np.ndarray) -> float:
+        return float(mode.sign * (patches @ mode.moments)) / mode.amplitude
+
+    def slope(mode: Eigenmode) -> float:
+        return per_volt(mode, drive) * mode.amplitude**2 / (4 * math.pi * mode.f0)
+
+    def neighbour(mode: Eigenmode) -> Neighbour:
+        driven, sensed = (
+            _over(slope(mode), slope(chosen)),
+            _over(per_volt(mode, sense), per_volt(chosen, sense)),
+        )
+        return Neighbour(
+            mode.f0, driven, sensed, mode.shape.scaled(1 / mode.amplitude), mode.shape.uniformity
+        )
+
+    length = wavelength(plate.material, plate.thickness, chosen.f0)
+    return Mode(
+        f0=chosen.f0,
+        m=chosen.amplitude**-2,
+        N=per_volt(chosen, drive),
+        shape=chosen.shape.scaled(1 / chosen.amplitude),
+        uniformity=chosen.shape.uniformity,
+        radiation_tau=radiation_tau(plate.mass / plate.area, length, chosen.f0),
+        sense=per_volt(chosen, sense),
+        poling=tuple(int(p) for p in poling),
+        neighbours=tuple(neighbour(mode) for mode in beside),
+    )
+
+
+def _over(one: float, other: float) -> float:
+    return one / other if other else math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +262,10 @@ class Mode:
         return contact_map(self.shape, positive("diameter_m", diameter_m, "m"))(x_m, y_m)
 
     def ceramic(self, x_m: float, y_m: float, side_m: float) -> float:
-        """Root mean square amplitude over a square ceramic, over that of the middle."""
+        """Amplitude over a square ceramic, root mean square, over that of the middle: 1.0 to 3.5 in a
+        corner."""
         half = side_m / 2
-        box = (x_m - half, x_m + half, y_m - half, y_m + half)
-        return math.sqrt(2 * rectangle_mean(lambda x, y: self.shape(x, y) ** 2, box))
+        return math.sqrt(2 * self.shape.mean(np.square, (x_m - half, x_m + half, y_m - half, y_m + half)))
 
 
 def _plant(b: float, tau: float, f0: float) -> "Plant":

@@ -9,10 +9,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import Any
 
 from stimulator.errors import number, positive, refuse
 
 ROLES = ("drive", "sense")
+Box = tuple[float, float, float, float]  # edges (x0, x1, y0, y1), m
 TOUCHING = 1e-9  # m: edges that rounding has moved over one another by less still only touch
 
 
@@ -91,7 +93,7 @@ class Patch:
             refuse("patch.role", repr(self.role), " or ".join(ROLES))
 
     @property
-    def box(self) -> tuple[float, float, float, float]:
+    def box(self) -> Box:
         """Its edges (x0, x1, y0, y1), m."""
         return (
             self.x - self.length / 2,
@@ -167,6 +169,14 @@ class PlateGeometry:
         glued = (p.length * p.width * p.thickness * p.material.rho for p in self.patches if not p.weightless)
         return self.area * self.thickness * self.material.rho + math.fsum(glued)
 
+    def mirrored(self) -> tuple[bool, bool]:
+        """Whether stiffness and mass are their own image across x = length/2, and across y = width/2."""
+        glued = [patch for patch in self.patches if not patch.weightless]
+        own = {_weight(patch) for patch in glued}
+        mirrors = ((self.length, None), (None, self.width))
+        x, y = ({_weight(patch.mirrored(*mirror)) for patch in glued} == own for mirror in mirrors)
+        return x, y
+
     def drives(self) -> tuple[int, ...]:
         """Indices of the patches on the amplifier."""
         return tuple(i for i, p in enumerate(self.patches) if p.role == "drive")
@@ -176,13 +186,18 @@ class PlateGeometry:
         return tuple(i for i, p in enumerate(self.patches) if p.role == "sense")
 
 
-def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+def _weight(patch: Patch) -> tuple:
+    """What of a patch counts for stiffness and mass."""
+    return *(round(edge, 9) for edge in patch.box), patch.thickness, patch.material
+
+
+def _overlap(a: Box, b: Box) -> bool:
     across = min(a[1], b[1]) - max(a[0], b[0])
     along = min(a[3], b[3]) - max(a[2], b[2])
     return across > TOUCHING and along > TOUCHING
 
 
-def grid(xs: Iterable[float], ys: Iterable[float], **patch: float) -> tuple[Patch, ...]:
+def grid(xs: Iterable[float], ys: Iterable[float], **patch: Any) -> tuple[Patch, ...]:
     """One patch centred at each of `xs` x `ys` (m); `patch` holds what `Patch` takes beside x and y."""
     ys = tuple(ys)
     return tuple(Patch(x, y, **patch) for x in xs for y in ys)

@@ -1,0 +1,387 @@
+"""Flexural modes of a plate with patches, by finite elements, and the choice of the one that stimulates.
+
+Kirchhoff's theory with Bogner-Fox-Schmit elements for speed, Mindlin's with quartic ones for truth. Meshes
+are rectangles whose lines run along all edges of patches. A layout that is its own mirror image is halved,
+and its even and its odd shapes are found apart.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skfem
+from scipy.interpolate import RectBivariateSpline
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from skfem.helpers import dd, ddot, grad
+
+from stimulator.errors import beyond, positive, refuse
+from stimulator.kept import Arrays, kept
+from stimulator.modal import Eigenmode, Mode, choose, resonator
+from stimulator.plate import Box, PlateGeometry
+from stimulator.section import moment_per_volt, section
+from stimulator.theory import wavelength
+
+CODE = [
+    str(Path(__file__).with_name(f"{name}.py")) for name in ("modes", "modal", "plate", "section", "theory")
+]
+MOST_UNKNOWNS = 60_000  # of one eigenproblem: its factors fit into 1 GB
+SAMPLES = 16  # a wavelength, of a kept shape: cubic splines then err by 1e-4
+MOST_SECANTS, CALIBRATED = 8, 1e-5  # steps, and the relative error of a frequency at which they end
+FIRST = 12  # modes of a class that are looked for at first; twice as many where they do not reach far enough
+THIN = 0.1  # thickness over wavelength, from which on Kirchhoff's wavelength is 3 % too long
+Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is halved
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """What `modes` found: the chosen `mode` with its neighbours, and how it was found.
+
+    `straight`: (Hz, uniformity) of every mode with straight nodal lines that was near; `unknowns`: of the
+    largest eigenproblem.
+    """
+
+    plate: PlateGeometry
+    theory: str
+    mode: Mode
+    straight: tuple[tuple[float, float], ...]
+    unknowns: int
+
+
+def modes(
+    plate: PlateGeometry,
+    near: float = 32300.0,
+    theory: str = "kirchhoff",
+    *,
+    per_wavelength: float | None = None,
+    company: float = 500.0,
+    cache: bool | str | Path = True,
+) -> Modes:
+    """The mode nearest to `near` (Hz) whose nodal lines run straight along the width, and all within
+    `company` Hz of it.
+
+    `theory`: "kirchhoff" (fast; its wavelength is 1.4 % long at 1.2 mm and 32 kHz) or "mindlin".
+    `per_wavelength`: elements a wavelength, at least; the default errs by less than 0.05 % in frequency.
+    `cache`: the folder where results are kept; True: the user's own; False: none. Raises StimulatorError for
+    a mesh too coarse for the wavelength or too large, and where no such mode lies near.
+    """
+    if theory not in _THEORIES:
+        refuse("theory", repr(theory), " or ".join(_THEORIES))
+    if per_wavelength is None:
+        per_wavelength = _THEORIES[theory].per_wavelength
+    asked = [positive("near", near, "Hz"), positive("company", company, "Hz")]
+    asked.append(positive("per_wavelength", per_wavelength, "1"))
+    request = (plate, theory, *asked, skfem.__version__)
+    solved = kept(cache, request, CODE, lambda: _solved(plate, theory, *asked))
+    found = [
+        Eigenmode(float(f0), solved["x"], solved["y"], values, moments)
+        for f0, values, moments in zip(solved["f0"], solved["values"], solved["moments"], strict=True)
+    ]
+    straight = tuple((float(f0), float(u)) for f0, u in solved["straight"])
+    return Modes(plate, theory, resonator(plate, found[0], found[1:]), straight, int(solved["unknowns"]))
+
+
+def calibrated(
+    plate: PlateGeometry, frequency: float = 32300.0, theory: str = "kirchhoff", **options: Any
+) -> PlateGeometry:
+    """The plate with its E scaled so that the straight mode nearest to `frequency` (Hz) lies there, to 1e-5.
+
+    What a bench knows is the frequency; a nominal E misses it by some per cent. `options`: those of `modes`.
+    """
+    aim, slope = math.log(positive("frequency", frequency, "Hz")), 2.0  # of a bare plate E is as f^2
+    before = None
+    for _ in range(MOST_SECANTS):
+        E, f = math.log(plate.material.E), math.log(modes(plate, frequency, theory, **options).mode.f0)
+        if abs(f - aim) < CALIBRATED:
+            return plate
+        slope = slope if before is None else (E - before[0]) / (f - before[1])
+        before = E, f
+        plate = replace(plate, material=replace(plate.material, E=math.exp(E + slope * (aim - f))))
+    refuse("frequency", f"{frequency:g} Hz, not reached", f"a straight mode there in {MOST_SECANTS} steps")
+
+
+def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_wavelength: float) -> Arrays:
+    """The chosen mode first, then those beside it from the lowest on."""
+    # Straight modes lie a share wavelength/length apart: one is nearer than half of that; patches move it a
+    # little.
+    reach = near * wavelength(plate.material, plate.thickness, near) / plate.length
+    model = _Model(plate, theory, near + reach, per_wavelength)
+    even = [parity for parity in model.parities if not parity[1]]
+    seen = [found for parity in even for found in model.spectrum(parity, near, reach + company)]
+    chosen, straight = choose(seen, near, reach)
+    odd = [parity for parity in model.parities if parity[1]]
+    seen += [found for parity in odd for found in model.spectrum(parity, chosen.f0, company)]
+    beside = [found for found in seen if found is not chosen and abs(found.f0 - chosen.f0) <= company]
+    listed = [chosen, *sorted(beside, key=lambda found: found.f0)]
+    arrays = {
+        name: np.array([getattr(found, name) for found in listed]) for name in ("f0", "values", "moments")
+    }
+    return arrays | {
+        "x": chosen.x,
+        "y": chosen.y,
+        "straight": np.array(straight),
+        "unknowns": np.array(model.unknowns),
+    }
+
+
+@dataclass(frozen=True)
+class _Theory:
+    """A plate theory in the forms of scikit-fem. `vanish`: what is zero on the mirror across x or y, of even
+    and odd shapes."""
+
+    element: Callable[[], Any]
+    order: int  # of quadrature
+    per_wavelength: float  # elements unless stated otherwise, and
+    least: float  # no fewer: a wave needs two points in each half
+    stiffness: Callable
+    mass: Callable
+    curvature: Callable
+    vanish: dict[tuple[str, int], list[str]]
+
+
+def _kirchhoff(u: Any, v: Any, w: Any) -> Any:
+    H, G = dd(u), dd(v)
+    return w.D * ((1 - w.nu) * ddot(H, G) + w.nu * (H[0, 0] + H[1, 1]) * (G[0, 0] + G[1, 1]))
+
+
+def _mindlin(u: Any, v: Any, w: Any) -> Any:
+    """Of deflection and two rotations, which are its slopes where the plate is thin."""
+    g, q = grad(u), grad(v)
+    bending = g[1, 0] * q[1, 0] + g[2, 1] * q[2, 1] + w.nu * (g[1, 0] * q[2, 1] + g[2, 1] * q[1, 0])
+    twist = (1 - w.nu) / 2 * (g[1, 1] + g[2, 0]) * (q[1, 1] + q[2, 0])
+    shear = (g[0, 0] - u[1]) * (q[0, 0] - v[1]) + (g[0, 1] - u[2]) * (q[0, 1] - v[2])
+    return w.D * (bending + twist) + w.shear * shear
+
+
+_THEORIES = {
+    "kirchhoff": _Theory(
+        element=skfem.ElementQuadBFS,
+        order=6,
+        per_wavelength=7.5,
+        least=4.0,
+        stiffness=_kirchhoff,
+        mass=lambda u, v, w: w.mass * u * v,
+        curvature=lambda v, w: w.where * (dd(v)[0, 0] + dd(v)[1, 1]),
+        vanish={
+            ("x", 0): ["u_x", "u_xy"],
+            ("x", 1): ["u", "u_y"],
+            ("y", 0): ["u_y", "u_xy"],
+            ("y", 1): ["u", "u_x"],
+        },
+    ),
+    "mindlin": _Theory(
+        element=lambda: skfem.ElementVector(skfem.ElementQuadP(4), 3),
+        order=8,
+        per_wavelength=2.5,
+        least=1.5,
+        stiffness=_mindlin,
+        mass=lambda u, v, w: w.mass * u[0] * v[0] + w.inertia * (u[1] * v[1] + u[2] * v[2]),
+        curvature=lambda v, w: w.where * (grad(v)[1, 0] + grad(v)[2, 1]),
+        vanish={
+            ("x", 0): ["u^2"],
+            ("x", 1): ["u^1", "u^3"],
+            ("y", 0): ["u^3"],
+            ("y", 1): ["u^1", "u^2"],
+        },
+    ),
+}
+
+
+class _Model:
+    """Stiffness and mass of a plate, or of the part of it that its mirrors leave, from the corner (0, 0)
+    on."""
+
+    def __init__(self, plate: PlateGeometry, theory: str, highest: float, per_wavelength: float):
+        self.plate, self.theory, self.per_wavelength = plate, _THEORIES[theory], per_wavelength
+        self.wavelength = wavelength(plate.material, plate.thickness, highest, theory)
+        if plate.thickness > THIN * self.wavelength and theory == "kirchhoff":
+            thick = f"{plate.thickness / self.wavelength:.2f} wavelengths thick"
+            beyond(f"kirchhoff: a plate {thick}; its waves are 3 % too long from {THIN:g} on; use mindlin")
+        if per_wavelength < self.theory.least:
+            least = f"{self.theory.least:g} elements of {theory} or more in {1e3 * self.wavelength:.3g} mm"
+            refuse("per_wavelength", f"{per_wavelength:g}, a mesh too coarse for the wavelength", least)
+        self.halved = plate.mirrored()
+        mesh = skfem.MeshQuad.init_tensor(*self._lines(self.wavelength / per_wavelength))
+        self.basis = skfem.Basis(mesh, self.theory.element(), intorder=self.theory.order)
+        if self.basis.N > MOST_UNKNOWNS:
+            found = f"{per_wavelength:g}, a mesh of {self.basis.N} unknowns"
+            refuse("per_wavelength", found, f"no more than {MOST_UNKNOWNS}, whose factors fit into memory")
+        self.points = np.asarray(self.basis.global_coordinates())
+        self.K, self.M = self._assembled()
+        self.moments = self._moments()
+        self.unknowns = 0
+
+    @property
+    def parities(self) -> list[Parity]:
+        """The classes that shapes fall into; of a direction without a mirror, all count as even."""
+        along_x, along_y = (range(1 + halved) for halved in self.halved)
+        return [(i, j) for i in along_x for j in along_y]
+
+    def spectrum(self, parity: Parity, centre: float, reach: float) -> list[Eigenmode]:
+        """All modes of a class within `reach` of `centre`, Hz."""
+        keep = self._free(parity)
+        K, M = (csc_matrix(A[keep][:, keep]) for A in (self.K, self.M))
+        self.unknowns = max(self.unknowns, len(keep))
+        shift = (2 * math.pi * centre) ** 2
+        inverse = LinearOperator(K.shape, matvec=_factors(K - shift * M).solve)
+        farthest = (
+            2 * math.pi * (centre + reach)
+        ) ** 2 - shift  # below the shift, as far in Hz is less in its square
+        count = FIRST
+        while True:
+            squares, vectors = eigsh(
+                K, k=min(count, len(keep) - 2), M=M, sigma=shift, OPinv=inverse, v0=np.ones(len(keep))
+            )
+            if np.max(np.abs(squares - shift)) > farthest or count >= len(keep) - 2:
+                break
+            count *= 2
+        found = []
+        for square, vector in zip(squares, vectors.T, strict=True):
+            f0 = math.sqrt(max(square, 0.0)) / (2 * math.pi)
+            if abs(f0 - centre) <= reach:
+                whole = np.zeros(self.basis.N)
+                whole[keep] = vector / math.sqrt(
+                    2 ** sum(self.halved)
+                )  # of unit modal mass on the whole plate
+                found.append(self._eigenmode(f0, whole, parity))
+        return found
+
+    def below(self, frequency: float) -> int:
+        """How many modes, those of a rigid body among them, lie below a frequency (Hz): by the signs of the
+        factors (Sylvester)."""
+        total = 0
+        for parity in self.parities:
+            keep = self._free(parity)
+            shifted = csc_matrix(
+                self.K[keep][:, keep] - (2 * math.pi * frequency) ** 2 * self.M[keep][:, keep]
+            )
+            total += int(np.sum(_factors(shifted).U.diagonal() < 0))
+        return total
+
+    def _lines(self, step: float) -> list[np.ndarray]:
+        """The lines of the mesh: all edges of patches and of their images, and equal parts between them."""
+        boxes = [patch.box for patch in self.plate.patches]
+        sides = self.plate.length, self.plate.width
+        return [
+            _divided(side, halved, [edge for box in boxes for edge in box[2 * axis : 2 * axis + 2]], step)
+            for axis, (side, halved) in enumerate(zip(sides, self.halved, strict=True))
+        ]
+
+    def _assembled(self) -> tuple[csc_matrix, csc_matrix]:
+        bare = section(self.plate)
+        fields = {
+            name: np.full(self.points.shape[1:], getattr(bare, name))
+            for name in ("D", "nu", "mass", "inertia", "shear")
+        }
+        for patch in self.plate.patches:
+            glued, inside = section(self.plate, patch), self._inside(patch.box)
+            for name, values in fields.items():
+                values[inside] = getattr(glued, name)
+        forms = (skfem.BilinearForm(form) for form in (self.theory.stiffness, self.theory.mass))
+        K, M = (csc_matrix(form.assemble(self.basis, **fields)) for form in forms)
+        return K, M
+
+    def _moments(self) -> dict[Parity, np.ndarray]:
+        """Of each class (patches, unknowns): the work of 1 V on each patch, by its part here and by its
+        images."""
+        form, work = skfem.LinearForm(self.theory.curvature), {}
+        images = list(product(*((1, -1) if halved else (1,) for halved in self.halved)))
+        found = {parity: np.zeros((len(self.plate.patches), self.basis.N)) for parity in self.parities}
+        for i, patch in enumerate(self.plate.patches):
+            volt = moment_per_volt(self.plate, patch)
+            for sign_x, sign_y in images:
+                box = patch.mirrored(
+                    self.plate.length if sign_x < 0 else None, self.plate.width if sign_y < 0 else None
+                ).box
+                key = tuple(np.round(box, 9))
+                if key not in work:
+                    inside = self._inside(box)
+                    work[key] = form.assemble(self.basis, where=inside.astype(float)) if inside.any() else 0.0
+                for parity, moments in found.items():
+                    moments[i] += volt * sign_x ** parity[0] * sign_y ** parity[1] * work[key]
+        return found
+
+    def _inside(self, box: Box) -> np.ndarray:
+        x, y = self.points
+        return (x > box[0]) & (x < box[1]) & (y > box[2]) & (y < box[3])
+
+    def _free(self, parity: Parity) -> np.ndarray:
+        """Unknowns that do not vanish on the mirrors."""
+        gone = [np.zeros(0, int)]
+        for axis, halved in enumerate(self.halved):
+            if halved:
+                mirror = (self.plate.length, self.plate.width)[axis] / 2
+                on = self.basis.get_dofs(lambda x, a=axis, m=mirror: np.abs(x[a] - m) < 1e-9)
+                gone.append(on.all(self.theory.vanish["xy"[axis], parity[axis]]))
+        return np.setdiff1d(np.arange(self.basis.N), np.concatenate(gone))
+
+    def _eigenmode(self, f0: float, whole: np.ndarray, parity: Parity) -> Eigenmode:
+        values = self._sampled(whole)
+        for axis, halved in enumerate(self.halved):
+            if halved:  # the line on the mirror is there once
+                image = np.flip(values.take(range(values.shape[axis] - 1), axis), axis)
+                values = np.concatenate([values, (-1) ** parity[axis] * image], axis)
+        x, y = self._grid
+        return Eigenmode(f0, x, y, values, self.moments[parity] @ whole)
+
+    def _sampled(self, whole: np.ndarray) -> np.ndarray:
+        """The deflection on the part of the grid that lies within the mesh."""
+        basis, column, row, x, y = self._sampler
+        found = basis.interpolate(whole)
+        deflection = np.asarray(found[0] if isinstance(found, list | tuple) else found)
+        deflection = deflection[0] if deflection.ndim == 3 else deflection
+        values = np.zeros((len(x), len(y)))
+        values[column, row] = deflection
+        inner = (
+            grid[: (len(grid) + 1) // 2] if halved else grid
+            for grid, halved in zip(self._grid, self.halved, strict=True)
+        )
+        return RectBivariateSpline(x, y, values)(*inner)
+
+    @cached_property
+    def _sampler(self) -> tuple:
+        """Points of every element that together make a grid of their own, of x and y, and where on it each of
+        them lies."""
+        per_element = 1 + math.ceil(SAMPLES / self.per_wavelength)
+        inner = np.linspace(0, 1, per_element)
+        local = np.stack(np.meshgrid(inner, inner, indexing="ij")).reshape(2, -1)
+        basis = skfem.Basis(
+            self.basis.mesh, self.theory.element(), quadrature=(local, np.ones(local.shape[1]))
+        )
+        at = np.round(np.asarray(basis.global_coordinates()), 12)
+        (x, column), (y, row) = (np.unique(of, return_inverse=True) for of in at)
+        return basis, column.reshape(at[0].shape), row.reshape(at[0].shape), x, y
+
+    @cached_property
+    def _grid(self) -> list[np.ndarray]:
+        """Equidistant x and y over the whole plate, a line on each mirror."""
+        points = SAMPLES / 2 / self.wavelength
+        return [
+            np.linspace(0, side, 2 * math.ceil(side * points) + 1)
+            for side in (self.plate.length, self.plate.width)
+        ]
+
+
+def _divided(side: float, halved: bool, edges: list[float], step: float) -> np.ndarray:
+    """Lines from 0 to the side's end or its middle: the edges, and parts of at most `step` between them."""
+    end = side / 2 if halved else side
+    edges = edges + [side - edge for edge in edges] if halved else edges
+    inner = {round(edge, 9) for edge in edges if 1e-9 < edge < end - 1e-9}
+    lines = [0.0]
+    for low, high in pairwise([0.0, *sorted(inner), end]):
+        parts = max(math.ceil((high - low) / step - 1e-9), 1)
+        lines += list(low + (high - low) * np.arange(1, parts + 1) / parts)
+    return np.array(lines)
+
+
+def _factors(A: csc_matrix) -> Any:
+    """Symmetric factors without pivots: a fifth of the time of the general ones, and the signs of their
+    diagonal count modes."""
+    return splu(
+        csc_matrix(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
