@@ -26,12 +26,18 @@ def plateau(x: np.ndarray, mu: np.ndarray, period: float) -> float:
 
 def spectral(x: np.ndarray, mu: np.ndarray, period: float) -> float:
     """pi |<mu exp(-2 pi j x/period)>|/<mu>, means over the way of the finger, of `mu` (n,) at `x` (n,) mm: (high - low)/mean of
-    an ideal square grating of duty 1/2, and little where edges are late, missing or elsewhere."""
-    way = np.abs(np.gradient(x))
+    an ideal square grating of duty 1/2, and little where edges are late, missing or elsewhere.
+
+    Each pass in one direction counts by itself, by the length of its way: a grating that is late as a whole is still one.
+    Raises StimulatorError for a finger that does not move."""
+    step = np.gradient(x)
+    way, wave = np.abs(step), mu * np.exp(-2j * np.pi * x / period)
     if not way.sum() > 0:
         refuse("stroke.x", f"{x[0]:g} mm throughout", "a finger that moves: a contrast is felt along a way")
-    wave = np.sum(way * mu * np.exp(-2j * np.pi * x / period))
-    return float(np.pi * np.abs(wave) / np.sum(way * mu))
+    begins = np.flatnonzero(np.diff(np.sign(step), prepend=np.nan))
+    length, waves, mean = (np.add.reduceat(way * v, begins) for v in (np.ones(len(x)), wave, mu))
+    moves = length > 0
+    return float(np.pi * np.sum(length[moves] * np.abs(waves[moves]) / mean[moves]) / length.sum())
 
 
 def _crossings(x: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
