@@ -1,6 +1,7 @@
 """The command `simulate` for all files: scenes of the plate as `sysid` plays them, and touch files.
 
-The log of a touch has columns of its own beside those that `identify` reads: the finger, what was sensed of it, friction.
+The log of a touch has columns of its own beside those that `identify` reads: the finger, what was sensed of
+it, friction.
 """
 
 import dataclasses
@@ -46,7 +47,9 @@ class TouchFile:
         from sysid.scene.scene import SceneError
 
         if rate is not None:
-            raise SceneError(f"{self.scene.name}: found --waveform, expected a scene of the plate: a touch has rows")
+            raise SceneError(
+                f"{self.scene.name}: found --waveform, expected a scene of the plate: a touch has rows"
+            )
         touch = dataclasses.replace(self.scene, seed=self.scene.seed + seed).run()
         for warning in touch.warnings:
             print(f"simulate: warning: {warning}", file=sys.stderr)

@@ -8,15 +8,19 @@ from stimulator.errors import refuse
 
 
 def plateau(x: np.ndarray, mu: np.ndarray, period: float) -> float:
-    """(high - low)/high of friction `mu` (n,), high and low the means of its largest and smallest values in each period (mm)
-    that the finger at `x` (n,) mm crosses from one side to the other.
+    """(high - low)/high of friction `mu` (n,), high and low the means of its largest and smallest values in
+    each period (mm) that the finger at `x` (n,) mm crosses from one side to the other.
 
-    It sees how deep a grating is and not whether it is where it should be: see `spectral`. Raises StimulatorError for a
-    stroke that crosses no whole period.
+    It sees how deep a grating is and not whether it is where it should be: see `spectral`. Raises
+    StimulatorError for a stroke that crosses no whole period.
     """
     begins, ends = _crossings(x, period)
     if not len(begins):
-        refuse("stroke.x", f"{np.min(x):g} to {np.max(x):g} mm", f"a stroke across a whole period of {period:g} mm")
+        refuse(
+            "stroke.x",
+            f"{np.min(x):g} to {np.max(x):g} mm",
+            f"a stroke across a whole period of {period:g} mm",
+        )
     most = np.maximum.reduceat(mu, begins)
     least = np.minimum.reduceat(mu, begins)
     keep = ends > begins
@@ -25,11 +29,13 @@ def plateau(x: np.ndarray, mu: np.ndarray, period: float) -> float:
 
 
 def spectral(x: np.ndarray, mu: np.ndarray, period: float) -> float:
-    """pi |<mu exp(-2 pi j x/period)>|/<mu>, means over the way of the finger, of `mu` (n,) at `x` (n,) mm: (high - low)/mean of
-    an ideal square grating of duty 1/2, and little where edges are late, missing or elsewhere.
+    """pi |<mu exp(-2 pi j x/period)>|/<mu>, means over the way of the finger, of `mu` (n,) at `x` (n,) mm:
+    (high - low)/mean of an ideal square grating of duty 1/2, and little where edges are late, missing or
+    elsewhere.
 
-    Each pass in one direction counts by itself, by the length of its way: a grating that is late as a whole is still one.
-    Raises StimulatorError for a finger that does not move."""
+    Each pass in one direction counts by itself, by the length of its way: a grating that is late as a whole
+    is still one. Raises StimulatorError for a finger that does not move.
+    """
     step = np.gradient(x)
     way, wave = np.abs(step), mu * np.exp(-2j * np.pi * x / period)
     if not way.sum() > 0:
@@ -41,7 +47,8 @@ def spectral(x: np.ndarray, mu: np.ndarray, period: float) -> float:
 
 
 def _crossings(x: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """First row of each stretch within one period, and the row after it where it is a whole crossing, else its first again."""
+    """First row of each stretch within one period, and the row after it where it is a whole crossing, else
+    its first again."""
     cell = np.floor(x / period + 1e-9).astype(int)
     begins = np.flatnonzero(np.diff(cell, prepend=cell[0] - 1))
     if len(begins) < 3:
@@ -54,12 +61,14 @@ def _crossings(x: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plateau_contrast(touch: Any) -> float:
-    """`plateau` of a Touch with friction and a texture that has a period. Raises StimulatorError for one without."""
+    """`plateau` of a Touch with friction and a texture that has a period. Raises StimulatorError for one
+    without."""
     return plateau(touch.x, _friction(touch), _period(touch))
 
 
 def spectral_contrast(touch: Any) -> float:
-    """`spectral` of a Touch with friction and a texture that has a period. Raises StimulatorError for one without."""
+    """`spectral` of a Touch with friction and a texture that has a period. Raises StimulatorError for one
+    without."""
     return spectral(touch.x, _friction(touch), _period(touch))
 
 
@@ -75,5 +84,7 @@ def _friction(touch: Any) -> np.ndarray:
 def _period(touch: Any) -> float:
     period = getattr(touch.scene.texture, "period", None)
     if period is None or touch.scene.texture.kind == "noise":
-        refuse("texture", "nothing with a period", "kind = 'square' or 'sine': a contrast is one of a grating")
+        refuse(
+            "texture", "nothing with a period", "kind = 'square' or 'sine': a contrast is one of a grating"
+        )
     return float(period)

@@ -1,4 +1,5 @@
-"""Random numbers by name: each part of a scene has a stream of its own, so that adding one changes no other's."""
+"""Random numbers by name: each part of a scene has a stream of its own, so that adding one changes no
+other's."""
 
 from zlib import crc32
 

@@ -1,4 +1,5 @@
-"""The two-interval test: volunteers say which of two gratings is stronger; exact statistics, predictions, numbers of trials."""
+"""The two-interval test: volunteers say which of two gratings is stronger; exact statistics, predictions,
+numbers of trials."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,8 +17,8 @@ from stimulator.observer import preference
 
 
 class Proportion(NamedTuple):
-    """What `successes` of `trials` say of a proportion: p-values against 1/2, 95 % intervals, and d' = sqrt(2) z of a
-    two-interval test with its interval."""
+    """What `successes` of `trials` say of a proportion: p-values against 1/2, 95 % intervals, and d' =
+    sqrt(2) z of a two-interval test with its interval."""
 
     estimate: float
     two_sided: float
@@ -49,7 +50,8 @@ def proportion(successes: int, trials: int) -> Proportion:
 
 
 class Clustered(NamedTuple):
-    """`effective` independent trials, the 95 % interval of Clopper and Pearson, and the two-sided p-value, for as many."""
+    """`effective` independent trials, the 95 % interval of Clopper and Pearson, and the two-sided p-value,
+    for as many."""
 
     effective: float
     interval: tuple[float, float]
@@ -57,8 +59,8 @@ class Clustered(NamedTuple):
 
 
 def clustered(successes: int, trials: int, each: int, icc: float) -> Clustered:
-    """The same of trials that come `each` from one volunteer, whose answers have the intraclass correlation `icc`: a design
-    effect of 1 + (each - 1) icc leaves fewer trials at the same proportion."""
+    """The same of trials that come `each` from one volunteer, whose answers have the intraclass correlation
+    `icc`: a design effect of 1 + (each - 1) icc leaves fewer trials at the same proportion."""
     checked("icc", icc, -1e-300, 1.0, "a correlation from 0 to below 1")
     n = trials / (1 + (each - 1) * icc)
     k = n * successes / trials
@@ -70,8 +72,8 @@ def clustered(successes: int, trials: int, each: int, icc: float) -> Clustered:
 
 
 def counts(p: ArrayLike, each: int = 1) -> np.ndarray:
-    """(n + 1,) the distribution of the number of successes in n = `each` trials for each probability of `p` (..., m), of which
-    the mean over all leading axes is taken: that of independent volunteers, exact."""
+    """(n + 1,) the distribution of the number of successes in n = `each` trials for each probability of `p`
+    (..., m), of which the mean over all leading axes is taken: that of independent volunteers, exact."""
     p = np.asarray(p, float)
     n = each * p.shape[-1]
     turns = np.exp(-2j * np.pi * np.arange(n + 1) / (n + 1))
@@ -86,8 +88,8 @@ def quantile(distribution: np.ndarray, share: float) -> int:
 
 
 def trials_for(p: float, power: float = 0.9, level: float = 0.05) -> int:
-    """The smallest number of independent trials from which on an exact two-sided test against 1/2 at `level` finds a true `p`
-    with at least `power`; more trials never have less. Raises StimulatorError."""
+    """The smallest number of independent trials from which on an exact two-sided test against 1/2 at
+    `level` finds a true `p` with at least `power`; more trials never have less. Raises StimulatorError."""
     checked("p", p, 0.0, 1.0, "a probability between 0 and 1")
     checked("power", power, 0.0, 1.0, "a probability between 0 and 1")
     p = max(p, 1 - p)
@@ -102,8 +104,9 @@ def trials_for(p: float, power: float = 0.9, level: float = 0.05) -> int:
 
 
 def volunteers_for(p: float, each: int = 5, icc: float = 0.2, power: float = 0.9, level: float = 0.05) -> int:
-    """The number of volunteers of `each` (odd) trials for the same, of a beta-binomial with intraclass correlation `icc`: the
-    exact sign test of their majorities, whose level holds whatever the correlation is. Raises StimulatorError."""
+    """The number of volunteers of `each` (odd) trials for the same, of a beta-binomial with intraclass
+    correlation `icc`: the exact sign test of their majorities, whose level holds whatever the
+    correlation is. Raises StimulatorError."""
     if each < 1 or each % 2 == 0:
         refuse("each", repr(each), "an odd number of trials: a volunteer has a majority")
     checked("icc", icc, -1e-300, 1.0, "a correlation from 0 to below 1")
@@ -123,11 +126,11 @@ def majority(p: float, each: int, icc: float) -> float:
 class Prior:
     """What was held of volunteers before any count was looked at; never fitted to one.
 
-    A volunteer presses with exp of a Gaussian force (N) and tells a Weber fraction of exp of a Gaussian: `*_study` is the
-    standard deviation of what all of a study share, `*_person` that between them, of the logarithm. 0.18 times or over 1.5
-    covers what has been published, 0.11 to 0.27; strokes on such plates are made with 0.2 to 1 N. Lapses are
-    beta-distributed with mean `lapse` and a first parameter of `lapse_shape`: most volunteers near none, few at 0.1.
-    `floor` as in `Observer`, without a source.
+    A volunteer presses with exp of a Gaussian force (N) and tells a Weber fraction of exp of a Gaussian:
+    `*_study` is the standard deviation of what all of a study share, `*_person` that between them, of the
+    logarithm. 0.18 times or over 1.5 covers what has been published, 0.11 to 0.27; strokes on such plates
+    are made with 0.2 to 1 N. Lapses are beta-distributed with mean `lapse` and a first parameter of
+    `lapse_shape`: most volunteers near none, few at 0.1. `floor` as in `Observer`, without a source.
     """
 
     force: float = 0.5
@@ -167,13 +170,19 @@ class Intensities(NamedTuple):
 
 
 def predicted(
-    cells: Mapping[Any, Intensities], prior: Prior, volunteers: int = 10, each: int = 5, studies: int = 4000, seed: int = 0
+    cells: Mapping[Any, Intensities],
+    prior: Prior,
+    volunteers: int = 10,
+    each: int = 5,
+    studies: int = 4000,
+    seed: int = 0,
 ) -> dict[Any, np.ndarray]:
-    """For each cell the distribution (volunteers each + 1,) of how many answers are for the closed loop; the mixture of all,
-    each as likely, is the mean of them. Contrasts are interpolated in the logarithm of the force."""
+    """For each cell the distribution (volunteers each + 1,) of how many answers are for the closed loop;
+    the mixture of all, each as likely, is the mean of them. Contrasts are interpolated in the logarithm
+    of the force."""
     force, weber, lapse = prior.draw(studies, volunteers, seed)
     found = {}
     for key, cell in cells.items():
-        felt = [np.interp(np.log(force), np.log(cell.force), S) for S in (cell.closed, cell.opened)]
-        found[key] = counts(preference(*felt, weber, lapse, prior.floor), each)
+        closed, opened = (np.interp(np.log(force), np.log(cell.force), S) for S in (cell.closed, cell.opened))
+        found[key] = counts(preference(closed, opened, weber, lapse, prior.floor), each)
     return found

@@ -1,7 +1,9 @@
-"""Filters of a sensed position: none, one pole, and a constant-velocity Kalman filter that predicts over its latency.
+"""Filters of a sensed position: none, one pole, and a constant-velocity Kalman filter that predicts over
+its latency.
 
-Each takes readings (n, ...) with time along the first axis, `touched` (n, ...) where the finger is on the plate (elsewhere the
-last position is held; `rest` before the first), the standard deviation of each reading and the time between two.
+Each takes readings (n, ...) with time along the first axis, `touched` (n, ...) where the finger is on the
+plate (elsewhere the last position is held; `rest` before the first), the standard deviation of each reading
+and the time between two.
 """
 
 from dataclasses import dataclass
@@ -19,19 +21,24 @@ class Unfiltered:
     kind: ClassVar[str] = "none"
     latency: float = number(1e-3, "s")
 
-    def __call__(self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any) -> np.ndarray:
+    def __call__(
+        self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any
+    ) -> np.ndarray:
         return held(read, touched, rest)
 
 
 @dataclass(frozen=True)
 class OnePole:
-    """y+ = y + (1 - exp(-step/tau)) (reading - y), which lags by tau. It starts anew where a finger comes down."""
+    """y+ = y + (1 - exp(-step/tau)) (reading - y), which lags by tau. It starts anew where a finger comes
+    down."""
 
     kind: ClassVar[str] = "one_pole"
     tau: float = number(5e-3, "s")
     latency: float = number(1e-3, "s")
 
-    def __call__(self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any) -> np.ndarray:
+    def __call__(
+        self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any
+    ) -> np.ndarray:
         share = -np.expm1(-step / self.tau)
         found = np.empty_like(read)
         state, before = np.broadcast_to(rest, read.shape[1:]), np.zeros(read.shape[1:], bool)
@@ -44,12 +51,13 @@ class OnePole:
 
 @dataclass(frozen=True)
 class Kalman:
-    """A finger of constant velocity, pushed by an acceleration of rms value `acceleration` that lasts for `lasting`:
+    """A finger of constant velocity, pushed by an acceleration of rms value `acceleration` that lasts for
+    `lasting`:
 
         x' = v,  v' = white noise of density q = 2 acceleration^2 lasting
 
-    Its estimate is carried on by `latency` at its own velocity. The defaults are a fingertip that moves to and fro over 9 cm
-    in 1.2 s: at most 1.2 m/s^2, 0.9 rms, which changes its sign every 0.6 s.
+    Its estimate is carried on by `latency` at its own velocity. The defaults are a fingertip that moves to
+    and fro over 9 cm in 1.2 s: at most 1.2 m/s^2, 0.9 rms, which changes its sign every 0.6 s.
     """
 
     kind: ClassVar[str] = "kalman"
@@ -57,10 +65,16 @@ class Kalman:
     lasting: float = number(0.2, "s")
     latency: float = number(1e-3, "s")
 
-    def __call__(self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any) -> np.ndarray:
+    def __call__(
+        self, read: np.ndarray, touched: np.ndarray, std: np.ndarray, step: float, rest: Any
+    ) -> np.ndarray:
         q = 2 * (1e3 * self.acceleration) ** 2 * self.lasting  # mm^2/s^3
         noise = (q * step**3 / 3, q * step**2 / 2, q * step)
-        found, shown, before = np.empty_like(read), np.broadcast_to(rest, read.shape[1:]), np.zeros(read.shape[1:], bool)
+        found, shown, before = (
+            np.empty_like(read),
+            np.broadcast_to(rest, read.shape[1:]),
+            np.zeros(read.shape[1:], bool),
+        )
         state = _Estimate.at(shown, 0.0)
         for k, (z, on, r) in enumerate(zip(read, touched, std**2, strict=True)):
             state = state.predicted(step, noise).updated(z, r)
@@ -99,7 +113,9 @@ class _Estimate(NamedTuple):
 
     def updated(self, z: Any, r: Any) -> "_Estimate":
         x, v, xx, xv, vv = self
-        total = xx + r + 1e-12  # mm^2: below what any sensor shows, so that a perfect one divides by something
+        total = (
+            xx + r + 1e-12
+        )  # mm^2: below what any sensor shows, so that a perfect one divides by something
         kx, kv, off = xx / total, xv / total, z - x
         return _Estimate(x + kx * off, v + kv * off, xx - kx * xx, xv - kx * xv, vv - kv * xv)
 

@@ -2,8 +2,9 @@
 
     x = L (F2 + F4)/F,   y = B (F3 + F4)/F,   F = F1 + F2 + F3 + F4
 
-with F1 at the origin, F2 at (L, 0), F3 at (0, B), F4 at (L, B): the centroid, which is exact on a rigid plate. Each sensor is
-read at `rate`: its share of the force, an offset and noise, then its range, its steps, and less what it showed unloaded.
+with F1 at the origin, F2 at (L, 0), F3 at (0, B), F4 at (L, B): the centroid, which is exact on a rigid
+plate. Each sensor is read at `rate`: its share of the force, an offset and noise, then its range, its
+steps, and less what it showed unloaded.
 """
 
 from dataclasses import dataclass, field, fields
@@ -20,8 +21,8 @@ FINGERTIP = 0.05  # N: below, a position is the noise of four sensors over next 
 
 
 class Sensed(NamedTuple):
-    """What the program is told, (n, ...), from `time` (n,) s on, when it is told: `x`, `y` mm, filtered and held while there is
-    no contact, and the total `force` N."""
+    """What the program is told, (n, ...), from `time` (n,) s on, when it is told: `x`, `y` mm, filtered and
+    held while there is no contact, and the total `force` N."""
 
     time: np.ndarray
     x: np.ndarray
@@ -31,10 +32,10 @@ class Sensed(NamedTuple):
 
 @dataclass(frozen=True)
 class CornerForces:
-    """The sensors. `noise` is that of each reading, before any filter; `offset` the standard deviation of a constant that each
-    has of its own. `null` seconds of readings of the unloaded plate are averaged beforehand and taken away, 0: none.
-    `quantisation` is a step, 0: none; `range` what a sensor shows at most, of either sign (14.7 N: Honeywell's FSS1500).
-    Below `contact` the position is held.
+    """The sensors. `noise` is that of each reading, before any filter; `offset` the standard deviation of a
+    constant that each has of its own. `null` seconds of readings of the unloaded plate are averaged
+    beforehand and taken away, 0: none. `quantisation` is a step, 0: none; `range` what a sensor shows at
+    most, of either sign (14.7 N: Honeywell's FSS1500). Below `contact` the position is held.
 
     Raises StimulatorError for numbers that are none, or below zero.
     """
@@ -72,7 +73,9 @@ class CornerForces:
         time = self.times(duration)
         where = [one.at(time) for one in (finger if several else [finger])]
         x, y, force = (np.stack(v, axis=1) for v in zip(*where, strict=True))
-        signals = np.stack([self._signals(len(time), seed) for seed in (seeds if several else [seeds])], axis=-1)
+        signals = np.stack(
+            [self._signals(len(time), seed) for seed in (seeds if several else [seeds])], axis=-1
+        )
         read = self._recorded(shares(x, y, size) * force[:, None] + signals)
         if self.null:
             read = read - self._unloaded(seeds if several else [seeds])
@@ -88,14 +91,18 @@ class CornerForces:
         return Sensed(time + self.filter.latency, *columns)
 
     def position_std(self, at: np.ndarray, force: np.ndarray, most: Any) -> np.ndarray:
-        """Standard deviation (mm) of a reading at `at`, of the plate's length or width `most` (mm), by noise and steps:
-        (s/F) sqrt(2 x^2 + 2 (L - x)^2) with s that of each sensor."""
+        """Standard deviation (mm) of a reading at `at`, of the plate's length or width `most` (mm), by
+        noise and steps: (s/F) sqrt(2 x^2 + 2 (L - x)^2) with s that of each sensor."""
         each = np.hypot(self.noise, self.quantisation / np.sqrt(12))
         return each / force * np.sqrt(2 * at**2 + 2 * (most - at) ** 2)
 
     def _signals(self, count: int, seed: int) -> np.ndarray:
         """(count, 4) offset and noise of each sensor."""
-        noise = self.noise * stream(seed, "forces").standard_normal((count, 4)) if self.noise else np.zeros((count, 4))
+        noise = (
+            self.noise * stream(seed, "forces").standard_normal((count, 4))
+            if self.noise
+            else np.zeros((count, 4))
+        )
         return noise + self._offset(seed)
 
     def _offset(self, seed: int) -> np.ndarray:

@@ -1,7 +1,7 @@
 """An observer who says which of two gratings is the stronger one.
 
-The inner response to a grating of intensity S, the contrast of its friction, is ln(S + floor) with Gaussian noise. The stronger
-of two is then chosen with
+The inner response to a grating of intensity S, the contrast of its friction, is ln(S + floor) with Gaussian
+noise. The stronger of two is then chosen with
 
     P = lapse/2 + (1 - lapse) Phi(z(3/4) ln((S1 + floor)/(S2 + floor))/ln(1 + k)),       z(3/4) = 0.6745
 
@@ -33,14 +33,17 @@ PUBLISHED = (
     Published("a drop of friction", 0.11, 0.11, "Gueorguiev et al., J. R. Soc. Interface 2017 (abstract)"),
     Published("force above 0.5 N", 0.07, 0.10, "Sci. Rep. 2022, s41598-022-12010-0 (excerpt)"),
     Published("force below 0.5 N", 0.15, 0.27, "Sci. Rep. 2022, s41598-022-12010-0 (excerpt)"),
-    Published("friction on a vibrating plate", 0.18, 0.18, "Samur et al., SPIE 7240, 2009 (value not verified)"),
+    Published(
+        "friction on a vibrating plate", 0.18, 0.18, "Samur et al., SPIE 7240, 2009 (value not verified)"
+    ),
 )
 
 
 @dataclass(frozen=True)
 class Observer:
-    """`weber`: k; `weber_light`: that below 0.5 N, None: the same. `lapse`: share of answers that are guessed. `floor`: contrast
-    that cannot be told from none (assumed: no source). `intensity`: which contrast is felt.
+    """`weber`: k; `weber_light`: that below 0.5 N, None: the same. `lapse`: share of answers that are
+    guessed. `floor`: contrast that cannot be told from none (assumed: no source). `intensity`: which
+    contrast is felt.
 
     Raises StimulatorError for numbers that are none.
     """
@@ -67,13 +70,19 @@ class Observer:
         return CONTRASTS[self.intensity](touch)
 
     def prefers(self, stronger: Any, weaker: Any, force: Any = np.inf) -> Any:
-        """P that the first of two intensities is said to be the stronger, at normal `force` (N); of their common shape."""
-        k = self.weber if self.weber_light is None else np.where(np.less(force, LIGHT), self.weber_light, self.weber)
+        """P that the first of two intensities is said to be the stronger, at normal `force` (N); of their
+        common shape."""
+        k = (
+            self.weber
+            if self.weber_light is None
+            else np.where(np.less(force, LIGHT), self.weber_light, self.weber)
+        )
         return preference(stronger, weaker, k, self.lapse, self.floor)
 
 
 def preference(stronger: Any, weaker: Any, weber: Any, lapse: Any = 0.0, floor: Any = 0.0) -> Any:
-    """The equation at the head of this module, of the common shape of its arguments; 1/2 for two intensities of nothing."""
+    """The equation at the head of this module, of the common shape of its arguments; 1/2 for two
+    intensities of nothing."""
     from scipy.special import ndtr, ndtri
 
     first, second = np.add(stronger, floor), np.add(weaker, floor)

@@ -1,4 +1,5 @@
-"""Strokes: where a finger is and how hard it presses, over time; ramps, tables and recorded ones are one type."""
+"""Strokes: where a finger is and how hard it presses, over time; ramps, tables and recorded ones are one
+type."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,8 @@ from sysid.scene.profile import Profile
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """The finger's centre `x`, `y` (mm, from the plate's corner) and its normal `force` (N), each a Profile over time.
+    """The finger's centre `x`, `y` (mm, from the plate's corner) and its normal `force` (N), each a Profile
+    over time.
 
     Raises StimulatorError for a force below zero.
     """
@@ -36,7 +38,8 @@ class Stroke:
     def to_and_fro(
         cls, middle: float, reach: float, period: float, y: float, force: float, duration: float
     ) -> "Stroke":
-        """x = middle - reach cos(2 pi t/period) (mm), at its turning point at the beginning; its knots are 1 ms apart."""
+        """x = middle - reach cos(2 pi t/period) (mm), at its turning point at the beginning; its knots are
+        1 ms apart."""
         time = np.linspace(0.0, duration, round(duration * 1e3) + 1)
         x = Profile(time, middle - reach * np.cos(2 * np.pi * time / period), held=False)
         return cls(x, Profile.constant(y), Profile.constant(force))
@@ -45,7 +48,9 @@ class Stroke:
     def from_csv(cls, path: str | Path) -> "Stroke":
         """A recorded stroke: columns time_s, x_mm, y_mm and force_N, or in other units of the same kind.
 
-        Between two rows the finger moves on a straight line. Raises StimulatorError that names file and column."""
+        Between two rows the finger moves on a straight line. Raises StimulatorError that names file and
+        column.
+        """
         import pandas as pd
 
         from sysid.logs import units
@@ -58,14 +63,20 @@ class Stroke:
         for name, unit in (("time", "s"), ("x", "mm"), ("y", "mm"), ("force", "N")):
             key = next((k for k in frame.columns if k.partition("_")[0] == name), None)
             if key is None:
-                raise StimulatorError(f"{path}: found no column {name}_{unit}, expected it among {', '.join(frame.columns)}")
+                raise StimulatorError(
+                    f"{path}: found no column {name}_{unit}, expected it among {', '.join(frame.columns)}"
+                )
             given = str(key).partition("_")[2]
             if not units.same_kind(given, unit):
-                raise StimulatorError(f"{path}: {key}: found the unit {given!r}, expected {unit} or another of its kind")
+                raise StimulatorError(
+                    f"{path}: {key}: found the unit {given!r}, expected {unit} or another of its kind"
+                )
             values = pd.to_numeric(frame[key], errors="coerce").to_numpy(float)
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values)))
-                raise StimulatorError(f"{path}: {key}: found {frame[key][row]} in row {row + 1}, expected a number")
+                raise StimulatorError(
+                    f"{path}: {key}: found {frame[key][row]} in row {row + 1}, expected a number"
+                )
             columns[name] = units.convert(values, given, unit)
         time = columns.pop("time")
         try:
@@ -85,7 +96,9 @@ class Stroke:
     def speed(self) -> float:
         """The largest speed between two knots (mm/s); a jump has none."""
         most = [
-            np.abs(np.diff(p.values) / np.diff(p.times)).max() for p in (self.x, self.y) if len(p.times) > 1 and not p.held
+            np.abs(np.diff(p.values) / np.diff(p.times)).max()
+            for p in (self.x, self.y)
+            if len(p.times) > 1 and not p.held
         ]
         return float(np.hypot.reduce(most)) if most else 0.0
 

@@ -1,6 +1,8 @@
-"""Textures: the amplitude that is asked for at each position along x, from zero to `amplitude`, a peak amplitude in um.
+"""Textures: the amplitude that is asked for at each position along x, from zero to `amplitude`, a peak
+amplitude in um.
 
-A scene file says whether its number is a peak amplitude (`amplitude_um_peak`) or peak to peak (`amplitude_um_pp`, twice that).
+A scene file says whether its number is a peak amplitude (`amplitude_um_peak`) or peak to peak
+(`amplitude_um_pp`, twice that).
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +17,8 @@ from stimulator.errors import positive, refuse
 
 @dataclass(frozen=True)
 class Square:
-    """`amplitude` over the share `duty` of each `period` (mm) from x = 0 on, else nothing: the paper's grating."""
+    """`amplitude` over the share `duty` of each `period` (mm) from x = 0 on, else nothing: the paper's
+    grating."""
 
     kind: ClassVar[str] = "square"
     period: float = 5.0
@@ -56,8 +59,9 @@ class Sine:
 
 @dataclass(frozen=True)
 class Noise:
-    """Rough: a sum of waves whose wavelengths lie from `period` (mm) to eight times that, one for each of `WAVES` random
-    numbers, mapped so that every amplitude from 0 to `amplitude` is as frequent as any other."""
+    """Rough: a sum of waves whose wavelengths lie from `period` (mm) to eight times that, one for each of
+    `WAVES` random numbers, mapped so that every amplitude from 0 to `amplitude` is as frequent as any
+    other."""
 
     kind: ClassVar[str] = "noise"
     period: float = 2.0
@@ -86,7 +90,8 @@ WAVES = 64  # their sum is Gaussian to a kurtosis of 1.5/64 below its own
 
 @dataclass(frozen=True, eq=False)
 class ImageRow:
-    """The grey values (n,) of a row of an image, 0 to 1, each `pixel` (mm) wide from `start` (mm) on; nothing beyond them."""
+    """The grey values (n,) of a row of an image, 0 to 1, each `pixel` (mm) wide from `start` (mm) on;
+    nothing beyond them."""
 
     kind: ClassVar[str] = "image"
     grey: np.ndarray = field(repr=False)

@@ -1,4 +1,5 @@
-"""Touch files: TOML in, `TouchScene` out, with errors that name the file and the key. A table that is absent imports nothing.
+"""Touch files: TOML in, `TouchScene` out, with errors that name the file and the key. A table that is
+absent imports nothing.
 
     plate_scene = "plate.toml"                        [texture]
     seed = 1                                          kind = "square"
@@ -13,7 +14,8 @@
     [forces.filter]                                   weber = 0.18
     kind = "kalman"
 
-As in scene files a key may end in a unit of its kind; the unit of a texture's amplitude ends in `_peak` or `_pp`.
+As in scene files a key may end in a unit of its kind; the unit of a texture's amplitude ends in `_peak` or
+`_pp`.
 """
 
 import dataclasses
@@ -59,16 +61,24 @@ class _Parts:
         plate = Scene.from_toml(self.path.parent / given)
         self.reader.units = {"response": plate.response_unit, "drive": plate.drive_unit}
         try:
-            parts = {name: getattr(self, name)(self.document[name]) for name in PARTS if name in self.document}
-            return TouchScene(
-                plate, **parts, size=self.size(), seed=self.seed, name=str(self.document.get("name", self.path.stem))
-            )
+            parts = {
+                name: getattr(self, name)(self.document[name]) for name in PARTS if name in self.document
+            }
+            name = str(self.document.get("name", self.path.stem))
+            scene = TouchScene(plate, **parts, size=self.size(), seed=self.seed, name=name)
+            if scene.loop is not None:
+                scene.designed  # noqa: B018  one that cannot be had is refused with its file
+            return scene
         except StimulatorError as error:
             raise SceneError(f"{self.path}: {error}") from None
 
     def size(self) -> tuple[float, float]:
         size = self.document.get("plate_mm", list(PLATE))
-        if not (isinstance(size, list) and len(size) == 2 and all(isinstance(v, int | float) and 0 < v < 1e6 for v in size)):
+        if not (
+            isinstance(size, list)
+            and len(size) == 2
+            and all(isinstance(v, int | float) and 0 < v < 1e6 for v in size)
+        ):
             self.reader.refuse("plate_mm", size, "[length, width], both above zero")
         return float(size[0]), float(size[1])
 
@@ -81,7 +91,9 @@ class _Parts:
         for name, unit in STROKE.items():
             key = self.reader.key(table, name)
             if key is None:
-                self.reader.refuse(f"stroke.{name}_{unit}", None, "a number, {ramp = [[time, value], ...]}, or stroke.csv")
+                self.reader.refuse(
+                    f"stroke.{name}_{unit}", None, "a number, {ramp = [[time, value], ...]}, or stroke.csv"
+                )
             given = key[len(name) + 1 :] or unit
             found[name] = self.reader.profile(f"stroke.{key}", table[key], given, unit)
         return Stroke(**found)
@@ -111,7 +123,9 @@ class _Parts:
         lengths = {"period": "mm", "pixel": "mm", "start": "mm", "duty": "1"}
         names = [f.name for f in dataclasses.fields(cls) if f.name in lengths]
         image = ("image", "row") if cls is ImageRow else ()
-        self.reader.known("texture", {k: v for k, v in rest.items() if k not in image}, tuple(names), units_too=True)
+        self.reader.known(
+            "texture", {k: v for k, v in rest.items() if k not in image}, tuple(names), units_too=True
+        )
         for name in names:
             if self.reader.key(rest, name):
                 given[name] = self.reader.number("texture", rest, name, lengths[name])
@@ -148,7 +162,9 @@ class _Parts:
     def friction(self, table: dict[str, Any]) -> Any:
         from stimulator.friction import Exponential, PartialLevitation
 
-        cls, rest = self.kind("friction", table, {"exponential": Exponential, "partial_levitation": PartialLevitation}, "law")
+        cls, rest = self.kind(
+            "friction", table, {"exponential": Exponential, "partial_levitation": PartialLevitation}, "law"
+        )
         names = tuple(f.name for f in dataclasses.fields(cls))
         self.reader.known("friction", rest, names)
         return cls(**{name: self.reader.number("friction", rest, name, "1") for name in rest})
@@ -157,7 +173,9 @@ class _Parts:
         plain = {k: v for k, v in table.items() if k != "method"}
         self.reader.known("loop", plain, tuple(DESIGN), units_too=True)
         found = {
-            name: self.reader.number("loop", plain, name, unit) for name, unit in DESIGN.items() if self.reader.key(plain, name)
+            name: self.reader.number("loop", plain, name, unit)
+            for name, unit in DESIGN.items()
+            if self.reader.key(plain, name)
         }
         if "bandwidth" in found:
             found["bandwidth_hz"] = found.pop("bandwidth")
@@ -168,7 +186,9 @@ class _Parts:
 
         return Observer(**self.reader.values("observer", Observer, table))
 
-    def kind(self, key: str, table: Any, kinds: dict[str, Any], word: str = "kind") -> tuple[Any, dict[str, Any]]:
+    def kind(
+        self, key: str, table: Any, kinds: dict[str, Any], word: str = "kind"
+    ) -> tuple[Any, dict[str, Any]]:
         """The class that a table's `kind` names, and the rest of the table."""
         if not isinstance(table, dict):
             self.reader.refuse(key, table, f"a table, such as [{key}]")

@@ -1,6 +1,8 @@
-"""A finger strokes a texture on the plate: where it is, what is sensed and asked for, the plate's motion, friction, judgement.
+"""A finger strokes a texture on the plate: where it is, what is sensed and asked for, the plate's motion,
+friction, judgement.
 
-Finger and sensors do not depend on the plate, so they come before its run, and friction and the observer after it:
+Finger and sensors do not depend on the plate, so they come before its run, and friction and the observer
+after it:
 
     stroke -> forces -> texture -> reference -> plate, open or closed -> friction -> contrast -> observer
 
@@ -17,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from stimulator.errors import refuse
+from stimulator.errors import StimulatorError, refuse
 from sysid.logs.log import Log
-from sysid.scene.effects import Delay, FingerDamping, LockIn, SecondMode
+from sysid.scene.effects import Delay, FingerDamping, LockIn
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene
 
@@ -31,10 +33,11 @@ BATCH = 256  # touches that are held at a time
 class TouchScene:
     """What happens, part by part; None: it does not.
 
-    `plate`: a scene of `sysid`, whose drive and force are replaced by what texture and stroke make of them. `finger`: its place
-    on the mode shape (`Finger`, `OnMode`); without one it is the same everywhere. `forces`: without them the program knows the
-    true position. `loop`: what `controller.design` is told, or a Loop; without it the drive is V = reference/G. `size` of the
-    plate in mm. `seed` of whatever is random; each part has a stream of its own.
+    `plate`: a scene of `sysid`, whose drive and force are replaced by what texture and stroke make of them.
+    `finger`: its place on the mode shape (`Finger`, `OnMode`); without one it is the same everywhere.
+    `forces`: without them the program knows the true position. `loop`: what `controller.design` is told, or
+    a Loop; without it the drive is V = reference/G. `size` of the plate in mm. `seed` of whatever is
+    random; each part has a stream of its own.
 
     Raises StimulatorError for parts that need another.
     """
@@ -75,7 +78,8 @@ class TouchScene:
         return load(Path(path))
 
     def run(self, loop: Any = None) -> "Touch":
-        """What happens, with `loop` (a Loop of `controller.design`) or the scene's own; in open loop where there is neither."""
+        """What happens, with `loop` (a Loop of `controller.design`) or the scene's own; in open loop where
+        there is neither."""
         return next(run_all([self], loop))
 
     @property
@@ -85,8 +89,9 @@ class TouchScene:
 
     @cached_property
     def designed(self) -> Any:
-        """The scene's Loop, or None. A table of `controller.design` is designed for the plate, the largest amplitude of the
-        texture and the most that the finger takes."""
+        """The scene's Loop, or None. A table of `controller.design` is designed for the plate, the largest
+        amplitude of the texture and the most that the finger takes. Raises StimulatorError for one that
+        cannot be had."""
         if not isinstance(self.loop, dict):
             return self.loop
         import controller
@@ -94,7 +99,10 @@ class TouchScene:
         most = {} if self.texture is None else {"amplitude": self.texture.amplitude}
         if (damping := self.plate.find(FingerDamping)) and self.stroke is not None:
             most["finger"] = float(damping.rho * (2.0 if self.finger else 1.0))
-        return controller.design(self.plate.plant, **(most | self.loop))
+        try:
+            return controller.design(self.plate.plant, **(most | self.loop))
+        except ValueError as error:
+            raise StimulatorError(f"loop: {error}") from None
 
     def with_plant(self, plant: Any) -> "TouchScene":
         """The same touch of another plant: a fit's, or a draw of its posterior."""
@@ -129,10 +137,10 @@ class TouchScene:
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """What happened, at `time` (n,) s. `Wd`, `Wq`, `W`: the plate's motion (peak, the scene's unit); `measured`: what its sensor
-    told; `V`, `f`: the command; `reference`: what was asked for. None where the scene lacks the part: `x`, `y` (mm) and `force`
-    (N) of the finger; `sensed`, a `forces.Sensed`; `friction`, mu. `compared`: the same touch in open loop, where there is an
-    observer."""
+    """What happened, at `time` (n,) s. `Wd`, `Wq`, `W`: the plate's motion (peak, the scene's unit);
+    `measured`: what its sensor told; `V`, `f`: the command; `reference`: what was asked for. None where
+    the scene lacks the part: `x`, `y` (mm) and `force` (N) of the finger; `sensed`, a `forces.Sensed`;
+    `friction`, mu. `compared`: the same touch in open loop, where there is an observer."""
 
     scene: TouchScene
     time: np.ndarray
@@ -168,8 +176,8 @@ class Touch:
 
     @cached_property
     def friction(self) -> np.ndarray | None:
-        """mu. The film lives on the mean square of the motion under the finger: on W where no shape is stated, else on W times
-        the root of `contact`, which is W on the average over the plate."""
+        """mu. The film lives on the mean square of the motion under the finger: on W where no shape is
+        stated, else on W times the root of `contact`, which is W on the average over the plate."""
         law = self.scene.friction
         if law is None:
             return None
@@ -178,7 +186,8 @@ class Touch:
 
     @cached_property
     def judgement(self) -> float | None:
-        """P that this touch is said to be the stronger of itself and the open loop's; None without an observer."""
+        """P that this touch is said to be the stronger of itself and the open loop's; None without an
+        observer."""
         observer = self.scene.observer
         if observer is None or self.compared is None:
             return None
@@ -187,7 +196,8 @@ class Touch:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What reaches beyond what is known, or beyond what the bench can do, as sentences that begin with a key."""
+        """What reaches beyond what is known, or beyond what the bench can do, as sentences that begin with
+        a key."""
         from stimulator.limits import warnings_of
 
         return tuple(warnings_of(self))
@@ -195,15 +205,19 @@ class Touch:
     def log(self) -> Log:
         """As a bench would have recorded it: a Log that `identify` reads.
 
-        In closed loop a command acts `latency` after the reading that it answers: rows are at the times at which commands begin
-        to act, and their readings are late by that."""
+        In closed loop a command acts `latency` after the reading that it answers: rows are at the times at
+        which commands begin to act, and their readings are late by that.
+        """
         scene = self.scene.plate
         late = 0.0 if self.loop is None else float(self.loop.latency)
         delay = late + (effect.time if (effect := scene.find(Delay)) else 0.0)
         bench = {"delay_s": float(delay)} if delay else {}
         if filtered := scene.find(LockIn):
             bench |= {"lockin_tau_s": float(filtered.tau), "lockin_order": float(filtered.order)}
-        known = {"temperature": scene.inputs.get("temperature"), "force": getattr(self.scene.stroke, "force", None)}
+        known = {
+            "temperature": scene.inputs.get("temperature"),
+            "force": getattr(self.scene.stroke, "force", None),
+        }
         time = self.time + late
         felt = {name: None if p is None else p.at(time) for name, p in known.items()}
         return Log(
@@ -221,16 +235,25 @@ class Touch:
             **felt,
         )
 
-
     def columns(self) -> dict[str, np.ndarray]:
-        """What no log holds, by names that end in a unit: the finger, what was sensed of it, what was asked for, W, mu."""
+        """What no log holds, by names that end in a unit: the finger, what was sensed of it, what was asked
+        for, W, mu."""
         unit = self.scene.plate.response_unit
-        found = {"x_mm": self.x, f"reference_{unit}": self.reference, f"motion_{unit}": self.W, "friction": self.friction}
+        found = {
+            "x_mm": self.x,
+            f"reference_{unit}": self.reference,
+            f"motion_{unit}": self.W,
+            "friction": self.friction,
+        }
         if self.x is not None:
             found["y_mm"] = self.finger[1]
         if (sensed := self.sensed) is not None:
             row = np.maximum(np.searchsorted(sensed.time, self.time * (1 + 1e-12), side="right") - 1, 0)
-            found |= {"sensed_x_mm": sensed.x[row], "sensed_y_mm": sensed.y[row], "sensed_force_N": sensed.force[row]}
+            found |= {
+                "sensed_x_mm": sensed.x[row],
+                "sensed_y_mm": sensed.y[row],
+                "sensed_force_N": sensed.force[row],
+            }
         return {name: v for name, v in found.items() if v is not None}
 
 
@@ -250,11 +273,14 @@ def run_all(scenes: Sequence[TouchScene], loop: Any = None) -> Iterator[Touch]:
 
 
 def _sensed(scenes: Sequence[TouchScene]) -> list[Any]:
-    """What is sensed of each scene's finger; scenes with the same sensors at once, in the order of the scenes."""
+    """What is sensed of each scene's finger; scenes with the same sensors at once, in the order of the
+    scenes."""
     found: list[Any] = [None] * len(scenes)
     indices = [k for k, scene in enumerate(scenes) if scene.forces is not None]
     alike = sorted(indices, key=lambda k: (id(scenes[k].forces), scenes[k].size, scenes[k].plate.duration))
-    for (_, size, duration), group in groupby(alike, lambda k: (id(scenes[k].forces), scenes[k].size, scenes[k].plate.duration)):
+    for (_, size, duration), group in groupby(
+        alike, lambda k: (id(scenes[k].forces), scenes[k].size, scenes[k].plate.duration)
+    ):
         members = list(group)
         strokes, seeds = [scenes[k].stroke for k in members], [scenes[k].seed for k in members]
         read = scenes[members[0]].forces.read(strokes, size, duration, seeds)
@@ -276,19 +302,26 @@ def _played(scenes: Sequence[TouchScene], sensed: Sequence[Any], loops: Sequence
         run = controller.closed_loops(*given, None, [scenes[k].seed for k in members])
         traces |= dict(zip(members, run, strict=True))
     return [
-        _closed(scenes[k], traces[k], loops[k], sensed[k]) if k in traces else _open(scenes[k], benches[k], G[k], sensed[k])
+        _closed(scenes[k], traces[k], loops[k], sensed[k])
+        if k in traces
+        else _open(scenes[k], benches[k], G[k], sensed[k])
         for k in range(len(scenes))
     ]
 
 
 def _kinds(benches: Sequence[Scene], loops: Sequence[Any]) -> list[list[int]]:
-    """Which of the loops that there are can be played side by side: of one law, in scenes of the same effects and inputs."""
+    """Which of the loops that there are can be played side by side: of one law, in scenes of the same
+    effects and inputs."""
     import jax
 
     kinds: dict[Any, list[int]] = {}
     for k, (bench, loop) in enumerate(zip(benches, loops, strict=True)):
         if loop is not None:
-            kind = (jax.tree.structure((loop.control, bench.plant, bench.effects)), bench.fidelity, frozenset(bench.inputs))
+            kind = (
+                jax.tree.structure((loop.control, bench.plant, bench.effects)),
+                bench.fidelity,
+                frozenset(bench.inputs),
+            )
             kinds.setdefault(kind, []).append(k)
     return list(kinds.values())
 
@@ -299,11 +332,12 @@ def _closed(scene: TouchScene, trace: Any, loop: Any, sensed: Any) -> Touch:
 
 
 def _open(scene: TouchScene, bench: Scene, G: float, sensed: Any) -> Touch:
-    """In open loop the sensor's noise and phase do not act on the plate: its motion is that of the scene without them."""
+    """In open loop the sensor's noise and phase do not act on the plate: its motion is that of the scene
+    without them."""
     log = bench.simulate(scene.seed)
-    plain = tuple(e for e in bench.effects if e.kind in ("drive", "plate"))
-    quiet = tuple(dataclasses.replace(e, seen=1.0) if isinstance(e, SecondMode) else e for e in plain)
+    plain: tuple[Any, ...] = tuple(e for e in bench.effects if e.kind in ("drive", "plate"))
+    quiet = tuple(dataclasses.replace(e, seen=1.0) if e.name == "second_mode" else e for e in plain)
     motion = log if quiet == bench.effects else dataclasses.replace(bench, effects=quiet).simulate()
     W = np.asarray(motion.response)
-    asked = G * bench.inputs["drive"].at(log.time)
-    return Touch(scene, log.time, W.real, W.imag, np.asarray(log.response), np.asarray(log.drive), log.frequency, asked, None, sensed)
+    measured, drive = np.asarray(log.response), np.asarray(log.drive)
+    return Touch(scene, log.time, W.real, W.imag, measured, drive, log.frequency, G * drive, None, sensed)

@@ -1,4 +1,4 @@
-"""A finger's place on the mode shape, and further modes beside the plate's own: in scenes, open and closed."""
+"""A finger's place on the mode shape, and further modes beside the plate's own: scenes, open and closed."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -26,7 +26,9 @@ def scene(*effects, rows=401, frequency=32290.0, **inputs):
 
 def test_a_constant_contact_is_as_much_more_damping():
     touched = scene(FingerDamping(rho=1.0), force=1.5, contact=0.7).simulate().response
-    np.testing.assert_allclose(touched, scene(FingerDamping(rho=0.7), force=1.5).simulate().response, rtol=1e-13)
+    np.testing.assert_allclose(
+        touched, scene(FingerDamping(rho=0.7), force=1.5).simulate().response, rtol=1e-13
+    )
 
 
 def test_a_finger_that_crosses_nodal_lines_is_the_slow_equation_s_solution():
@@ -49,10 +51,10 @@ def test_a_finger_that_crosses_nodal_lines_is_the_slow_equation_s_solution():
 def test_the_closed_loop_feels_the_contact():
     """What is left of W where the finger's damping swings by a fifth at 125 Hz: that of the linear loop.
 
-    s W = -2/tau W + b V - swing/tau,    V = Kp (z - a)/(z - 1) (1 - W e^(-s theta)),    z = e^(s Ts), a = e^(-Ts/tau)
+    s W = -2/tau W + b V - swing/tau,    V = Kp (z - a)/(z - 1) (1 - W e^(-s theta)),    z = e^(s Ts)
 
-    with Kp = (1 - e^(-Ts/tau_cl))/(G (1 - a)): a PI that cancels the free plate's pole, a plate that the finger damps twice as
-    much, a sample of delay and half a sample of hold.
+    with a = e^(-Ts/tau) and Kp = (1 - e^(-Ts/tau_cl))/(G (1 - a)): a PI that cancels the free plate's pole, a
+    plate that the finger damps twice as much, a sample of delay and half a sample of hold.
     """
     time = np.arange(2001) / RATE
     contact = Profile(time, 1 + 0.2 * np.cos(2 * np.pi * 125 * time), held=False)
@@ -92,18 +94,27 @@ def test_a_scene_without_a_contact_has_no_equation_of_it():
     np.testing.assert_allclose(one, contact, rtol=1e-14)
 
 
-BESIDE = (SecondMode(G=0.004, f0=32421.0, seen=0.7), SecondMode(G=-0.01, f0=32180.0, tau=2e-3, parity="even", seen=1.3))
+BESIDE = (
+    SecondMode(G=0.004, f0=32421.0, seen=0.7),
+    SecondMode(G=-0.01, f0=32180.0, tau=2e-3, parity="even", seen=1.3),
+)
 
 
 @pytest.mark.parametrize("drive", ["held", "swept"])
 def test_several_modes_add(drive):
-    """The plate is linear: what several modes do is the sum of what each does beside a plate that does nothing."""
-    frequency = 32290.0 if drive == "held" else Profile(np.array([0.0, 0.04]), np.array([32100.0, 32500.0]), held=False)
+    """The plate is linear: what several modes do is the sum of what each does by itself."""
+    frequency = (
+        32290.0
+        if drive == "held"
+        else Profile(np.array([0.0, 0.04]), np.array([32100.0, 32500.0]), held=False)
+    )
     both = scene(*BESIDE, frequency=frequency).simulate().response
     alone = [scene(e, frequency=frequency).simulate().response for e in BESIDE]
     bare = scene(frequency=frequency).simulate().response
     np.testing.assert_allclose(both, alone[0] + alone[1] - bare, atol=1e-12)
-    quiet = dataclasses.replace(scene(frequency=frequency), plant=Plant(BESIDE[1].G, BESIDE[1].tau, BESIDE[1].f0, 0.0))
+    quiet = dataclasses.replace(
+        scene(frequency=frequency), plant=Plant(BESIDE[1].G, BESIDE[1].tau, BESIDE[1].f0, 0.0)
+    )
     # `seen` of the mode's own motion; its own scene counts detunings from elsewhere
     np.testing.assert_allclose(alone[1] - bare, 1.3 * quiet.simulate().response, atol=2e-9)
 
@@ -112,7 +123,9 @@ def test_two_ceramics_cancel_odd_modes_and_see_even_ones():
     pair = TwoCeramics(mismatch=0.1, resistance=1e12)
     bare, whole = scene().simulate().response, [scene(e).simulate().response for e in BESIDE]
     seen = [scene(e, pair).simulate().response for e in BESIDE]
-    np.testing.assert_allclose(seen[0] - bare, 0.05 * (whole[0] - bare), atol=1e-8)  # a resistance of 1e12 ohm turns by 1e-9
+    np.testing.assert_allclose(
+        seen[0] - bare, 0.05 * (whole[0] - bare), atol=1e-8
+    )  # a resistance of 1e12 ohm turns by 1e-9
     np.testing.assert_allclose(seen[1] - bare, whole[1] - bare, atol=1e-8)
 
 
@@ -150,7 +163,7 @@ def test_a_scene_file_names_several_modes_and_a_contact(save):
     found = Scene.from_toml(save(TOML, "scene.toml"))
     modes = [e for e in found.effects if isinstance(e, SecondMode)]
     assert [(m.f0, m.parity, m.seen) for m in modes] == [(32420.0, "even", 1.0), (32180.0, "odd", 2.0)]
-    assert modes[1].G == pytest.approx(-0.003) and found.inputs["contact"].at(np.array([5e-4]))[0] == 1.0
+    assert pytest.approx(-0.003) == modes[1].G and found.inputs["contact"].at(np.array([5e-4]))[0] == 1.0
     found.simulate()
 
 
@@ -171,8 +184,11 @@ def test_what_a_scene_file_may_not_say(save, old, new, key):
 def test_neighbours_are_those_of_the_mode():
     from stimulator import neighbours
 
-    beside = [SimpleNamespace(f0=f, drive=d, sense=s) for f, d, s in ((31010.0, -0.16, 1.2), (31259.0, -0.13, 0.1), (29e3, 1, 1))]
+    beside = [
+        SimpleNamespace(f0=f, drive=d, sense=s)
+        for f, d, s in ((31010.0, -0.16, 1.2), (31259.0, -0.13, 0.1), (29e3, 1, 1))
+    ]
     mode = SimpleNamespace(f0=31131.0, neighbours=beside)
     first, second = neighbours(mode, PLATE)
     assert (first.f0, second.f0) == (32300.0 - 121, 32300.0 + 128)
-    assert first.G == pytest.approx(-0.16 * PLATE.G) and first.tau == PLATE.tau and second.seen == 0.1
+    assert pytest.approx(-0.16 * PLATE.G) == first.G and first.tau == PLATE.tau and second.seen == 0.1

@@ -69,7 +69,9 @@ def test_steps_and_range_of_a_sensor():
 def test_the_position_is_held_while_nothing_touches():
     time = np.array([0.0, 0.2, 0.2001, 0.3, 0.3001, 1.0])
     force = Profile(time, np.array([0.5, 0.5, 0.0, 0.0, 0.5, 0.5]), held=False)
-    stroke = Stroke(Profile(np.array([0.0, 1.0]), np.array([20.0, 120.0]), held=False), Profile.constant(40.0), force)
+    stroke = Stroke(
+        Profile(np.array([0.0, 1.0]), np.array([20.0, 120.0]), held=False), Profile.constant(40.0), force
+    )
     for kind in (Unfiltered(0.0), OnePole(1e-6, 0.0), Kalman(latency=0.0)):
         found = read(dataclasses.replace(QUIET, filter=kind), stroke)
         away = (found.time > 0.2005) & (found.time < 0.2995)
@@ -81,23 +83,31 @@ def test_the_position_is_held_while_nothing_touches():
 def test_one_pole_is_that_of_a_signal_processing_library():
     sensors = dataclasses.replace(QUIET, noise=1.5e-3)
     stroke = Stroke.line(20.0, 80.0, 1.0, 40.0, 0.5)
-    raw, found = (read(dataclasses.replace(sensors, filter=f), stroke).x for f in (Unfiltered(), OnePole(5e-3)))
+    raw, found = (
+        read(dataclasses.replace(sensors, filter=f), stroke).x for f in (Unfiltered(), OnePole(5e-3))
+    )
     share = -np.expm1(-1e-3 / 5e-3)
     truth = lfilter([share], [1, share - 1], raw, zi=[(1 - share) * raw[0]])[0]
     np.testing.assert_allclose(found, truth, rtol=1e-12)
     late = raw[500:] - found[500:]
-    assert late.mean() == pytest.approx(80.0 * 1e-3 * (1 - share) / share, abs=0.3)  # lags by v times its delay
+    assert late.mean() == pytest.approx(
+        80.0 * 1e-3 * (1 - share) / share, abs=0.3
+    )  # lags by v times its delay
 
 
 def kalman_by_batch(z, r, step, q):
-    """The estimate of the last position and velocity from all readings at once: generalised least squares of the same model."""
+    """The last position and velocity from all readings at once: generalised least squares, the same model."""
     n = len(z)
     F, Q = np.array([[1, step], [0, 1]]), q * np.array([[step**3 / 3, step**2 / 2], [step**2 / 2, step]])
     steps = [np.linalg.matrix_power(F, k) for k in range(n)]
     first = np.diag([r[0], 1e6])  # what is known after the first reading
-    ahead = [steps[k] @ first @ steps[k].T + sum(steps[j] @ Q @ steps[j].T for j in range(k)) for k in range(n)]
+    ahead = [
+        steps[k] @ first @ steps[k].T + sum(steps[j] @ Q @ steps[j].T for j in range(k)) for k in range(n)
+    ]
     cov = np.array([[(ahead[min(i, j)] @ steps[abs(i - j)].T)[0, 0] for j in range(n)] for i in range(n)])
-    cross = np.array([(steps[n - 1 - i] @ ahead[i])[:, 0] for i in range(n)]).T  # of the last state with each position
+    cross = np.array(
+        [(steps[n - 1 - i] @ ahead[i])[:, 0] for i in range(n)]
+    ).T  # of the last state with each position
     seen = slice(1, None)
     gain = cross[:, seen] @ np.linalg.inv(cov[seen, seen] + np.diag(r[seen]))
     return np.array([z[0], 0.0]) + gain @ (z[seen] - z[0])
@@ -154,7 +164,7 @@ def test_sensors_that_cannot_be(change, key):
         dataclasses.replace(CornerForces(), **change)
 
 
-# --- textures --------------------------------------------------------------------------------------------------------------
+# --- textures -----------------------------------------------------------------------------------------------
 
 
 def test_a_square_grating_is_on_over_its_share():
@@ -175,13 +185,17 @@ def test_noise_is_uniform_and_has_no_shorter_waves():
     x = np.arange(200_000) * 0.05
     asked = np.concatenate([Noise(period=2.0, amplitude=1.0, seed=s).at(x[:20_000]) for s in range(20)])
     # 20 stretches of 1000 mm hold some 5000 independent values
-    assert np.max(np.abs(np.quantile(asked, np.linspace(0.05, 0.95, 19)) - np.linspace(0.05, 0.95, 19))) < 0.03
+    assert (
+        np.max(np.abs(np.quantile(asked, np.linspace(0.05, 0.95, 19)) - np.linspace(0.05, 0.95, 19))) < 0.03
+    )
     from scipy.special import ndtri
 
     waves = ndtri(np.clip(Noise(period=2.0).at(x), 1e-12, 1 - 1e-12))
     power = np.abs(np.fft.rfft(waves * np.hanning(len(x)))) ** 2
     cycles = np.fft.rfftfreq(len(x), 0.05)
-    assert power[cycles > 0.501].sum() < 1e-6 * power.sum() and power[cycles < 0.0623].sum() < 1e-6 * power.sum()
+    assert (
+        power[cycles > 0.501].sum() < 1e-6 * power.sum() and power[cycles < 0.0623].sum() < 1e-6 * power.sum()
+    )
 
 
 def test_an_image_row_is_read_from_a_file(tmp_path):
@@ -191,20 +205,24 @@ def test_an_image_row_is_read_from_a_file(tmp_path):
     rows = np.vstack([grey[::-1], grey]).astype(np.uint8)
     imsave(tmp_path / "wood.png", np.stack([rows, rows, rows], axis=-1))
     texture = ImageRow.of_file(tmp_path / "wood.png", 1, pixel=0.5, start=10.0, amplitude=2.0)
-    np.testing.assert_allclose(texture.at(10.25 + 0.5 * np.arange(40)), 2.0 * grey / 255, atol=1e-6)  # single precision
+    np.testing.assert_allclose(
+        texture.at(10.25 + 0.5 * np.arange(40)), 2.0 * grey / 255, atol=1e-6
+    )  # single precision
     assert np.array_equal(texture.at(np.array([9.9, 30.1])), [0, 0])
-    with pytest.raises(StimulatorError, match="texture.row"):
+    with pytest.raises(StimulatorError, match=r"texture\.row"):
         ImageRow.of_file(tmp_path / "wood.png", 2)
     (tmp_path / "no.png").write_text("nothing")
-    with pytest.raises(StimulatorError, match="texture.image"):
+    with pytest.raises(StimulatorError, match=r"texture\.image"):
         ImageRow.of_file(tmp_path / "no.png", 0)
 
 
-# --- strokes ---------------------------------------------------------------------------------------------------------------
+# --- strokes ------------------------------------------------------------------------------------------------
 
 
 def test_a_recorded_stroke_is_read_in_its_units(save):
-    path = save("# finger: 3\ntime_ms,x_cm,y_mm,force_mN\n0,2,40,0\n500,6,40,700\n1000,10,41,300\n", "stroke.csv")
+    path = save(
+        "# finger: 3\ntime_ms,x_cm,y_mm,force_mN\n0,2,40,0\n500,6,40,700\n1000,10,41,300\n", "stroke.csv"
+    )
     stroke = Stroke.from_csv(path)
     x, y, force = stroke.at(np.array([0.25, 0.75]))
     np.testing.assert_allclose([x, y, force], [[40, 80], [40, 40.5], [0.35, 0.5]])

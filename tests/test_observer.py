@@ -1,4 +1,4 @@
-"""Contrasts, the observer and the two-interval test: exact statistics against published and independently computed ones."""
+"""Contrasts, the observer and the two-interval test: against published and independently computed numbers."""
 
 import itertools
 
@@ -9,14 +9,24 @@ from scipy.stats import beta, binom, binomtest
 
 from stimulator import Intensities, Observer, Prior, StimulatorError, predicted
 from stimulator.contrast import plateau, spectral
-from stimulator.experiment import clustered, counts, majority, proportion, quantile, trials_for, volunteers_for
+from stimulator.experiment import (
+    clustered,
+    counts,
+    majority,
+    proportion,
+    quantile,
+    trials_for,
+    volunteers_for,
+)
 from stimulator.observer import PUBLISHED, preference
 
 
 def test_46_of_50():
     """The paper's count; the intervals are those of any statistics package."""
     found = proportion(46, 50)
-    assert found.two_sided == pytest.approx(4.46e-10, rel=1e-3) and found.one_sided == pytest.approx(2.23e-10, rel=1e-3)
+    assert found.two_sided == pytest.approx(4.46e-10, rel=1e-3) and found.one_sided == pytest.approx(
+        2.23e-10, rel=1e-3
+    )
     assert found.clopper_pearson == pytest.approx((0.8077, 0.9778), abs=5e-5)
     assert found.wilson == pytest.approx((0.8116, 0.9685), abs=5e-5)
     assert found.jeffreys == pytest.approx((0.8209, 0.9724), abs=5e-5)
@@ -26,7 +36,9 @@ def test_46_of_50():
 @pytest.mark.parametrize("icc, n, low, high", [(0.2, 28, 0.75, 0.99), (0.5, 17, 0.68, 0.996)])
 def test_clusters_leave_fewer_trials(icc, n, low, high):
     found = clustered(46, 50, 5, icc)
-    assert found.effective == pytest.approx(n, abs=0.5) and found.interval == pytest.approx((low, high), abs=0.005)
+    assert found.effective == pytest.approx(n, abs=0.5) and found.interval == pytest.approx(
+        (low, high), abs=0.005
+    )
     assert found.two_sided < 1e-3
 
 
@@ -47,7 +59,9 @@ def test_counts_are_those_of_all_outcomes():
     np.testing.assert_allclose(counts(p), truth, atol=1e-15)
     np.testing.assert_allclose(counts(np.full(10, 0.9), 5), binom.pmf(np.arange(51), 50, 0.9), atol=1e-15)
     mixed = counts(np.stack([np.full(10, 0.9), np.full(10, 0.6)]), 5)
-    np.testing.assert_allclose(mixed, 0.5 * (counts(np.full(10, 0.9), 5) + counts(np.full(10, 0.6), 5)), atol=1e-15)
+    np.testing.assert_allclose(
+        mixed, 0.5 * (counts(np.full(10, 0.9), 5) + counts(np.full(10, 0.6), 5)), atol=1e-15
+    )
 
 
 def power_of(n, p, level):
@@ -88,10 +102,14 @@ def test_an_observer():
     light = Observer(weber=0.1, weber_light=0.2, lapse=0.0)
     assert light.prefers(0.3, 0.2, 0.4) == Observer(weber=0.2, lapse=0.0).prefers(0.3, 0.2)
     assert light.prefers(0.3, 0.2, 0.5) == Observer(weber=0.1, lapse=0.0).prefers(0.3, 0.2)
-    np.testing.assert_array_equal(light.prefers([0.3, 0.3], 0.2, [0.4, 0.6]), [light.prefers(0.3, 0.2, f) for f in (0.4, 0.6)])
+    np.testing.assert_array_equal(
+        light.prefers([0.3, 0.3], 0.2, [0.4, 0.6]), [light.prefers(0.3, 0.2, f) for f in (0.4, 0.6)]
+    )
 
 
-@pytest.mark.parametrize("given", [{"weber": 0.0}, {"weber_light": -1.0}, {"lapse": 1.0}, {"floor": -0.1}, {"intensity": "no"}])
+@pytest.mark.parametrize(
+    "given", [{"weber": 0.0}, {"weber_light": -1.0}, {"lapse": 1.0}, {"floor": -0.1}, {"intensity": "no"}]
+)
 def test_observers_that_cannot_be(given):
     with pytest.raises(StimulatorError, match=f"observer.{next(iter(given))}"):
         Observer(**given)
@@ -104,7 +122,9 @@ def grating(x, high=0.8, low=0.4):
 def test_contrasts_of_an_ideal_grating():
     for x in (np.linspace(3, 93, 90_001), 60 - 40 * np.cos(np.linspace(0, 2 * np.pi, 200_001))):
         assert plateau(x, grating(x), 5.0) == pytest.approx(0.5)
-        assert spectral(x, grating(x), 5.0) == pytest.approx(0.4 / 0.6, rel=0.03)  # of a period that is cut off in some 16
+        assert spectral(x, grating(x), 5.0) == pytest.approx(
+            0.4 / 0.6, rel=0.03
+        )  # of a period that is cut off in some 16
 
 
 def test_a_grating_that_is_elsewhere_has_plateaus_and_no_spectrum():
@@ -119,7 +139,7 @@ def test_a_period_that_is_not_crossed_does_not_count():
     mu = np.where((x > 15) | (x < 5), 0.1, grating(x))  # whole crossings lie between 5 and 15 mm
     assert plateau(x, mu, 5.0) == pytest.approx(0.5)
     for x in (np.linspace(0, 4, 100), np.full(100, 3.0)):
-        with pytest.raises(StimulatorError, match="stroke.x"):
+        with pytest.raises(StimulatorError, match=r"stroke\.x"):
             plateau(x, grating(x), 5.0)
 
 
@@ -135,7 +155,7 @@ def test_predictions_mix_studies_exactly():
 
 
 def test_the_prior_covers_what_is_published():
-    # 0.07 above 0.5 N is a force that is told by itself, not by a texture; the rest are within two standard deviations
+    # 0.07 above 0.5 N is of a force by itself, not of a texture; the rest are within two standard deviations
     _, weber, lapse = Prior().draw(4000, 10, 0)
     low, high = np.quantile(weber, [0.025, 0.975])
     assert all(low < p.low and p.high < high for p in PUBLISHED if p.low > 0.1)

@@ -1,4 +1,4 @@
-"""A touch as a whole: published contrasts, what is absent, position noise, predictions of the paper's test, logs."""
+"""A touch as a whole: contrasts, what is absent, position noise, predictions of the paper's test, logs."""
 
 import dataclasses
 import subprocess
@@ -12,7 +12,17 @@ from scipy.stats import t as t_distribution
 
 import stimulator
 import sysid
-from stimulator import CornerForces, Finger, Intensities, Observer, Prior, Stroke, TouchScene, predicted, run_all
+from stimulator import (
+    CornerForces,
+    Finger,
+    Intensities,
+    Observer,
+    Prior,
+    Stroke,
+    TouchScene,
+    predicted,
+    run_all,
+)
 from stimulator.contrast import plateau
 from stimulator.experiment import quantile
 from stimulator.filters import Kalman, OnePole
@@ -48,8 +58,13 @@ def touches():
     """{(amplitude, finger law, force): (open, closed)}, all strokes side by side."""
     keys = [(a, finger, force) for a in (1.0, 2.0) for finger in FINGERS for force in FORCES]
     scenes = [grating(force, a, finger, forces=CornerForces(noise=0.0)) for a, finger, force in keys]
-    loops = {a: dataclasses.replace(scenes[0], texture=Square(amplitude=a), loop=PAPER).designed for a in (1.0, 2.0)}
-    closed = run_all([dataclasses.replace(s, loop=loops[key[0]]) for s, key in zip(scenes, keys, strict=True)])
+    loops = {
+        a: dataclasses.replace(scenes[0], texture=Square(amplitude=a), loop=PAPER).designed
+        for a in (1.0, 2.0)
+    }
+    closed = run_all(
+        [dataclasses.replace(s, loop=loops[key[0]]) for s, key in zip(scenes, keys, strict=True)]
+    )
     return {key: (scene.run(), touch) for key, scene, touch in zip(keys, scenes, closed, strict=True)}
 
 
@@ -67,7 +82,7 @@ def contrasts(amplitude, finger, force, law):
     ],
 )  # fmt: skip
 def test_contrasts_are_those_of_an_independent_simulation(amplitude, law, force, opened, closed):
-    """Of one written before this package, with an envelope of its own and the loop's equations in a Python loop."""
+    """Of one written before this package, with its own envelope and the loop's equations in a Python loop."""
     assert contrasts(amplitude, "L1", force, law) == pytest.approx([opened, closed], abs=0.005)
 
 
@@ -98,7 +113,7 @@ def test_open_loop_settles_at_what_the_finger_leaves():
         assert np.median(closed.W[late]) == pytest.approx(1.0, abs=0.005)
 
 
-# --- the paper's test of volunteers ----------------------------------------------------------------------------------------
+# --- the paper's test of volunteers -------------------------------------------------------------------------
 
 
 def cells():
@@ -120,11 +135,13 @@ def test_46_of_50_lies_within_what_was_foreseen():
     found = predicted(cells(), Prior())
     mixture = np.mean(list(found.values()), axis=0)
     assert quantile(mixture, 0.025) <= 46 <= quantile(mixture, 0.975)
-    assert 28 <= quantile(mixture, 0.025) and mixture[46] > 0.02  # and it does not allow everything: half of 50 is guessing
+    assert (
+        quantile(mixture, 0.025) >= 28 and mixture[46] > 0.02
+    )  # and it does not allow everything: half of 50 is guessing
     assert mixture[:26].sum() < 0.01
 
 
-# --- position noise --------------------------------------------------------------------------------------------------------
+# --- position noise -----------------------------------------------------------------------------------------
 
 SENSORS = {
     "none": CornerForces(noise=0.0),
@@ -137,15 +154,22 @@ SEEDS = 6
 
 @cache
 def noisy():
-    """{(sensors, force): closed-loop strokes to and fro at up to 236 mm/s, one for each seed}, all side by side."""
-    keys = [(kind, force, seed) for force in (0.2, 0.5, 1.0) for kind in SENSORS for seed in range(SEEDS if kind != "none" else 1)]
+    """{(sensors, force): closed-loop strokes to and fro, up to 236 mm/s, one for each seed}, side by side."""
+    keys = [
+        (kind, force, seed)
+        for force in (0.2, 0.5, 1.0)
+        for kind in SENSORS
+        for seed in range(SEEDS if kind != "none" else 1)
+    ]
     scenes = []
     for kind, force, seed in keys:
         stroke = Stroke.to_and_fro(99.0, 45.0, 1.2, 69.0, force, 1.2)
         parts = {"stroke": stroke, "forces": SENSORS[kind], "friction": LAWS["F2"], "seed": seed}
         scenes.append(dataclasses.replace(grating(force), plate=plate(rows=12001), **parts))
     found = {}
-    for (kind, force, _), touch in zip(keys, run_all(scenes, dataclasses.replace(grating(1.0), loop=PAPER).designed), strict=True):
+    for (kind, force, _), touch in zip(
+        keys, run_all(scenes, dataclasses.replace(grating(1.0), loop=PAPER).designed), strict=True
+    ):
         found.setdefault((kind, force), []).append(touch)
     return found
 
@@ -165,8 +189,8 @@ def wrong(kind, force):
     [(0.2, 0.783, 0.140, 0.646), (0.5, 0.553, 0.425, 0.521), (1.0, 0.437, 0.409, 0.430)],
 )
 def test_position_noise_destroys_a_grating_where_the_finger_is_light(force, none, raw, kalman):
-    """Of that independent simulation, one stroke each: 0.005 as without noise, and where it is random as far as one more draw
-    lies from the mean of `SEEDS`, once in a hundred."""
+    """Of that independent simulation, one stroke each: 0.005 as without noise, and where it is random as far
+    as one more draw lies from the mean of `SEEDS`, once in a hundred."""
     assert spectral(noisy()["none", force][0]) == pytest.approx(none, abs=0.005)
     for kind, published in (("raw", raw), ("kalman", kalman)):
         found = np.array([spectral(t) for t in noisy()[kind, force]])
@@ -176,7 +200,7 @@ def test_position_noise_destroys_a_grating_where_the_finger_is_light(force, none
 
 
 def test_a_filter_that_lags_has_the_wrong_edge():
-    """One pole of 5 ms and 1 ms of latency are 1.2 mm behind at 200 mm/s, of 2.5 mm; the prediction is not."""
+    """One pole of 5 ms and 1 ms of latency are 1.2 mm behind at 200 mm/s, of 2.5; the prediction is not."""
     assert wrong("one pole", 0.5) == pytest.approx(0.33, abs=0.04)
     assert wrong("kalman", 0.5) == pytest.approx(0.09, abs=0.02)
 
@@ -188,7 +212,7 @@ def test_a_plateau_hides_what_the_spectrum_shows():
     assert "lies below what the sensors resolve" in raw[0].warnings[0] and clean.warnings == ()
 
 
-# --- what is absent --------------------------------------------------------------------------------------------------------
+# --- what is absent -----------------------------------------------------------------------------------------
 
 PARTS = {
     "stroke": {"stroke": Stroke.line(20.0, 80.0, 0.1, 69.0, 0.5)},
@@ -231,7 +255,9 @@ def test_a_touch_without_parts_is_the_plate_s_own_scene():
     scene = short()
     log, touch = scene.plate.simulate(3), scene.run()
     assert np.array_equal(touch.measured, log.response) and np.array_equal(touch.V, log.drive)
-    assert (touch.x, touch.force, touch.sensed, touch.friction, touch.compared, touch.judgement) == (None,) * 6
+    assert (touch.x, touch.force, touch.sensed, touch.friction, touch.compared, touch.judgement) == (
+        None,
+    ) * 6
     other = short("stroke").run()
     assert np.array_equal(other.V, touch.V) and other.force[0] == 0.5
 
@@ -256,15 +282,19 @@ OWN = {
 @pytest.mark.parametrize("table", OWN)
 def test_what_a_file_does_not_name_is_not_imported(table, tmp_path):
     names, content = OWN[table]
-    (tmp_path / "plate.toml").write_text((FILES / "plate.toml").read_text().replace("duration_s = 1.2", "rows = 101"))
+    (tmp_path / "plate.toml").write_text(
+        (FILES / "plate.toml").read_text().replace("duration_s = 1.2", "rows = 101")
+    )
     text = 'plate_scene = "plate.toml"\n[stroke]\nx_mm = 50\ny_mm = 69\nforce_N = 0.5\n'
     (tmp_path / "touch.toml").write_text(text + (f"[{table}]\n{content}\n" if table else ""))
     script = LOADS.format(path=str(tmp_path / "touch.toml"))
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert set(eval(done.stdout)) == {"stimulator", *(f"stimulator.{name}" for name in ALWAYS | names)}
 
 
-# --- the whole, from a file ------------------------------------------------------------------------------------------------
+# --- the whole, from a file ---------------------------------------------------------------------------------
 
 
 @cache
@@ -295,12 +325,16 @@ def test_a_finger_on_nodal_lines_is_felt_at_the_rate_of_the_lines():
 
 @pytest.mark.parametrize("loop", [None, PAPER])
 def test_logs_of_touches_are_those_of_the_plate(loop, tmp_path):
-    """A finger that comes down tells its own damping and leaves G, tau and f0: in closed loop the drive is late by a sample."""
+    """A finger that comes down tells its own damping, and G, tau and f0 stay: also where a loop drives."""
     force = Profile(np.array([0.0, 0.03, 0.035, 0.2]), np.array([0.0, 0.0, 1.0, 1.0]), held=False)
-    stroke = Stroke(Profile(np.array([0.0, 0.2]), np.array([20.0, 60.0]), held=False), Profile.constant(69.0), force)
+    stroke = Stroke(
+        Profile(np.array([0.0, 0.2]), np.array([20.0, 60.0]), held=False), Profile.constant(69.0), force
+    )
     bare = plate(rows=1501)
     noise = EFFECTS["white_noise"](std=0.005)
-    scene = TouchScene(dataclasses.replace(bare, effects=(*bare.effects, noise)), stroke, texture=Square(), loop=loop, seed=5)
+    scene = TouchScene(
+        dataclasses.replace(bare, effects=(*bare.effects, noise)), stroke, texture=Square(), loop=loop, seed=5
+    )
     touch = scene.run()
     sysid.write_log(touch.log(), tmp_path / "touch.csv", further=touch.columns())
     fit = sysid.fit(sysid.read_logs(tmp_path / "touch.csv"))

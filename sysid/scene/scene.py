@@ -50,7 +50,9 @@ class SceneError(ValueError):
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC),
-    "force" (N) and "contact" (see `effects.Inputs`). `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
+    "force" (N) and "contact" (see `effects.Inputs`).
+
+    `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
     samples behind a lock-in; "auto" is the cheapest envelope, with the largest time step, whose error stays below `tolerance`
     times the largest response.
 

@@ -69,8 +69,8 @@ def chunk(scene: Scene, first: int, count: int) -> tuple[engine.Chunk, Columns]:
 
 
 def inputs_at(scene: Scene, time: np.ndarray, commanded: bool = False, early: float = 0.0) -> Columns:
-    """Drive, frequency, temperature, force and contact at `time`, of what is held those `early` s before; the frequency is the one
-    that the source makes."""
+    """Drive, frequency, temperature, force and contact at `time`, of what is held those `early` s before; the frequency is the
+    one that the source makes."""
     found: dict[str, Any] = dict.fromkeys(INPUTS)
     found |= {name: p.at(time - early if p.held else time) for name, p in scene.inputs.items()}
     resolution = scene.find(FrequencyResolution)
