@@ -113,6 +113,51 @@ def test_open_loop_settles_at_what_the_finger_leaves():
         assert np.median(closed.W[late]) == pytest.approx(1.0, abs=0.005)
 
 
+# --- the grating under 1.5 N, and its edges ---------------------------------------------------------------------
+
+
+@cache
+def fast():
+    """{mm/s: (open, closed)} of strokes without force sensors."""
+    speeds = (20.0, 100.0, 200.0, 500.0)
+    scenes = [dataclasses.replace(grating(1.5), stroke=Stroke.line(19.0, v, 0.32, 69.0, 1.5)) for v in speeds]
+    closed = run_all(scenes, dataclasses.replace(grating(1.5), loop=PAPER).designed)
+    return {v: (s.run(), touch) for v, s, touch in zip(speeds, scenes, closed, strict=True)}
+
+
+def depth(touch):
+    """Mean of the largest amplitude in a period less that of the smallest, in whole periods."""
+    cell = np.floor(touch.x / 5.0 + 1e-9)
+    rows = [touch.W[cell == k] for k in np.unique(cell)[1:-1]]
+    return np.mean([W.max() for W in rows]) - np.mean([W.min() for W in rows])
+
+
+@pytest.mark.parametrize(
+    "speed, opened, closed", [(20.0, 0.5, 1.0), (100.0, 0.5, 1.0), (200.0, 0.5, 1.0), (500.0, 0.5, 0.93)]
+)
+def test_the_loop_keeps_the_depth_of_the_grating(speed, opened, closed):
+    assert [depth(t) for t in fast()[speed]] == pytest.approx([opened, closed], abs=0.005)
+
+
+def test_the_error_of_the_amplitude_at_100_mm_per_s():
+    late = fast()[100.0][0].time > 0.0125  # from the first edge on
+    found = [np.sqrt(np.mean((t.W - t.reference)[late] ** 2)) for t in fast()[100.0]]
+    assert found == pytest.approx([0.37, 0.13], abs=0.01)  # two digits are published
+
+
+def test_edges_are_as_wide_as_the_response_is_slow():
+    """5 ms and 1.5 ms (5 %) of an untouched plate are 0.5 and 0.15 mm at 100 mm/s; 20 edges of 5 mm a second."""
+    stroke = Stroke.line(19.0, 100.0, 0.32, 69.0, 0.0)
+    scene = dataclasses.replace(grating(0.0), stroke=stroke)
+    loop = dataclasses.replace(grating(1.5), loop=PAPER).designed
+    for touch, width in ((scene.run(), 0.5), (scene.run(loop), 0.15)):
+        rising = np.flatnonzero(np.diff(touch.reference) > 0)[1:] + 1
+        assert len(rising) == 6 and np.allclose(np.diff(touch.time[rising]), 0.05, atol=2e-4)
+        plateau = [touch.W[k : k + 240] for k in rising]
+        settled = [np.flatnonzero(np.abs(W - 1.0) > 0.05)[-1] + 1 for W in plateau]
+        assert np.mean(settled) / RATE * 100.0 == pytest.approx(width, abs=0.03)
+
+
 # --- the paper's test of volunteers -------------------------------------------------------------------------
 
 

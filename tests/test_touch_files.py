@@ -1,4 +1,4 @@
-"""Touch files and strokes that cannot be, each refused with its key, and what is named as a warning; the command."""
+"""Touch files that cannot be, each refused with its key; what is named as a warning; the command."""
 
 import re
 import shutil
