@@ -74,14 +74,17 @@ SIZES = 5
 SMALLEST = 0.1  # mm: no contact is smaller than what the mode's own mesh tells apart
 
 
+UNDRIVEN = 1e-6  # of the chosen mode's b: what a symmetric layout cancels is zero but for rounding
+
+
 def neighbours(mode: Any, plant: Any, within: float = 500.0) -> tuple:
-    """The neighbours of a `stimulator.modal.Mode` within `within` Hz, as further resonances of a scene
-    whose plate is `plant`: as far from its f0 as they are from the mode's, driven by their share of its
-    b = G/tau, with its tau.
+    """The neighbours of a `stimulator.modal.Mode` that are driven, within `within` Hz, as further
+    resonances of a scene whose plate is `plant`: as far from its f0 as they are from the mode's, driven by
+    their share of its b = G/tau, with its tau.
 
     A mode's motion is that in the middle of the plate, and the ceramics see `seen` of it.
     """
-    near = [n for n in mode.neighbours if abs(n.f0 - mode.f0) <= within]
+    near = [n for n in mode.neighbours if abs(n.f0 - mode.f0) <= within and abs(n.drive) > UNDRIVEN]
     return tuple(
         EFFECTS["second_mode"](
             G=float(plant.G * n.drive), tau=float(plant.tau), f0=float(plant.f0 + n.f0 - mode.f0),
