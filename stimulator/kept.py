@@ -23,7 +23,7 @@ def kept(folder: bool | str | Path, request: tuple, code: list[str], compute: Ca
         return compute()
     path = _folder(folder) / f"{_name(request, code)}.npz"
     try:
-        with np.load(path) as archive:
+        with path.open("rb") as file, np.load(file) as archive:
             return dict(archive)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         arrays = compute()

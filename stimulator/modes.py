@@ -30,9 +30,13 @@ from stimulator.theory import wavelength
 CODE = [
     str(Path(__file__).with_name(f"{name}.py")) for name in ("modes", "modal", "plate", "section", "theory")
 ]
-MOST_UNKNOWNS = 60_000  # of one eigenproblem: its factors fit into 1 GB
+# Of one eigenproblem: its factors fit into 1 GB, and the cubics, which are made in the coordinates of the
+# whole plate, err by less than 1e-5 of rounding.
+MOST_UNKNOWNS = 60_000
 SAMPLES = 16  # a wavelength, of a kept shape: cubic splines then err by 1e-4
 MOST_SECANTS, CALIBRATED = 8, 1e-5  # steps, and the relative error of a frequency at which they end
+LEAST_WAVES = 2.0  # along the plate
+RIGID = 1e-6  # of the square of the frequency looked at: below, a rigid body's, 0 but for rounding
 FIRST = 12  # modes of a class that are looked for at first; twice as many where they do not reach far enough
 THIN = 0.1  # thickness over wavelength, from which on Kirchhoff's wavelength is 3 % too long
 Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is halved
@@ -109,7 +113,13 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
     """The chosen mode first, then those beside it from the lowest on."""
     # Straight modes lie a share wavelength/length apart: one is nearer than half of that; patches move it a
     # little.
-    reach = near * wavelength(plate.material, plate.thickness, near) / plate.length
+    waves = plate.length / wavelength(plate.material, plate.thickness, near)
+    if waves < LEAST_WAVES:
+        expected = (
+            f"a frequency of {LEAST_WAVES:g} wavelengths or more, of modes that are told by their nodal lines"
+        )
+        refuse("near", f"{near:g} Hz, {waves:.2g} wavelengths along the plate", expected)
+    reach = near / waves
     model = _Model(plate, theory, near + reach, per_wavelength)
     even = [parity for parity in model.parities if not parity[1]]
     seen = [found for parity in even for found in model.spectrum(parity, near, reach + company)]
@@ -136,6 +146,7 @@ class _Theory:
 
     element: Callable[[], Any]
     order: int  # of quadrature
+    per_element: int  # unknowns
     per_wavelength: float  # elements unless stated otherwise, and
     least: float  # no fewer: a wave needs two points in each half
     stiffness: Callable
@@ -162,6 +173,7 @@ _THEORIES = {
     "kirchhoff": _Theory(
         element=skfem.ElementQuadBFS,
         order=6,
+        per_element=4,
         per_wavelength=7.5,
         least=4.0,
         stiffness=_kirchhoff,
@@ -177,7 +189,8 @@ _THEORIES = {
     "mindlin": _Theory(
         element=lambda: skfem.ElementVector(skfem.ElementQuadP(4), 3),
         order=8,
-        per_wavelength=2.5,
+        per_element=48,
+        per_wavelength=3.0,
         least=1.5,
         stiffness=_mindlin,
         mass=lambda u, v, w: w.mass * u[0] * v[0] + w.inertia * (u[1] * v[1] + u[2] * v[2]),
@@ -207,10 +220,11 @@ class _Model:
             refuse("per_wavelength", f"{per_wavelength:g}, a mesh too coarse for the wavelength", least)
         self.halved = plate.mirrored()
         mesh = skfem.MeshQuad.init_tensor(*self._lines(self.wavelength / per_wavelength))
-        self.basis = skfem.Basis(mesh, self.theory.element(), intorder=self.theory.order)
-        if self.basis.N > MOST_UNKNOWNS:
-            found = f"{per_wavelength:g}, a mesh of {self.basis.N} unknowns"
+        unknowns = mesh.nelements * self.theory.per_element
+        if unknowns > MOST_UNKNOWNS:
+            found = f"{per_wavelength:g}, a mesh of {unknowns} unknowns"
             refuse("per_wavelength", found, f"no more than {MOST_UNKNOWNS}, whose factors fit into memory")
+        self.basis = skfem.Basis(mesh, self.theory.element(), intorder=self.theory.order)
         self.points = np.asarray(self.basis.global_coordinates())
         self.K, self.M = self._assembled()
         self.moments = self._moments()
@@ -243,7 +257,7 @@ class _Model:
         found = []
         for square, vector in zip(squares, vectors.T, strict=True):
             f0 = math.sqrt(max(square, 0.0)) / (2 * math.pi)
-            if abs(f0 - centre) <= reach:
+            if abs(f0 - centre) <= reach and square > RIGID * shift:
                 whole = np.zeros(self.basis.N)
                 whole[keep] = vector / math.sqrt(
                     2 ** sum(self.halved)

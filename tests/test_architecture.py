@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -45,13 +46,15 @@ def ordered():
 
 ORDER = ordered()
 WITHIN = {"scene.scene": {"scene.simulation", "scene.toml"}}  # a Scene has methods that read and run it
-MODULES = sorted(p for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py"))
+PACKAGES = ("sysid", "controller", "stimulator")
+MODULES = sorted(p for folder in PACKAGES for p in (ROOT / folder).rglob("*.py"))
 SOURCES = sorted((ROOT / "sysid").rglob("*.py"))
+STIMULATOR = sorted((ROOT / "stimulator").rglob("*.py"))
 TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".ipynb", ".h", ".c", ".txt", ".yml", ".yaml", ".cfg", ""}
 HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs" + ".")
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself
-NAMES = {"PIL": "pillow", "yaml": "pyyaml"}  # imported under another name than it is declared under
+NAMES = {"PIL": "pillow", "skfem": "scikit-fem", "yaml": "pyyaml"}  # imported under another name than it is declared under
 
 
 def relative(path):
@@ -96,6 +99,23 @@ def test_only_the_command_knows_the_controller():
     assert users <= {"sysid/command/cli.py"}
 
 
+def test_neither_package_knows_the_stimulator():
+    users = {relative(p) for p in MODULES if any(name.split(".")[0] == "stimulator" for name in imported(p))}
+    outside = {user for user in users if not user.startswith("stimulator/")}
+    assert outside <= {"sysid/scene/cli.py"}  # the command `simulate` takes its files too
+
+
+def test_the_stimulator_s_imports_run_one_way():
+    modules = {f"stimulator.{p.stem}": p for p in STIMULATOR if p.name != "__init__.py"}
+    graph = {name: imported(path) & set(modules) for name, path in modules.items()}
+    tuple(TopologicalSorter(graph).static_order())  # raises CycleError
+
+
+def test_finite_elements_stay_in_one_module():
+    users = {relative(p) for p in MODULES if any(name.split(".")[0] == "skfem" for name in imported(p))}
+    assert users == {"stimulator/modes.py"}
+
+
 @pytest.mark.parametrize("path", MODULES, ids=relative)
 def test_every_module_says_what_it_is(path):
     said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
@@ -106,14 +126,15 @@ def test_what_is_imported_is_declared():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = [d for name, of in project["optional-dependencies"].items() if name not in ("test", "bench") for d in of]
     declared = {re.split(r"[<>=\[ ]", d)[0].lower() for d in (*project["dependencies"], *extras)}
-    used = {name.split(".")[0] for path in MODULES for name in imported(path)} - {"sysid", "controller"}
+    used = {name.split(".")[0] for path in MODULES for name in imported(path)} - set(PACKAGES)
     foreign = {NAMES.get(name, name).lower() for name in used - sys.stdlib_module_names}
     assert foreign <= declared, foreign - declared
 
 
 def test_the_import_is_quick():
-    slow = "{'jax', 'pandas', 'matplotlib', 'scipy', 'pint', 'optimistix'}"
-    script = f"import sys, sysid; dir(sysid); print(sorted({slow} & set(sys.modules)))"
+    slow = "{'jax', 'pandas', 'matplotlib', 'scipy', 'pint', 'optimistix', 'skfem'}"
+    script = "import sys, sysid, stimulator; dir(sysid); dir(stimulator); "
+    script += f"print(sorted({slow} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"
 
