@@ -22,11 +22,9 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from stimulator.errors import StimulatorError
 from stimulator.stroke import Stroke
-from stimulator.touch import PLATE, TouchScene
 from sysid.logs import units
-from sysid.scene.scene import Scene, SceneError
+from sysid.scene.scene import Scene
 from sysid.scene.toml import Reader, read
 
 PARTS = ("stroke", "finger", "forces", "texture", "friction", "loop", "observer")
@@ -38,9 +36,9 @@ DESIGN = {
 }  # fmt: skip
 
 
-def load(path: Path) -> TouchScene:
-    """The touch of a file. Raises SceneError."""
-    return _Parts(path).scene()
+def parts(path: Path) -> dict[str, Any]:
+    """What a `TouchScene` is made of, by its names. Raises SceneError or StimulatorError."""
+    return _Parts(path).found()
 
 
 class _Parts:
@@ -54,26 +52,19 @@ class _Parts:
         if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
             self.reader.refuse("seed", self.seed, "a whole number of zero or more")
 
-    def scene(self) -> TouchScene:
+    def found(self) -> dict[str, Any]:
         given = self.document.get("plate_scene")
         if not isinstance(given, str):
             self.reader.refuse("plate_scene", given, "the file of the plate's scene")
         plate = Scene.from_toml(self.path.parent / given)
         self.reader.units = {"response": plate.response_unit, "drive": plate.drive_unit}
-        try:
-            parts = {
-                name: getattr(self, name)(self.document[name]) for name in PARTS if name in self.document
-            }
-            name = str(self.document.get("name", self.path.stem))
-            scene = TouchScene(plate, **parts, size=self.size(), seed=self.seed, name=name)
-            if scene.loop is not None:
-                scene.designed  # noqa: B018  one that cannot be had is refused with its file
-            return scene
-        except StimulatorError as error:
-            raise SceneError(f"{self.path}: {error}") from None
+        named = {name: getattr(self, name)(self.document[name]) for name in PARTS if name in self.document}
+        named |= {"size": self.size()} if "plate_mm" in self.document else {}
+        name = str(self.document.get("name", self.path.stem))
+        return {"plate": plate, "seed": self.seed, "name": name} | named
 
     def size(self) -> tuple[float, float]:
-        size = self.document.get("plate_mm", list(PLATE))
+        size = self.document["plate_mm"]
         if not (
             isinstance(size, list)
             and len(size) == 2

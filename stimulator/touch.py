@@ -23,7 +23,7 @@ from stimulator.errors import StimulatorError, refuse
 from sysid.logs.log import Log
 from sysid.scene.effects import Delay, FingerDamping, LockIn
 from sysid.scene.profile import Profile
-from sysid.scene.scene import Scene
+from sysid.scene.scene import Scene, SceneError
 
 PLATE = (198.0, 138.0)  # mm, of the paper
 BATCH = 256  # touches that are held at a time
@@ -73,9 +73,14 @@ class TouchScene:
     @classmethod
     def from_toml(cls, path: str | Path) -> "TouchScene":
         """The scene of a TOML file. Raises SceneError that points at the key."""
-        from stimulator.toml import load
+        from stimulator.toml import parts
 
-        return load(Path(path))
+        try:
+            scene = cls(**parts(Path(path)))
+            scene.designed  # noqa: B018  a loop that cannot be had is refused with its file
+        except StimulatorError as error:
+            raise SceneError(f"{path}: {error}") from None
+        return scene
 
     def run(self, loop: Any = None) -> "Touch":
         """What happens, with `loop` (a Loop of `controller.design`) or the scene's own; in open loop where
