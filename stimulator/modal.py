@@ -132,11 +132,12 @@ def choose(
     By its shape, never by its place in the list: a coarse mesh changes the order of so dense a spectrum.
     Raises StimulatorError.
     """
-    straight = [one for one in found if one.shape.uniformity > STRAIGHT and abs(one.f0 - near) <= reach]
+    within = [one for one in found if abs(one.f0 - near) <= reach]
+    straight = [one for one in within if one.shape.uniformity > STRAIGHT]
     if not straight:
-        best = max((one.shape.uniformity for one in found), default=0.0)
-        within = f"one above {STRAIGHT:g} between {near - reach:.0f} and {near + reach:.0f} Hz"
-        refuse("near", f"no mode with straight nodal lines (uniformity at most {best:.2f})", within)
+        best = max((one.shape.uniformity for one in within), default=0.0)
+        expected = f"one above {STRAIGHT:g} between {near - reach:.0f} and {near + reach:.0f} Hz"
+        refuse("near", f"no mode with straight nodal lines (uniformity at most {best:.2f})", expected)
     straight.sort(key=lambda one: one.f0)
     return min(straight, key=lambda one: abs(one.f0 - near)), tuple(
         (one.f0, one.shape.uniformity) for one in straight

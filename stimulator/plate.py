@@ -102,6 +102,10 @@ class Patch:
             self.y + self.width / 2,
         )
 
+    def shifted(self, x: float = 0.0, y: float = 0.0) -> "Patch":
+        """The patch moved by so many metres."""
+        return replace(self, x=self.x + x, y=self.y + y)
+
     def mirrored(self, length: float | None, width: float | None) -> "Patch":
         """The patch seen in a mirror across x at length/2, across y at width/2 (None: not mirrored)."""
         x = self.x if length is None else length - self.x

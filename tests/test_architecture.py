@@ -54,7 +54,8 @@ TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".ipynb", ".h", ".c", ".txt", ".y
 HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs" + ".")
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself
-NAMES = {"PIL": "pillow", "skfem": "scikit-fem", "yaml": "pyyaml"}  # imported under another name than it is declared under
+# imported under another name than it is declared under
+NAMES = {"PIL": "pillow", "skfem": "scikit-fem", "yaml": "pyyaml"}
 
 
 def relative(path):

@@ -10,13 +10,14 @@ from scipy.integrate import solve_ivp
 from sysid import Result
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("sysid", "controller", "stimulator")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_what_a_page_links_to_is_there(page):
     links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    named = re.findall(r"`((?:sysid|controller|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
+    named = re.findall(r"`((?:sysid|controller|stimulator|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
     missing = [x for x in links if not (page.parent / x).exists()] + [x for x in named if not (ROOT / x).exists()]
     assert not missing
 
@@ -65,8 +66,8 @@ def test_a_lock_in_wired_as_the_page_says_gives_wd_and_wq(beside):
 
 def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     page = (ROOT / "docs" / "code.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller)/(?:\w+/)*(\w+)\.py`", page))
-    modules = {p.stem for folder in ("sysid", "controller") for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
+    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller|stimulator)/(?:\w+/)*(\w+)\.py`", page))
+    modules = {p.stem for folder in PACKAGES for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
     assert modules - named == set()
     types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}
-    assert named - modules - types == {"fit", "simulate", "sysid", "controller"}
+    assert named - modules - types == {"fit", "simulate", *PACKAGES}
