@@ -23,6 +23,8 @@ def warnings_of(touch: Any) -> Iterator[str]:
         yield from _film(scene)
     if touch.sensed is not None:
         yield from _sensors(touch)
+    if scene.observer is not None and touch.compared is None:
+        yield "observer: there is no loop, and so nothing that the open loop is compared with: no judgement"
     if touch.loop is not None and (most := touch.loop.limits.voltage) is not None:
         share = float(np.mean(np.abs(touch.V) >= most * (1 - 1e-9)))
         if share > LOST:

@@ -13,15 +13,15 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from stimulator.errors import StimulatorError, refuse
+from sysid.logs import units
 from sysid.logs.log import Log
-from sysid.scene.effects import Delay, FingerDamping, LockIn
+from sysid.scene.effects import Delay, FingerDamping, Inverter, LockIn
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 
@@ -59,7 +59,7 @@ class TouchScene:
             refuse("plate_scene", "a scene of settled points", "kind = 'transient': a stroke takes time")
         needs = {
             "finger": ("stroke",), "forces": ("stroke",), "texture": ("stroke",), "friction": ("stroke",),
-            "observer": ("friction", "texture", "loop"),
+            "observer": ("friction", "texture"),
         }  # fmt: skip
         for part, others in needs.items():
             for other in others:
@@ -67,6 +67,10 @@ class TouchScene:
                     refuse(other, "nothing", f"a table [{other}]: [{part}] needs it")
         if self.finger is not None and not self.plate.find(FingerDamping):
             refuse("plate_scene", "no effects.finger_damping", "it: [finger] says where that damping acts")
+        if (self.texture or self.friction) and not units.same_kind(self.plate.response_unit, "um"):
+            refuse("plate_scene", f"a response in {self.plate.response_unit}", "a length: textures are in um")
+        if self.texture is not None and self.plate.find(Inverter):
+            refuse("plate_scene", "effects.inverter", "a drive in the plant's own unit: V = reference/G")
         if self.stroke is not None:
             self.stroke.stay(self.size)
 
@@ -95,19 +99,25 @@ class TouchScene:
     @cached_property
     def designed(self) -> Any:
         """The scene's Loop, or None. A table of `controller.design` is designed for the plate, the largest
-        amplitude of the texture and the most that the finger takes. Raises StimulatorError for one that
-        cannot be had."""
+        amplitude of the texture and what a finger of 1.5 N takes where it takes most. Raises
+        StimulatorError for one that cannot be had."""
         if not isinstance(self.loop, dict):
             return self.loop
         import controller
 
-        most = {} if self.texture is None else {"amplitude": self.texture.amplitude}
+        most = {} if self.texture is None else {"amplitude": self.texture.amplitude * self.per_um}
         if (damping := self.plate.find(FingerDamping)) and self.stroke is not None:
-            most["finger"] = float(damping.rho * (2.0 if self.finger else 1.0))
+            place = 1.0 if self.finger is None else float(self.contact.values.max())
+            most["finger"] = float(damping.rho) * place
         try:
             return controller.design(self.plate.plant, **(most | self.loop))
         except ValueError as error:
             raise StimulatorError(f"loop: {error}") from None
+
+    @property
+    def per_um(self) -> float:
+        """Of the plate's response unit in 1 um."""
+        return float(units.convert(1.0, "um", self.plate.response_unit))
 
     def with_plant(self, plant: Any) -> "TouchScene":
         """The same touch of another plant: a fit's, or a draw of its posterior."""
@@ -135,9 +145,9 @@ class TouchScene:
         if self.texture is None:
             return None
         if sensed is not None:
-            return Profile(sensed.time, self.texture.at(sensed.x))
+            return Profile(sensed.time, self.per_um * self.texture.at(sensed.x))
         time = np.arange(self.plate.rows) / self.plate.rate
-        return Profile(time, self.texture.at(self.stroke.x.at(time)))
+        return Profile(time, self.per_um * self.texture.at(self.stroke.x.at(time)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +197,7 @@ class Touch:
         if law is None:
             return None
         local = 1.0 if self.scene.finger is None else np.sqrt(self.scene.contact.at(self.time))
-        return law.friction(self.W * local, self.force)
+        return law.friction(self.W / self.scene.per_um * local, self.force)
 
     @cached_property
     def judgement(self) -> float | None:
@@ -281,14 +291,10 @@ def _sensed(scenes: Sequence[TouchScene]) -> list[Any]:
     """What is sensed of each scene's finger; scenes with the same sensors at once, in the order of the
     scenes."""
     found: list[Any] = [None] * len(scenes)
-    indices = [k for k, scene in enumerate(scenes) if scene.forces is not None]
-    alike = sorted(indices, key=lambda k: (id(scenes[k].forces), scenes[k].size, scenes[k].plate.duration))
-    for (_, size, duration), group in groupby(
-        alike, lambda k: (id(scenes[k].forces), scenes[k].size, scenes[k].plate.duration)
-    ):
-        members = list(group)
+    for members in _alike([s.forces and (s.forces, s.size, s.plate.duration) for s in scenes]):
+        first = scenes[members[0]]
         strokes, seeds = [scenes[k].stroke for k in members], [scenes[k].seed for k in members]
-        read = scenes[members[0]].forces.read(strokes, size, duration, seeds)
+        read = first.forces.read(strokes, first.size, first.plate.duration, seeds)
         for j, k in enumerate(members):
             found[k] = read._replace(**{name: getattr(read, name)[:, j] for name in ("x", "y", "force")})
     return found
@@ -300,7 +306,7 @@ def _played(scenes: Sequence[TouchScene], sensed: Sequence[Any], loops: Sequence
     G = [scene.plate.plant.G if loop is None else loop.G for scene, loop in zip(scenes, loops, strict=True)]
     benches = [scene.bench(*given) for scene, given in zip(scenes, zip(asked, G, strict=True), strict=True)]
     traces: dict[int, Any] = {}
-    for members in _kinds(benches, loops):
+    for members in _alike([loop and _kind(bench, loop) for bench, loop in zip(benches, loops, strict=True)]):
         import controller
 
         given = ([rows[k] for k in members] for rows in (loops, benches))
@@ -314,21 +320,21 @@ def _played(scenes: Sequence[TouchScene], sensed: Sequence[Any], loops: Sequence
     ]
 
 
-def _kinds(benches: Sequence[Scene], loops: Sequence[Any]) -> list[list[int]]:
-    """Which of the loops that there are can be played side by side: of one law, in scenes of the same
-    effects and inputs."""
+def _alike(kinds: Sequence[Any]) -> list[list[int]]:
+    """Indices of those of each kind; of None there is none."""
+    found: dict[Any, list[int]] = {}
+    for k, kind in enumerate(kinds):
+        if kind is not None:
+            found.setdefault(kind, []).append(k)
+    return list(found.values())
+
+
+def _kind(bench: Scene, loop: Any) -> Any:
+    """Equal of what can be played side by side: one law, in scenes of the same effects and inputs."""
     import jax
 
-    kinds: dict[Any, list[int]] = {}
-    for k, (bench, loop) in enumerate(zip(benches, loops, strict=True)):
-        if loop is not None:
-            kind = (
-                jax.tree.structure((loop.control, bench.plant, bench.effects)),
-                bench.fidelity,
-                frozenset(bench.inputs),
-            )
-            kinds.setdefault(kind, []).append(k)
-    return list(kinds.values())
+    structure = jax.tree.structure((loop.control, bench.plant, bench.effects))
+    return structure, bench.fidelity, frozenset(bench.inputs)
 
 
 def _closed(scene: TouchScene, trace: Any, loop: Any, sensed: Any) -> Touch:

@@ -4,6 +4,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import sysid
@@ -66,7 +67,6 @@ WRONG = {
         [("[texture]", "")],
         r"texture: found nothing, expected a table \[texture\]",
     ),
-    "observer without loop": ([("[loop]", "")], r"loop: found nothing, expected a table \[loop\]"),
     "no x": ([(RAMP, "")], "stroke.x_mm: found nothing"),
     "no force": ([("force_N = 0.5", "")], "stroke.force_N: found nothing"),
     "a position in newtons": ([("x_mm =", "x_N =")], "stroke.x_N.ramp: found the unit 'N'"),
@@ -164,6 +164,27 @@ def test_a_finger_needs_a_damping_to_place(folder):
         TouchScene.from_toml(path)
 
 
+def test_a_texture_is_a_length_asked_for_in_volts(folder):
+    duty = [
+        ("voltage_V = 50", "duty = 0.1"),
+        ("[effects.finger_damping]", "[effects.inverter]\n[effects.finger_damping]"),
+    ]
+    with pytest.raises(SceneError, match=r"plate_scene: found effects\.inverter"):
+        TouchScene.from_toml(written(folder, plate=duty))
+    shutil.copy(FILES / "plate.toml", folder)
+    speed = [("G_um_per_V = 0.02", "G = 0.02"), ('plate = "A7"', 'response_unit = "m/s"')]
+    with pytest.raises(SceneError, match="plate_scene: found a response in m/s"):
+        TouchScene.from_toml(written(folder, plate=speed))
+
+
+def test_a_plate_in_other_units_is_the_same_plate(folder):
+    in_um = TouchScene.from_toml(written(folder, *OPENED, plate=[SHORT])).run()
+    other = [("G_um_per_V = 0.02", "G_um_per_V = 0.02"), ('plate = "A7"', 'response_unit = "nm"')]
+    in_nm = TouchScene.from_toml(written(folder, *OPENED, plate=other)).run()
+    np.testing.assert_allclose(in_nm.W, 1e3 * in_um.W, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(in_nm.friction, in_um.friction, rtol=1e-9)
+
+
 def test_a_touch_takes_time(folder):
     path = written(folder, plate=[("duration_s = 1.2", 'rows = 10\nkind = "steady"')])
     with pytest.raises(SceneError, match="plate_scene: found a scene of settled points"):
@@ -173,6 +194,11 @@ def test_a_touch_takes_time(folder):
 SHORT = ("duration_s = 1.2", "duration_s = 0.1")
 OPENED = [("[observer]", ""), ("[loop]", "")]
 NAMED = {
+    "an observer who compares nothing": (
+        [("[observer]", "[observer]\nweber = 0.2")],
+        [SHORT],
+        "observer: there is no loop",
+    ),
     "a period below what the sensors resolve": (
         [("period_mm = 5", "period_mm = 0.5")],
         [SHORT],
@@ -206,7 +232,8 @@ NAMED = {
 @pytest.mark.parametrize("name", NAMED)
 def test_what_lies_beyond_is_named(name, folder):
     changes, plate, said = NAMED[name]
-    touch = TouchScene.from_toml(written(folder, *changes, *OPENED, plate=plate)).run()
+    opened = [change for change in OPENED if change[0] not in {old for old, _ in changes}]
+    touch = TouchScene.from_toml(written(folder, *changes, *opened, plate=plate)).run()
     assert any(said in warning for warning in touch.warnings), touch.warnings
 
 
