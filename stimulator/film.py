@@ -74,9 +74,9 @@ def second_order(sigma: ArrayLike) -> np.ndarray:
 def overpressure(e: ArrayLike, sigma: ArrayLike) -> np.ndarray:
     """The fast law: <P> - 1 of a flat strip, (P_inf(e) - 1) (3/2 S - A/4)/(5/4), `sigma` on the FULL width.
 
-    Within 2.5 % of Reynolds' equation for sigma >= 30 and e <= 0.5. Beyond, where it warns with RangeWarning, it
-    is too low: at e = 0.5 by 9 % at sigma 10 and by 48 % at 3. Raises StimulatorError for e outside [0, 1) and
-    sigma not above zero.
+    Within 2.5 % of Reynolds' equation for sigma >= 30 and e <= 0.5. Beyond, where it warns with RangeWarning,
+    it is too low: at e = 0.5 by 9 % at sigma 10 and by 48 % at 3. Raises StimulatorError for e outside [0, 1)
+    and sigma not above zero.
     """
     e, sigma = _excursion(e), np.asarray(sigma, float)
     if not np.all(np.isfinite(sigma)) or np.any(sigma <= 0):

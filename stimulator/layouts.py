@@ -11,9 +11,9 @@ Row = dict[str, str]
 
 
 def row(found: Modes, tau: float) -> Row:
-    """The chosen mode of a layout in numbers, G at the time constant `tau` (s), and the neighbours that are driven.
+    """The chosen mode of a layout in numbers, G at the time constant `tau` (s), and the neighbours it drives.
 
-    A neighbour stands as its offset in Hz with its drive and its sense, both over those of the chosen mode.
+    A neighbour stands as its offset in Hz with drive and sense, both over those of the chosen mode.
     """
     mode = found.mode
     return {
@@ -24,7 +24,8 @@ def row(found: Modes, tau: float) -> Row:
         "b (um/(s V))": f"{1e6 * mode.b:.1f}",
         "G (nm/V)": f"{1e9 * mode.b * tau:.0f}",
         "corner/middle": f"{abs(float(mode.weight(0.0, 0.0))):.1f}",
-        "driven neighbours": ", ".join(named(mode, n) for n in mode.neighbours if abs(n.drive) > HEARD) or "none",
+        "driven neighbours": ", ".join(named(mode, n) for n in mode.neighbours if abs(n.drive) > HEARD)
+        or "none",
     }
 
 

@@ -14,25 +14,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import skfem
+import skfem  # the extra "stimulator"
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from skfem.element import DiscreteField
 from skfem.helpers import dd, ddot, grad
 
 from stimulator.errors import beyond, positive, refuse
 from stimulator.kept import Arrays, kept
-from stimulator.modal import Eigenmode, Mode, choose, resonator
+from stimulator.modal import Eigenmode, Mode, resonator, straight
 from stimulator.plate import Box, PlateGeometry
 from stimulator.section import moment_per_volt, section
 from stimulator.theory import wavelength
 
 CODE = [
-    str(Path(__file__).with_name(f"{name}.py")) for name in ("modes", "modal", "plate", "section", "theory")
+    str(Path(__file__).with_name(f"{name}.py"))
+    for name in ("modes", "modal", "plate", "section", "shape", "theory")
 ]
-# Of one eigenproblem: its factors fit into 1 GB, and the cubics, which are made in the coordinates of the
-# whole plate, err by less than 1e-5 of rounding.
-MOST_UNKNOWNS = 60_000
+MOST_UNKNOWNS = 60_000  # of one eigenproblem: its factors fit into 1 GB
 SAMPLES = 16  # a wavelength, of a kept shape: cubic splines then err by 1e-4
 MOST_SECANTS, CALIBRATED = 8, 1e-5  # steps, and the relative error of a frequency at which they end
 LEAST_WAVES = 2.0  # along the plate
@@ -46,8 +46,8 @@ Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is ha
 class Modes:
     """What `modes` found: the chosen `mode` with its neighbours, and how it was found.
 
-    `straight`: (Hz, uniformity) of every mode with straight nodal lines that was near; `unknowns`: of the
-    largest eigenproblem.
+    `straight`: (Hz, uniformity) of all modes near with straight nodal lines, the nearest first; `unknowns`:
+    of the largest eigenproblem.
     """
 
     plate: PlateGeometry
@@ -66,8 +66,7 @@ def modes(
     company: float = 500.0,
     cache: bool | str | Path = True,
 ) -> Modes:
-    """The mode nearest to `near` (Hz) whose nodal lines run straight along the width, and all within
-    `company` Hz of it.
+    """The mode nearest to `near` (Hz) with straight nodal lines along the width, and all within `company` Hz.
 
     `theory`: "kirchhoff" (fast; its wavelength is 1.4 % long at 1.2 mm and 32 kHz) or "mindlin".
     `per_wavelength`: elements a wavelength, at least; the default errs by less than 0.05 % in frequency.
@@ -86,8 +85,8 @@ def modes(
         Eigenmode(float(f0), solved["x"], solved["y"], values, moments)
         for f0, values, moments in zip(solved["f0"], solved["values"], solved["moments"], strict=True)
     ]
-    straight = tuple((float(f0), float(u)) for f0, u in solved["straight"])
-    return Modes(plate, theory, resonator(plate, found[0], found[1:]), straight, int(solved["unknowns"]))
+    lined_up = tuple((float(f0), float(u)) for f0, u in solved["straight"])
+    return Modes(plate, theory, resonator(plate, found[0], found[1:]), lined_up, int(solved["unknowns"]))
 
 
 def calibrated(
@@ -123,7 +122,8 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
     model = _Model(plate, theory, near + reach, per_wavelength)
     even = [parity for parity in model.parities if not parity[1]]
     seen = [found for parity in even for found in model.spectrum(parity, near, reach + company)]
-    chosen, straight = choose(seen, near, reach)
+    lined_up = straight(seen, near, reach)
+    chosen = lined_up[0]
     odd = [parity for parity in model.parities if parity[1]]
     seen += [found for parity in odd for found in model.spectrum(parity, chosen.f0, company)]
     beside = [found for found in seen if found is not chosen and abs(found.f0 - chosen.f0) <= company]
@@ -134,7 +134,7 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
     return arrays | {
         "x": chosen.x,
         "y": chosen.y,
-        "straight": np.array(straight),
+        "straight": np.array([(found.f0, found.shape.uniformity) for found in lined_up]),
         "unknowns": np.array(model.unknowns),
     }
 
@@ -155,6 +155,35 @@ class _Theory:
     vanish: dict[tuple[str, int], list[str]]
 
 
+class _Hermite(skfem.ElementQuadBFS):
+    """Bogner-Fox-Schmit elements on rectangles, made in the coordinates of each of them.
+
+    In those of the whole plate, as the library makes them, elements narrower than 1/1000 of it lose all
+    digits.
+    """
+
+    def gbasis(self, mapping: Any, X: np.ndarray, i: int, tind: np.ndarray | None = None) -> tuple:
+        """Unknown i belongs to corner i // 4: value, slope along x, slope along y, and both."""
+        mesh = mapping.mesh
+        corners = mesh.p[:, mesh.t if tind is None else mesh.t[:, tind]]
+        low, size = corners.min(axis=1)[..., None], np.ptp(corners, axis=1)[..., None]
+        far = corners[:, i // 4, :, None] > low + size / 2
+        inside = (mapping.F(X, tind=tind) - low) / size
+        slopes = (i % 4) in (1, 3), (i % 4) in (2, 3)
+        along = (_cubic(inside[a], size[a], far[a], slopes[a]) for a in (0, 1))
+        (f, df, ddf), (g, dg, ddg) = along
+        gradient, hessian = np.array([df * g, f * dg]), np.array([[ddf * g, df * dg], [df * dg, f * ddg]])
+        return (DiscreteField(value=f * g, grad=gradient, hess=hessian),)
+
+
+def _cubic(inside: np.ndarray, size: np.ndarray, far: np.ndarray, slope: bool) -> tuple[np.ndarray, ...]:
+    """Hermite's cubic that is 1, or whose slope is 1, at one end, and its two derivatives."""
+    r, sign = np.where(far, 1 - inside, inside), np.where(far, -1.0, 1.0)
+    if slope:
+        return sign * size * r * (1 - r) ** 2, (1 - r) * (1 - 3 * r), sign * (6 * r - 4) / size
+    return (1 + 2 * r) * (1 - r) ** 2, sign * 6 * r * (r - 1) / size, (12 * r - 6) / size**2
+
+
 def _kirchhoff(u: Any, v: Any, w: Any) -> Any:
     H, G = dd(u), dd(v)
     return w.D * ((1 - w.nu) * ddot(H, G) + w.nu * (H[0, 0] + H[1, 1]) * (G[0, 0] + G[1, 1]))
@@ -171,7 +200,7 @@ def _mindlin(u: Any, v: Any, w: Any) -> Any:
 
 _THEORIES = {
     "kirchhoff": _Theory(
-        element=skfem.ElementQuadBFS,
+        element=_Hermite,
         order=6,
         per_element=4,
         per_wavelength=7.5,

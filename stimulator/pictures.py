@@ -30,7 +30,7 @@ def draw_layout(ax: "Axes", plate: PlateGeometry, poling: tuple[int, ...] = ()) 
 
 
 def draw_mode(ax: "Axes", mode: Mode | Neighbour) -> None:
-    """The shape of a mode, from -1 to 1 of its amplitude in the middle, and its nodal lines; corners may go beyond."""
+    """The shape of a mode, from -1.5 to 1.5 of its amplitude in the middle, and its nodal lines."""
     x, y, values = MM * mode.shape.x, MM * mode.shape.y, mode.shape.values.T
     ax.imshow(values, origin="lower", extent=(0, x[-1], 0, y[-1]), cmap="RdBu", vmin=-1.5, vmax=1.5)
     ax.contour(x, y, values, levels=[0.0], colors="k", linewidths=0.5)

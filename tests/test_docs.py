@@ -1,5 +1,6 @@
 """README and docs: what they link to is there, what they show runs, and a lock-in wired as they say gives Wd and Wq."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -71,3 +72,18 @@ def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     assert modules - named == set()
     types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}
     assert named - modules - types == {"fit", "simulate", *PACKAGES}
+
+
+def test_the_examples_of_the_stimulator_run(tmp_path, monkeypatch):
+    """On a coarse mesh, and with a cache of their own."""
+    from stimulator import modes
+
+    coarse = dataclasses.replace(modes._THEORIES["kirchhoff"], per_wavelength=4.0)
+    monkeypatch.setitem(modes._THEORIES, "kirchhoff", coarse)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    page = (ROOT / "docs" / "stimulator.md").read_text(encoding="utf-8")
+    found: dict = {}
+    for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+        exec(code, found)
+    assert found["plant"].f0 == pytest.approx(32300, abs=1)
+    assert 0.02 / 3 < found["plant"].G < 0.02 * 3
