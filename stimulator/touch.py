@@ -221,11 +221,11 @@ class Touch:
         """As a bench would have recorded it: a Log that `identify` reads.
 
         In closed loop a command acts `latency` after the reading that it answers: rows are at the times at
-        which commands begin to act, and their readings are late by that.
+        which commands begin to act, and their readings are late by that and by the loop's demodulator.
         """
         scene = self.scene.plate
         late = 0.0 if self.loop is None else float(self.loop.latency)
-        delay = late + (effect.time if (effect := scene.find(Delay)) else 0.0)
+        delay = late + _demodulated(self.loop) + (effect.time if (effect := scene.find(Delay)) else 0.0)
         bench = {"delay_s": float(delay)} if delay else {}
         if filtered := scene.find(LockIn):
             bench |= {"lockin_tau_s": float(filtered.tau), "lockin_order": float(filtered.order)}
@@ -270,6 +270,13 @@ class Touch:
                 "sensed_force_N": sensed.force[row],
             }
         return {name: v for name, v in found.items() if v is not None}
+
+
+def _demodulated(loop: Any) -> float:
+    """By how much the demodulator makes a loop's readings late, s, where `controller.closed_loop` plays it,
+    as it does for loops that have a `delay`."""
+    played = loop is not None and hasattr(loop, "delay") and loop.demodulator is not None
+    return float(loop.demodulator.delay) if played else 0.0
 
 
 def run_all(scenes: Sequence[TouchScene], loop: Any = None) -> Iterator[Touch]:
