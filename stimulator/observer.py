@@ -41,7 +41,7 @@ PUBLISHED = (
 
 @dataclass(frozen=True)
 class Observer:
-    """`weber`: k; `weber_light`: that below 0.5 N, None: the same. `lapse`: share of answers that are
+    """`weber`: k; `light_weber`: that below 0.5 N, None: the same. `lapse`: share of answers that are
     guessed. `floor`: contrast that cannot be told from none (assumed: no source). `intensity`: which
     contrast is felt.
 
@@ -49,15 +49,15 @@ class Observer:
     """
 
     weber: float = number(0.18)
-    weber_light: float | None = number(None)  # type: ignore[arg-type]
+    light_weber: float | None = number(None)  # type: ignore[arg-type]
     lapse: float = number(0.03)
     floor: float = number(0.02)
     intensity: str = word("plateau", "plateau", "spectral")
 
     def __post_init__(self) -> None:
         positive("observer.weber", self.weber, "1")
-        if self.weber_light is not None:
-            positive("observer.weber_light", self.weber_light, "1")
+        if self.light_weber is not None:
+            positive("observer.light_weber", self.light_weber, "1")
         checked("observer.lapse", self.lapse, -1e-300, 1.0, "a share of the answers, from 0 to 1")
         checked("observer.floor", self.floor, -1e-300, 1.0, "a contrast, from 0 to 1")
         if self.intensity not in ("plateau", "spectral"):
@@ -74,8 +74,8 @@ class Observer:
         common shape."""
         k = (
             self.weber
-            if self.weber_light is None
-            else np.where(np.less(force, LIGHT), self.weber_light, self.weber)
+            if self.light_weber is None
+            else np.where(np.less(force, LIGHT), self.light_weber, self.weber)
         )
         return preference(stronger, weaker, k, self.lapse, self.floor)
 

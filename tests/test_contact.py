@@ -173,6 +173,7 @@ def test_a_scene_file_names_several_modes_and_a_contact(save):
     [
         ('parity = "even"', 'parity = "none"', r"effects.second_mode\[0\].parity"),
         ("seen = 2.0", "sene = 2.0", r"effects.second_mode\[1\].sene"),
+        ("tau_ms = 1.669", "tau_ms = 1.669\ntau_s = 0.001", "plant.tau: found tau_ms and tau_s"),
         ("[effects.finger_damping]", "[[effects.finger_damping]]", "effects.finger_damping: found"),
         ("contact =", "contact_mm =", "inputs.contact_mm"),
     ],

@@ -99,7 +99,7 @@ def test_an_observer():
     assert plain.prefers(0.0, 0.0) == 0.5 and plain.prefers(0.1, 0.0) == 1.0
     # a ratio of nothing to next to nothing is not felt
     assert Observer().prefers(2e-4, 1e-4) == pytest.approx(0.5, abs=0.01)
-    light = Observer(weber=0.1, weber_light=0.2, lapse=0.0)
+    light = Observer(weber=0.1, light_weber=0.2, lapse=0.0)
     assert light.prefers(0.3, 0.2, 0.4) == Observer(weber=0.2, lapse=0.0).prefers(0.3, 0.2)
     assert light.prefers(0.3, 0.2, 0.5) == Observer(weber=0.1, lapse=0.0).prefers(0.3, 0.2)
     np.testing.assert_array_equal(
@@ -108,7 +108,7 @@ def test_an_observer():
 
 
 @pytest.mark.parametrize(
-    "given", [{"weber": 0.0}, {"weber_light": -1.0}, {"lapse": 1.0}, {"floor": -0.1}, {"intensity": "no"}]
+    "given", [{"weber": 0.0}, {"light_weber": -1.0}, {"lapse": 1.0}, {"floor": -0.1}, {"intensity": "no"}]
 )
 def test_observers_that_cannot_be(given):
     with pytest.raises(StimulatorError, match=f"observer.{next(iter(given))}"):

@@ -45,6 +45,10 @@ def written(folder, *changes, plate=()):
 
 
 WRONG = {
+    "a force twice": (
+        [("force_N = 0.5", "force_N = 0.5\nforce_mN = 500")],
+        "stroke.force: found force_N and force_mN",
+    ),
     "no plate": ([('plate_scene = "plate.toml"', "")], "plate_scene: found nothing"),
     "no such plate": ([('"plate.toml"', '"none.toml"')], "none.toml: cannot be read"),
     "a number for a plate": ([('"plate.toml"', "3")], "plate_scene: found 3"),

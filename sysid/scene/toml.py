@@ -255,6 +255,10 @@ class Reader:
             if key not in names and not (units_too and any(key.startswith(f"{n}_") for n in names)):
                 where = f"{table}.{key}" if table else key
                 self.refuse(where, "an unknown key", f"one of {', '.join(names)}{units.did_you_mean(key, names)}")
+        for name in names if units_too else ():
+            stated = [k for k in values if k == name or (k.startswith(f"{name}_") and k not in names)]
+            if len(stated) > 1:
+                self.refuse(f"{table}.{name}", " and ".join(stated), "it once")
 
     def refuse(self, key: str, found: Any, expected: str) -> None:
         said = "nothing" if found is None else found if isinstance(found, str) else repr(found)
