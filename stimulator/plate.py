@@ -13,7 +13,7 @@ from typing import Any
 
 from stimulator.errors import number, positive, refuse
 
-ROLES = ("drive", "sense")
+ROLES = "drive", "sense"
 Box = tuple[float, float, float, float]  # edges (x0, x1, y0, y1), m
 TOUCHING = 1e-9  # m: edges that rounding has moved over one another by less still only touch
 
@@ -95,12 +95,8 @@ class Patch:
     @property
     def box(self) -> Box:
         """Its edges (x0, x1, y0, y1), m."""
-        return (
-            self.x - self.length / 2,
-            self.x + self.length / 2,
-            self.y - self.width / 2,
-            self.y + self.width / 2,
-        )
+        half, across = self.length / 2, self.width / 2
+        return self.x - half, self.x + half, self.y - across, self.y + across
 
     def shifted(self, x: float = 0.0, y: float = 0.0) -> "Patch":
         """The patch moved by so many metres."""
@@ -115,11 +111,9 @@ class Patch:
 
 @dataclass(frozen=True)
 class PlateGeometry:
-    """A rectangular plate `length` x `width` x `thickness` (m) of one `material`, with `patches` on its lower
-    face.
+    """A plate `length` x `width` x `thickness` (m) of one `material`, with `patches` on its lower face.
 
-    Raises StimulatorError for a patch that leaves the plate, for two that overlap, and for numbers that are
-    none.
+    Raises StimulatorError for a patch that leaves the plate, two that overlap, and what is no number.
     """
 
     length: float = 198e-3
@@ -132,11 +126,7 @@ class PlateGeometry:
         for name in ("length", "width", "thickness"):
             positive(f"plate.{name}", getattr(self, name), "m")
         if self.thickness >= min(self.length, self.width) / 10:
-            refuse(
-                "plate.thickness",
-                f"{self.thickness:g} m",
-                "a plate: less than a tenth of its length and width",
-            )
+            refuse("plate.thickness", f"{self.thickness:g} m", "less than a tenth of length and width")
         object.__setattr__(self, "patches", tuple(self.patches))
         for i, patch in enumerate(self.patches):
             self._holds(i, patch)
@@ -148,19 +138,16 @@ class PlateGeometry:
         if not isinstance(patch, Patch):
             refuse(f"patches[{i}]", repr(patch), "a Patch")
         if patch.thickness > self.thickness:
-            refuse(
-                f"patches[{i}].thickness",
-                f"{patch.thickness:g} m",
-                f"no more than the plate's own {self.thickness:g} m",
-            )
+            own = f"no more than the plate's own {self.thickness:g} m"
+            refuse(f"patches[{i}].thickness", f"{patch.thickness:g} m", own)
         x0, x1, y0, y1 = patch.box
         for axis, low, high, limit in (("x", x0, x1, self.length), ("y", y0, y1, self.width)):
             if low < -TOUCHING or high > limit + TOUCHING:
-                refuse(
-                    f"patches[{i}]",
+                found, expected = (
                     f"{axis} from {low:g} to {high:g} m",
                     f"it on the plate, from 0 to {limit:g} m",
                 )
+                refuse(f"patches[{i}]", found, expected)
 
     @property
     def area(self) -> float:
@@ -180,14 +167,6 @@ class PlateGeometry:
         mirrors = ((self.length, None), (None, self.width))
         x, y = ({_weight(patch.mirrored(*mirror)) for patch in glued} == own for mirror in mirrors)
         return x, y
-
-    def drives(self) -> tuple[int, ...]:
-        """Indices of the patches on the amplifier."""
-        return tuple(i for i, p in enumerate(self.patches) if p.role == "drive")
-
-    def senses(self) -> tuple[int, ...]:
-        """Indices of the patches on the amplitude's input."""
-        return tuple(i for i, p in enumerate(self.patches) if p.role == "sense")
 
 
 def _weight(patch: Patch) -> tuple:
@@ -210,8 +189,7 @@ def grid(xs: Iterable[float], ys: Iterable[float], **patch: Any) -> tuple[Patch,
 def two_rows(
     plate: PlateGeometry, thickness: float = 0.5e-3, pitch: float = 19e-3, count: int = 10
 ) -> tuple[Patch, ...]:
-    """A row of `count` ceramics of 9 x 9 mm along each long edge, `pitch` apart: one wavelength, where all
-    poled alike serve."""
+    """A row of `count` ceramics of 9 x 9 mm along each long edge, `pitch` apart: one wavelength."""
     xs = [plate.length / 2 + (i - (count - 1) / 2) * pitch for i in range(count)]
     ys = (7e-3, plate.width - 7e-3)
     return grid(xs, ys, length=9e-3, width=9e-3, thickness=thickness)
@@ -227,8 +205,7 @@ def four_strips(
 
 
 def corner_sensors(plate: PlateGeometry, side: float = 7e-3, margin: float = 1e-3) -> tuple[Patch, ...]:
-    """Two ceramics in the corners along the side at x = 0, in parallel; taken as weightless, which keeps a
-    layout's symmetry."""
+    """Two ceramics in the corners of the side at x = 0; weightless, which keeps a layout's symmetry."""
     near = margin + side / 2
     ys = (near, plate.width - near)
     return tuple(Patch(near, y, side, side, role="sense", weightless=True) for y in ys)
@@ -246,6 +223,4 @@ LAYOUTS = {
     "4 strips x 5, 0.5 mm": laid_out(BARE, four_strips(BARE, 0.5e-3)),
     "4 strips x 5, 0.3 mm": laid_out(BARE, four_strips(BARE, 0.3e-3)),
 }
-DEFAULT_LAYOUT = (
-    "4 strips x 5, 0.3 mm"  # of the four the one with the largest response and the quietest neighbours
-)
+DEFAULT_LAYOUT = "4 strips x 5, 0.3 mm"  # of the four the largest response and the quietest neighbours

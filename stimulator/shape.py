@@ -15,11 +15,9 @@ RINGS, SPOKES = 4, 12  # of a disc's points: a disc of half a wavelength is aver
 
 
 class Shape:
-    """Values (nx, ny) at `x` (nx,) and `y` (ny,) m from a corner of the plate, and cubic splines between
-    them.
+    """Values (nx, ny) at `x` (nx,) and `y` (ny,) m from a corner of the plate; cubic splines between them.
 
-    `shape(x, y)` gives them at any points of the plate, of the common shape of x and y. Raises
-    StimulatorError off the plate.
+    `shape(x, y)`: at any points, of the common shape of x and y. Raises StimulatorError off the plate.
     """
 
     def __init__(self, x: ArrayLike, y: ArrayLike, values: ArrayLike):
@@ -31,11 +29,8 @@ class Shape:
         for axis, at, grid in (("x", x, self.x), ("y", y, self.y)):
             slack = 1e-9 * grid[-1]
             if at.size and not (np.min(at) >= -slack and np.max(at) <= grid[-1] + slack):
-                refuse(
-                    f"{axis}_m",
-                    f"{np.min(at):g} to {np.max(at):g} m",
-                    f"points on the plate, from 0 to {grid[-1]:g} m",
-                )
+                on_plate = f"points on the plate, from 0 to {grid[-1]:g} m"
+                refuse(f"{axis}_m", f"{np.min(at):g} to {np.max(at):g} m", on_plate)
         return self._spline.ev(x, y)
 
     def scaled(self, factor: float) -> "Shape":
@@ -79,8 +74,7 @@ def _gauss(low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(maxsize=64)
 def contact_map(shape: Shape, diameter_m: float) -> Shape:
-    """2 <phi^2> over a disc around each point of the plate; of a disc that hangs over the edge, over the part
-    on the plate."""
+    """2 <phi^2> over a disc around each point of the plate, over the part of it that lies on the plate."""
     radius = diameter_m / 2 * np.sqrt((np.arange(RINGS) + 0.5) / RINGS)  # rings of equal area
     angle = 2 * np.pi * (np.arange(SPOKES) + 0.5) / SPOKES
     dx, dy = (f.ravel() for f in (np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))))

@@ -1,5 +1,5 @@
-"""What is known of a plate's flexural modes without finite elements: wavelengths, how many there are, a bare
-plate's, the loss to air."""
+"""What is known of flexural modes without finite elements: waves, counts, a bare plate's modes, the loss to
+air."""
 
 import math
 
@@ -13,7 +13,6 @@ from stimulator.plate import Material, PlateGeometry
 from stimulator.section import section
 
 AIR_DENSITY, SOUND = 1.20, 343.0  # kg/m^3, m/s, at 20 degC
-THEORIES = ("kirchhoff", "mindlin", "rayleigh_lamb")
 
 
 def wavelength(material: Material, thickness_m: float, frequency_Hz: float, theory: str = "mindlin") -> float:
@@ -26,13 +25,9 @@ def wavelength(material: Material, thickness_m: float, frequency_Hz: float, theo
         positive("thickness_m", thickness_m, "m"),
         2 * math.pi * positive("frequency_Hz", frequency_Hz, "Hz"),
     )
-    if theory not in THEORIES:
-        refuse("theory", repr(theory), " or ".join(THEORIES))
-    thin = _kirchhoff(material, h, omega)
-    k = {"kirchhoff": lambda: thin, "mindlin": lambda: _mindlin(material, h, omega)}.get(
-        theory, lambda: _lamb(material, h, omega)
-    )()
-    return 2 * math.pi / k
+    if theory not in _WAVENUMBER:
+        refuse("theory", repr(theory), " or ".join(_WAVENUMBER))
+    return 2 * math.pi / _WAVENUMBER[theory](material, h, omega)
 
 
 def _kirchhoff(of: Material, h: float, omega: float) -> float:
@@ -40,8 +35,8 @@ def _kirchhoff(of: Material, h: float, omega: float) -> float:
 
 
 def _mindlin(of: Material, h: float, omega: float) -> float:
-    """(S k^2 - m w^2)(D k^2 + S - I w^2) = S^2 k^2, a quadratic in k^2 of which the larger root is the
-    flexural wave."""
+    """(S k^2 - m w^2)(D k^2 + S - I w^2) = S^2 k^2, quadratic in k^2; the larger root is the flexural
+    wave."""
     bare = section(PlateGeometry(100 * h, 100 * h, h, of))
     m, inertia = bare.mass * omega**2, bare.inertia * omega**2
     a, b, c = bare.shear * bare.D, -(bare.shear * inertia + m * bare.D), -m * (bare.shear - inertia)
@@ -49,8 +44,10 @@ def _mindlin(of: Material, h: float, omega: float) -> float:
 
 
 def _lamb(of: Material, h: float, omega: float) -> float:
-    """tanh(beta h/2)/tanh(alpha h/2) = (beta^2 + k^2)^2/(4 k^2 alpha beta), alpha^2 = k^2 - (omega/c_l)^2,
-    beta^2 = k^2 - (omega/c_t)^2."""
+    """tanh(beta h/2)/tanh(alpha h/2) = (beta^2 + k^2)^2/(4 k^2 alpha beta).
+
+    alpha^2 = k^2 - (omega/c_l)^2, beta^2 = k^2 - (omega/c_t)^2.
+    """
     slow = omega / math.sqrt(of.shear / of.rho)
     fast = slow * math.sqrt((1 - 2 * of.nu) / (2 * (1 - of.nu)))
 
@@ -59,15 +56,18 @@ def _lamb(of: Material, h: float, omega: float) -> float:
         free = 4 * k**2 * alpha * beta * math.tanh(beta * h / 2)
         return free - (beta**2 + k**2) ** 2 * math.tanh(alpha * h / 2)
 
-    # Slower than Kirchhoff's wave and than the shear wave, and never slower than half of Rayleigh's: the root
-    # lies between.
+    # The wave is slower than Kirchhoff's and than a shear wave, by less than a factor of three.
     thin = max(_kirchhoff(of, h, omega), slow * (1 + 1e-9))
     return brentq(mismatch, thin, 3 * thin, xtol=1e-12 * thin)
 
 
+_WAVENUMBER = {"kirchhoff": _kirchhoff, "mindlin": _mindlin, "rayleigh_lamb": _lamb}
+THEORIES = tuple(_WAVENUMBER)
+
+
 def weyl_count(plate: PlateGeometry, low_Hz: float, high_Hz: float, theory: str = "kirchhoff") -> float:
-    """Flexural modes to expect between two frequencies: area (k_high^2 - k_low^2)/(4 pi), the leading term of
-    Weyl's law."""
+    """Flexural modes to expect between two frequencies: area (k_high^2 - k_low^2)/(4 pi), Weyl's leading
+    term."""
     low, high = (
         2 * math.pi / wavelength(plate.material, plate.thickness, f, theory) for f in (low_Hz, high_Hz)
     )

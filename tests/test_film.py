@@ -168,3 +168,14 @@ def test_a_law_beyond_its_range_is_named(W, gap, f, named):
 def test_what_cannot_be_is_refused(make, key):
     with pytest.raises(StimulatorError, match=key):
         make()
+
+
+def test_a_period_that_is_not_resolved_is_named():
+    """e = 0.98 needs more than 33 phases; with 129 it is silent."""
+    with pytest.warns(RangeWarning, match="33 phases"):
+        coarse = Reynolds(0.98, 300).periodic()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fine = Reynolds(0.98, 300, cells=40, phases=129).periodic()
+        Reynolds(0.95, 300).periodic()
+    assert coarse.overpressure == pytest.approx(fine.overpressure, rel=0.01)
