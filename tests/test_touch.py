@@ -312,33 +312,35 @@ def test_a_touch_without_parts_is_the_plate_s_own_scene():
 LOADS = """
 import sys
 from stimulator import TouchScene
-touch = TouchScene.from_toml({path!r}).run()
-touch.warnings, touch.judgement, touch.log()
-print(sorted(name for name in sys.modules if name.split(".")[0] in ("stimulator", "controller", "skfem")))
+for path in sys.argv[1:]:
+    touch = TouchScene.from_toml(path).run()
+    touch.warnings, touch.judgement, touch.log()
+    print(*sorted(name for name in sys.modules if name.split(".")[0] in ("stimulator", "controller", "skfem")))
 """
-ALWAYS = {"errors", "touch", "toml", "stroke", "limits"}
 OWN = {
-    None: (set(), ""),
-    "texture": ({"texture", "draws"}, 'kind = "square"\namplitude_um_peak = 1.0'),
-    "forces": ({"forces", "filters", "draws"}, "noise_mN = 1.5"),
-    "friction": ({"friction"}, 'law = "partial_levitation"'),
+    None: ({"errors", "touch", "toml", "stroke", "limits"}, ""),
     "finger": ({"finger"}, "width_mm = 9"),
+    "friction": ({"friction"}, 'law = "partial_levitation"'),
+    "texture": ({"texture", "draws"}, 'kind = "square"\namplitude_um_peak = 1.0'),
+    "forces": ({"forces", "filters"}, "noise_mN = 1.5"),
 }
 
 
-@pytest.mark.parametrize("table", OWN)
-def test_what_a_file_does_not_name_is_not_imported(table, tmp_path):
-    names, content = OWN[table]
+def test_what_a_file_does_not_name_is_not_imported(tmp_path):
+    """In a fresh process, one file after the other: each table brings its own modules, and nothing else does."""
     (tmp_path / "plate.toml").write_text(
         (FILES / "plate.toml").read_text().replace("duration_s = 1.2", "rows = 101")
     )
     text = 'plate_scene = "plate.toml"\n[stroke]\nx_mm = 50\ny_mm = 69\nforce_N = 0.5\n'
-    (tmp_path / "touch.toml").write_text(text + (f"[{table}]\n{content}\n" if table else ""))
-    script = LOADS.format(path=str(tmp_path / "touch.toml"))
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert set(eval(done.stdout)) == {"stimulator", *(f"stimulator.{name}" for name in ALWAYS | names)}
+    paths = [tmp_path / f"{table}.toml" for table in OWN]
+    for path, (table, (_, content)) in zip(paths, OWN.items(), strict=True):
+        path.write_text(text + (f"[{table}]\n{content}\n" if table else ""))
+    command = [sys.executable, "-c", LOADS, *map(str, paths)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    expected = {"stimulator"}
+    for line, (names, _) in zip(done.stdout.splitlines(), OWN.values(), strict=True):
+        expected |= {f"stimulator.{name}" for name in names}
+        assert set(line.split()) == expected
 
 
 # --- the whole, from a file ---------------------------------------------------------------------------------
@@ -370,9 +372,8 @@ def test_a_finger_on_nodal_lines_is_felt_at_the_rate_of_the_lines():
     assert np.ptp(moved.run(paper(1.0)).W[3000:]) < 0.3 * np.ptp(W)
 
 
-@pytest.mark.parametrize("loop", [None, PAPER])
-def test_logs_of_touches_are_those_of_the_plate(loop, tmp_path):
-    """A finger that comes down tells its own damping, and G, tau and f0 stay: also where a loop drives."""
+def test_logs_of_touches_are_those_of_the_plate(tmp_path):
+    """A finger that comes down tells its own damping, and G, tau and f0 stay, where a loop drives."""
     force = Profile(np.array([0.0, 0.03, 0.035, 0.2]), np.array([0.0, 0.0, 1.0, 1.0]), held=False)
     stroke = Stroke(
         Profile(np.array([0.0, 0.2]), np.array([20.0, 60.0]), held=False), Profile.constant(69.0), force
@@ -380,7 +381,11 @@ def test_logs_of_touches_are_those_of_the_plate(loop, tmp_path):
     bare = plate(rows=1501)
     noise = EFFECTS["white_noise"](std=0.005)
     scene = TouchScene(
-        dataclasses.replace(bare, effects=(*bare.effects, noise)), stroke, texture=Square(), loop=loop, seed=5
+        dataclasses.replace(bare, effects=(*bare.effects, noise)),
+        stroke,
+        texture=Square(),
+        loop=PAPER,
+        seed=5,
     )
     touch = scene.run()
     sysid.write_log(touch.log(), tmp_path / "touch.csv", further=touch.columns())
