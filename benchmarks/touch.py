@@ -227,6 +227,7 @@ def speed(strokes: int) -> Iterator[str]:
     yield "| strokes | simulated, s | wall, s | processor, s | times real time (wall) | (processor) | wanted |"
     yield "|---|---|---|---|---|---|---|"
     scenes = [random(seed) for seed in range(strokes)]
+    busy = os.getloadavg()[0]
     ways: dict[int, Callable[[], object]] = {
         1: lambda: one.run().judgement,
         strokes: lambda: [t.judgement for t in run_all(scenes)],
@@ -236,6 +237,8 @@ def speed(strokes: int) -> Iterator[str]:
         took = min((measured(way) for _ in range(20 if count == 1 else 1)), key=lambda pair: pair[0])
         wanted = 10 if count == 1 else 50
         yield f"| {count} | {1.2 * count:g} | {took[0]:.3g} | {took[1]:.3g} | {1.2 * count / took[0]:.1f} | {1.2 * count / took[1]:.1f} | {wanted} |"
+    yield ""
+    yield f"Load average when this was measured: {busy:.1f}, of {os.cpu_count()} cores: wall times hold what else the machine did."
 
 
 def measured(way: Callable[[], object]) -> tuple[float, float]:

@@ -130,6 +130,19 @@ def test_two_ceramics_cancel_odd_modes_and_see_even_ones():
     np.testing.assert_allclose(seen[1] - bare, whole[1] - bare, atol=1e-8)
 
 
+def test_a_loop_holds_what_its_ceramics_read_of_all_modes():
+    """Settled at its voltage and frequency, by the response of each mode; what moves is another sum of them."""
+    loop = controller.design(PLATE, method="pi", voltage_limit=350.0, amplitude=1.0, finger=1.0)
+    trace = controller.closed_loop(loop, scene(*BESIDE, drive=50.0, rows=2001))
+    V, f = trace.V[-1], trace.f[-1]
+    modes = [PLATE, *(Plant(m.G, m.tau, m.f0) for m in BESIDE)]
+    Z = np.array([mode.steady(V, f) for mode in modes])
+    read = Z @ np.array([1.0, *(m.seen for m in BESIDE)])
+    assert [trace.measured[-1], read] == pytest.approx([1.0, 1.0], abs=1e-9)  # 200 ms: all has settled
+    assert trace.W[-1] == pytest.approx(abs(Z.sum()), abs=1e-9)
+    assert trace.W[-1] > 1.05 and f > PLATE.f0 + 20.0
+
+
 def test_a_lock_in_sees_the_same_share():
     filtered = EFFECTS["lock_in"](tau=1e-5)
     both = [scene(*BESIDE, *more, rows=2001).simulate().response[-1] for more in ((), (filtered,))]
