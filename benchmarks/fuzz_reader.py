@@ -40,10 +40,10 @@ from sysid.logs.log import Log, LogError, read_logs
 HERE = Path(__file__).parent
 CORPUS = HERE / "fuzz_corpus.txt"
 MODULES = (
-    "textfile", "cells", "stamps", "pieces", "preamble", "csvfile", "csvbody", "mapping", "draft", "header", "benchwords", "log",
-    "units", "waveform", "carrier", "lockin",
+    "textfile", "cells", "stamps", "pieces", "preamble", "sheet", "layout", "csvfile", "csvbody", "mapping", "capture", "missing",
+    "labels", "roles", "draft", "header", "benchwords", "log", "units", "waveform", "carrier", "lockin",
 )  # fmt: skip
-READER = tuple(str(HERE.parent / "sysid" / f"{name}.py") for name in MODULES)
+READER = tuple(str(HERE.parent / "sysid" / "logs" / f"{name}.py") for name in MODULES)
 SLOW = 10.0  # s of the processor: a table of a few lines takes milliseconds
 HEADER = b"time_s,voltage_V,frequency_Hz,wd_um,wq_um"
 ROWS = b"0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"
@@ -69,6 +69,13 @@ SEEDS = [
     (LOCKIN, MAP.replace(b"rows = [0, 3]", b'split_by = "sweep"\nrows = {a = [0, 1], b = [0, 1]}').replace(b"velocity", b"charge")),
     (b"% a\n10;1,5;-20;30\n11;2,5;-21;40\n", b'comment = "%"\ndelimiter = ";"\ndecimal = ","\nheader = false\nphase_offset_deg = 3\n'
      b'[columns]\ntime = { column = 0, unit = "s" }\nmagnitude = { column = 2, unit = "dB" }\nphase = { column = 3, unit = "deg" }\n'),
+    (b"chunk;size;fieldname;;;;\n0;4;frequency;1;2;3;4\n0;4;x;.1;.5;.2;.1\n0;4;y;0;.1;-.2;0\n1;2;frequency;5;6\n1;2;x;1;2\n1;2;y;3;4\n", b""),
+    (b"frequency_Hz,1,2,3,4\nwd_um,.1,.5,.2,.1\nwq_um,0,.1,-.2,0\n", b""),
+    (b'"4294A"\n"TRACE: A"\nFrequency,|Z|[Ohm]\n1,5\n2,6\n3,7\n\n"TRACE: B"\nFrequency,Theta[deg]\n1,-80\n2,-7\n3,-60\n', b""),
+    (b"TRACE: A\nF,V\n1,5\n2,6\n3,7\nTRACE: B\nF,V\n1,-80\n2,-7\n3,-60\n", b'quantity = "impedance"\njoin = "F"\n[columns]\n'
+     b'frequency = { column = "F", unit = "Hz" }\nmagnitude = { column = 1, unit = "ohm" }\nphase = { column = 2, unit = "deg" }\n'),
+    (b"frequency_Hz,wd_um,wq_um\n" + b"".join(b"%d,%d,%d\n" % (k, k * k, k) for k in range(30)).replace(b"9,81,9", b"9,,9"), b""),
+    (b"Frequency (Hz),Z re (Ohm),-Z'' (Ohm)\n1,2,3\n2,3,4\n3,4,5\n", b""),
 ]  # fmt: skip
 WORDS = [
     b",", b";", b"\t", b" ", b"\n", b"\r", b"\r\n", b'"', b"'", b"#", b"# ", b":", b"_", b"[", b"]", b"(", b")", b"{", b"}", b"=",

@@ -1,16 +1,19 @@
 """Layouts of patches side by side: one row of numbers for each, as a table in Markdown or for pandas."""
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from stimulator.modal import Mode, Neighbour
-from stimulator.modes import Modes
+
+if TYPE_CHECKING:
+    from stimulator.modes import Modes
 
 HEARD = 0.02  # |drive| or |sense| of a neighbour that is named, over that of the chosen mode
 
 Row = dict[str, str]
 
 
-def row(found: Modes, tau: float) -> Row:
+def row(found: "Modes", tau: float) -> Row:
     """The chosen mode of a layout in numbers, G at the time constant `tau` (s), and the neighbours it drives.
 
     A neighbour stands as its offset in Hz with drive and sense, both over those of the chosen mode.
@@ -34,7 +37,7 @@ def named(mode: Mode, neighbour: Neighbour) -> str:
     return f"{neighbour.f0 - mode.f0:+.0f} ({neighbour.drive:.2f}, {neighbour.sense:.2f})"
 
 
-def table(found: Mapping[str, Modes], tau: float) -> list[Row]:
+def table(found: Mapping[str, "Modes"], tau: float) -> list[Row]:
     """A row for each layout, by name."""
     return [{"layout": name, **row(one, tau)} for name, one in found.items()]
 

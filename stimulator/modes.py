@@ -17,7 +17,6 @@ import numpy as np
 import skfem  # the extra "stimulator"
 from scipy.interpolate import RectBivariateSpline
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from skfem.element import DiscreteField
 from skfem.helpers import dd, ddot, grad
 
@@ -26,18 +25,18 @@ from stimulator.kept import Arrays, kept
 from stimulator.modal import Eigenmode, Mode, resonator, straight
 from stimulator.plate import Box, PlateGeometry
 from stimulator.section import moment_per_volt, section
+from stimulator.spectrum import around, below
 from stimulator.theory import wavelength
 
 CODE = [
     str(Path(__file__).with_name(f"{name}.py"))
-    for name in ("modes", "modal", "plate", "section", "shape", "theory")
+    for name in ("modes", "modal", "plate", "section", "shape", "spectrum", "theory")
 ]
 MOST_UNKNOWNS = 60_000  # of one eigenproblem: its factors fit into 1 GB
 SAMPLES = 16  # a wavelength, of a kept shape: cubic splines then err by 1e-4
 MOST_SECANTS, CALIBRATED = 8, 1e-5  # steps, and the relative error of a frequency at which they end
 LEAST_WAVES = 2.0  # along the plate
 RIGID = 1e-6  # of the square of the frequency looked at: below, a rigid body's, 0 but for rounding
-FIRST = 12  # modes of a class that are looked for at first; twice as many where they do not reach far enough
 THIN = 0.1  # thickness over wavelength, from which on Kirchhoff's wavelength is 3 % too long
 Parity = tuple[int, int]  # along x and y: 0 even, 1 odd, where the layout is halved
 
@@ -79,6 +78,11 @@ def modes(
         per_wavelength = _THEORIES[theory].per_wavelength
     asked = [positive("near", near, "Hz"), positive("company", company, "Hz")]
     asked.append(positive("per_wavelength", per_wavelength, "1"))
+    thick = plate.thickness / wavelength(plate.material, plate.thickness, near)
+    if theory == "kirchhoff" and thick > THIN:
+        beyond(
+            f"kirchhoff: a plate {thick:.2f} wavelengths thick; from {THIN:g} on it errs by 3 %; use mindlin"
+        )
     request = (plate, theory, *asked, skfem.__version__)
     solved = kept(cache, request, CODE, lambda: _solved(plate, theory, *asked))
     found = [
@@ -110,13 +114,10 @@ def calibrated(
 
 def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_wavelength: float) -> Arrays:
     """The chosen mode first, then those beside it from the lowest on."""
-    # Straight modes lie a share wavelength/length apart: one is nearer than half of that; patches move it a
-    # little.
+    # Straight modes lie a share wavelength/length apart: one is nearer than half of that, or a little more.
     waves = plate.length / wavelength(plate.material, plate.thickness, near)
     if waves < LEAST_WAVES:
-        expected = (
-            f"a frequency of {LEAST_WAVES:g} wavelengths or more, of modes that are told by their nodal lines"
-        )
+        expected = f"{LEAST_WAVES:g} wavelengths or more: modes are told by their nodal lines"
         refuse("near", f"{near:g} Hz, {waves:.2g} wavelengths along the plate", expected)
     reach = near / waves
     model = _Model(plate, theory, near + reach, per_wavelength)
@@ -141,8 +142,10 @@ def _solved(plate: PlateGeometry, theory: str, near: float, company: float, per_
 
 @dataclass(frozen=True)
 class _Theory:
-    """A plate theory in the forms of scikit-fem. `vanish`: what is zero on the mirror across x or y, of even
-    and odd shapes."""
+    """A plate theory in the forms of scikit-fem.
+
+    `vanish`: the unknowns that are zero on the mirrors across x and across y, of even and of odd shapes.
+    """
 
     element: Callable[[], Any]
     order: int  # of quadrature
@@ -152,7 +155,7 @@ class _Theory:
     stiffness: Callable
     mass: Callable
     curvature: Callable
-    vanish: dict[tuple[str, int], list[str]]
+    vanish: tuple[tuple[list[str], list[str]], ...]
 
 
 class _Hermite(skfem.ElementQuadBFS):
@@ -208,12 +211,7 @@ _THEORIES = {
         stiffness=_kirchhoff,
         mass=lambda u, v, w: w.mass * u * v,
         curvature=lambda v, w: w.where * (dd(v)[0, 0] + dd(v)[1, 1]),
-        vanish={
-            ("x", 0): ["u_x", "u_xy"],
-            ("x", 1): ["u", "u_y"],
-            ("y", 0): ["u_y", "u_xy"],
-            ("y", 1): ["u", "u_x"],
-        },
+        vanish=((["u_x", "u_xy"], ["u", "u_y"]), (["u_y", "u_xy"], ["u", "u_x"])),
     ),
     "mindlin": _Theory(
         element=lambda: skfem.ElementVector(skfem.ElementQuadP(4), 3),
@@ -224,26 +222,17 @@ _THEORIES = {
         stiffness=_mindlin,
         mass=lambda u, v, w: w.mass * u[0] * v[0] + w.inertia * (u[1] * v[1] + u[2] * v[2]),
         curvature=lambda v, w: w.where * (grad(v)[1, 0] + grad(v)[2, 1]),
-        vanish={
-            ("x", 0): ["u^2"],
-            ("x", 1): ["u^1", "u^3"],
-            ("y", 0): ["u^3"],
-            ("y", 1): ["u^1", "u^2"],
-        },
+        vanish=((["u^2"], ["u^1", "u^3"]), (["u^3"], ["u^1", "u^2"])),
     ),
 }
 
 
 class _Model:
-    """Stiffness and mass of a plate, or of the part of it that its mirrors leave, from the corner (0, 0)
-    on."""
+    """Stiffness and mass of a plate, or of the part from the corner (0, 0) on that its mirrors leave."""
 
     def __init__(self, plate: PlateGeometry, theory: str, highest: float, per_wavelength: float):
         self.plate, self.theory, self.per_wavelength = plate, _THEORIES[theory], per_wavelength
         self.wavelength = wavelength(plate.material, plate.thickness, highest, theory)
-        if plate.thickness > THIN * self.wavelength and theory == "kirchhoff":
-            thick = f"{plate.thickness / self.wavelength:.2f} wavelengths thick"
-            beyond(f"kirchhoff: a plate {thick}; its waves are 3 % too long from {THIN:g} on; use mindlin")
         if per_wavelength < self.theory.least:
             least = f"{self.theory.least:g} elements of {theory} or more in {1e3 * self.wavelength:.3g} mm"
             refuse("per_wavelength", f"{per_wavelength:g}, a mesh too coarse for the wavelength", least)
@@ -266,45 +255,30 @@ class _Model:
         return [(i, j) for i in along_x for j in along_y]
 
     def spectrum(self, parity: Parity, centre: float, reach: float) -> list[Eigenmode]:
-        """All modes of a class within `reach` of `centre`, Hz."""
-        keep = self._free(parity)
-        K, M = (csc_matrix(A[keep][:, keep]) for A in (self.K, self.M))
+        """All modes of a class within `reach` of `centre`, Hz, without the motions of a rigid body."""
+        keep, K, M = self._of(parity)
         self.unknowns = max(self.unknowns, len(keep))
         shift = (2 * math.pi * centre) ** 2
-        inverse = LinearOperator(K.shape, matvec=_factors(K - shift * M).solve)
-        farthest = (
-            2 * math.pi * (centre + reach)
-        ) ** 2 - shift  # below the shift, as far in Hz is less in its square
-        count = FIRST
-        while True:
-            squares, vectors = eigsh(
-                K, k=min(count, len(keep) - 2), M=M, sigma=shift, OPinv=inverse, v0=np.ones(len(keep))
-            )
-            if np.max(np.abs(squares - shift)) > farthest or count >= len(keep) - 2:
-                break
-            count *= 2
-        found = []
+        farthest = (2 * math.pi * (centre + reach)) ** 2 - shift  # downwards, the same reach in Hz is less
+        unit, found = 2 ** (-sum(self.halved) / 2), []  # of unit modal mass on the whole plate
+        squares, vectors = around(K, M, shift, farthest)
         for square, vector in zip(squares, vectors.T, strict=True):
             f0 = math.sqrt(max(square, 0.0)) / (2 * math.pi)
             if abs(f0 - centre) <= reach and square > RIGID * shift:
                 whole = np.zeros(self.basis.N)
-                whole[keep] = vector / math.sqrt(
-                    2 ** sum(self.halved)
-                )  # of unit modal mass on the whole plate
+                whole[keep] = vector * unit
                 found.append(self._eigenmode(f0, whole, parity))
         return found
 
     def below(self, frequency: float) -> int:
-        """How many modes, those of a rigid body among them, lie below a frequency (Hz): by the signs of the
-        factors (Sylvester)."""
-        total = 0
-        for parity in self.parities:
-            keep = self._free(parity)
-            shifted = csc_matrix(
-                self.K[keep][:, keep] - (2 * math.pi * frequency) ** 2 * self.M[keep][:, keep]
-            )
-            total += int(np.sum(_factors(shifted).U.diagonal() < 0))
-        return total
+        """How many modes lie below a frequency (Hz), a rigid body's motions among them, found or not."""
+        shift = (2 * math.pi * frequency) ** 2
+        return sum(below(K, M, shift) for _, K, M in map(self._of, self.parities))
+
+    def _of(self, parity: Parity) -> tuple[np.ndarray, csc_matrix, csc_matrix]:
+        """Unknowns that a class leaves free, and their stiffness and mass."""
+        keep = self._free(parity)
+        return keep, csc_matrix(self.K[keep][:, keep]), csc_matrix(self.M[keep][:, keep])
 
     def _lines(self, step: float) -> list[np.ndarray]:
         """The lines of the mesh: all edges of patches and of their images, and equal parts between them."""
@@ -330,17 +304,15 @@ class _Model:
         return K, M
 
     def _moments(self) -> dict[Parity, np.ndarray]:
-        """Of each class (patches, unknowns): the work of 1 V on each patch, by its part here and by its
-        images."""
+        """Of each class (patches, unknowns): the work of 1 V on each patch, its part here and its images."""
         form, work = skfem.LinearForm(self.theory.curvature), {}
         images = list(product(*((1, -1) if halved else (1,) for halved in self.halved)))
         found = {parity: np.zeros((len(self.plate.patches), self.basis.N)) for parity in self.parities}
         for i, patch in enumerate(self.plate.patches):
             volt = moment_per_volt(self.plate, patch)
             for sign_x, sign_y in images:
-                box = patch.mirrored(
-                    self.plate.length if sign_x < 0 else None, self.plate.width if sign_y < 0 else None
-                ).box
+                mirrors = self.plate.length if sign_x < 0 else None, self.plate.width if sign_y < 0 else None
+                box = patch.mirrored(*mirrors).box
                 key = tuple(np.round(box, 9))
                 if key not in work:
                     inside = self._inside(box)
@@ -360,7 +332,7 @@ class _Model:
             if halved:
                 mirror = (self.plate.length, self.plate.width)[axis] / 2
                 on = self.basis.get_dofs(lambda x, a=axis, m=mirror: np.abs(x[a] - m) < 1e-9)
-                gone.append(on.all(self.theory.vanish["xy"[axis], parity[axis]]))
+                gone.append(on.all(self.theory.vanish[axis][parity[axis]]))
         return np.setdiff1d(np.arange(self.basis.N), np.concatenate(gone))
 
     def _eigenmode(self, f0: float, whole: np.ndarray, parity: Parity) -> Eigenmode:
@@ -420,11 +392,3 @@ def _divided(side: float, halved: bool, edges: list[float], step: float) -> np.n
         parts = max(math.ceil((high - low) / step - 1e-9), 1)
         lines += list(low + (high - low) * np.arange(1, parts + 1) / parts)
     return np.array(lines)
-
-
-def _factors(A: csc_matrix) -> Any:
-    """Symmetric factors without pivots: a fifth of the time of the general ones, and the signs of their
-    diagonal count modes."""
-    return splu(
-        csc_matrix(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )

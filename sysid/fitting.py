@@ -17,9 +17,11 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude
-from sysid.verdict.differing import OMITS, SPANS, dispersion
+from sysid.verdict.decay import decays, of_decays
+from sysid.verdict.differing import dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
+from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
 from sysid.verdict.through import with_delays
@@ -55,6 +57,11 @@ def fit(
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
+    rest, said = decays(best)
+    if rest:
+        given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
+        if told := of_decays(fit(rest, **given), said):
+            return told
     found = _concluded(question, states)
     if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
         again = _concluded(*filtered)
@@ -66,29 +73,33 @@ def fit(
 
 
 def _together(question: Question, found: Fit) -> Fit:
-    """The fit, its errors those of logs that differ by more than theirs."""
+    """The fit, its errors those of logs that differ by more than theirs, or that may be read in two ways."""
     best = found.modes[0]
     more, said = dispersion(best, found.reference, found.names)
-    if not said:
+    more = more + question.dispersion
+    if not np.any(more):
         return found
     again = conclude(question, [replace(s, dispersion=more) for s in found.modes], hangs(best, found.reference, found.names))
-    told, does = (again, SPANS) if again.result is Result.successful else (found, OMITS)
-    return replace(told, warnings=(*(sentence + does.format(name) for name, sentence in said.items()), *told.warnings))
+    spanned = again.result is Result.successful or not said
+    told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
+    alarms = [x.told(spanned) for x in said if x.rare or not spanned]
+    notes = [x.told(spanned) for x in said if spanned and not x.rare]
+    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
     """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
     well."""
-    states = [with_delays(s, found.reference) for s in found.modes]
-    if not (said := states[0][1]):
+    told = [with_delays(s, found.reference) for s in found.modes]
+    if not (told[0].spanned or told[0].partly):
         return found
-    anew = replace(question, trials=_with_priors(question.trials, states[0][0]))
-    again = _concluded(anew, _anew(question.minimiser, found.modes, [trials for trials, _ in states]))
-    others = sum(t.signed and t.driven for t in anew.trials) > len(said)
+    anew = replace(question, trials=_with_priors(question.trials, told[0].trials))
+    again = _concluded(anew, _anew(question.minimiser, found.modes, [t.trials for t in told]))
+    others = sum(t.signed and t.driven for t in anew.trials) > told[0].logs
     before, after = (fit.parameters["G"].std or 0.0 for fit in (found, again))
     if others and after <= WIDER * before:
         return again
-    return replace(again, warnings=(*said, *again.warnings))
+    return replace(again, warnings=(*told[0].partly, *again.warnings), notes=(*again.notes, *told[0].spanned))
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
@@ -98,8 +109,9 @@ def _concluded(question: Question, states: list[State]) -> Fit:
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
-    tight = unfolded(minimiser, minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1))
-    narrow = conclude(question, [tight], hangs(tight, minimiser.reference, minimiser.free))
+    tight = minimiser.imaged([minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)])
+    tight = [unfolded(minimiser, s) for s in tight]
+    narrow = conclude(question, tight, hangs(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit:
         return narrow
     wide = conclude(question, states, names)
@@ -133,6 +145,8 @@ def _asked(
         states = minimiser.minima(read, start)
     sampled = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, sampled, strict=True) if what]
+    read, states, apart, said = owned(minimiser, read, states, logs)
+    warnings += said
     for _ in range(TWICE if any(t.at_one_frequency for t in read) else 1):
         states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
     states, said = with_offsets(minimiser, states)
@@ -142,7 +156,7 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    return Question(minimiser, read, stated, reference_temperature, tuple(warnings)), states
+    return Question(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
 
 
 def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:

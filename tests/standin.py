@@ -47,7 +47,7 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
         found[name] = Parameter(float(x.mean()), float(x.std()), (float(low), float(high)), UNITS[name], True)
     logs = tuple(logs or (fitted(), fitted("sweep.csv", "steady", 60)))
     told = {"parameters": found, "units": UNITS, "reference_temperature": 24.0, "warnings": (), "priors": {}}
-    fit = SimpleNamespace(logs=logs, result=result, **told)
+    fit = SimpleNamespace(logs=logs, result=result, notes=(), **told)
     off = {name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0) for name in draws}
     given = {"fit": fit, "draws": draws, "summary": lambda: found, "ess": ess, "rhat": 1.004, "result": result, "seed": 3}
     given |= {"errors": off, "twice": lambda: 0.84, "offer": lambda: None}

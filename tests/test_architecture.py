@@ -14,14 +14,16 @@ ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its left.
 HOUSE = """
 precision
-logs       units textfile cells stamps pieces preamble csvfile csvbody mapping draft header lockin switched carrier waveform
-           benchwords log
+logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
+           uff touchstone files mapping capture missing labels
+           roles draft header lockin switched carrier waveform benchwords log
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
-verdict    result identify wording flank fitted determined view lone coincidence through standing differing term moments terms
-           misfit odd mirrored leaning late conclusion hidden bench comparison
+verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing
+           differing term moments terms misfit odd mirrored leaning hurried late conclusion hidden ownership
+           decay bench comparison
 reading
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
@@ -55,7 +57,7 @@ HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself
 # imported under another name than it is declared under
-NAMES = {"PIL": "pillow", "skfem": "scikit-fem", "yaml": "pyyaml"}
+NAMES = {"PIL": "pillow", "skfem": "scikit-fem", "skrf": "scikit-rf", "yaml": "pyyaml"}
 
 
 def relative(path):

@@ -127,7 +127,7 @@ def test_a_reference_that_may_be_late_is_named(bench):
     """The mirror image of a sensor that is late; G is too small."""
 
     def said(log):
-        return [w for w in sysid.fit([log]).warnings if "a reference that is late by" in w]
+        return [w for w in sysid.fit([log]).notes if "a reference that is late by" in w]
 
     log = swept(bench, np.random.default_rng(0))
     turned = lambda t: replace(log, response=log.response * np.exp(2j * np.pi * t * (log.frequency - 32300)))  # noqa: E731

@@ -372,6 +372,3 @@ def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
     np.testing.assert_allclose(log.response, 1j * SIGNAL, rtol=1e-13)  # some roundings of dB and degrees
 
 
-def test_a_table_that_lies_across_is_to_be_turned(save):
-    text = "chunk;timestamp;size;fieldname\n" + "".join(f"0;1;9;{name};{';'.join('123456789')}\n" for name in "fxy")
-    assert refused(save(text), "line 2", "found 13 columns, expected 4", "lies across").mapping is None

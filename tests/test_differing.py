@@ -18,6 +18,11 @@ def off(bench, fit, name):
     return (p.value - getattr(bench.plant, name)) / p.std
 
 
+def _told(fit, begin):
+    """Whether it says that logs differ, or contradict each other."""
+    return any(w.startswith(begin) or "contradicts" in w for w in (*fit.warnings, *fit.notes))
+
+
 def steps(bench, seed, **changes):
     """Three steps, of which the third is of a plate with these changes."""
     other = object.__new__(type(bench))
@@ -29,7 +34,8 @@ def steps(bench, seed, **changes):
 def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(bench):
     """By 5 %, 7 and more of its errors: what the two would have to be, their priors hold against."""
     fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G)) for seed in SEEDS]
-    said = [next((w for w in f.warnings if "step 3" in w and ("differ" in w or "contradict" in w)), None) for f in fits]
+    told = [(*f.warnings, *f.notes) for f in fits]
+    said = [next((w for w in every if "step 3" in w and ("differ" in w or "contradict" in w)), None) for every in told]
     assert sum(w is not None for w in said) >= 14  # of the others one began too early, as 5 % of G in tau would have it
     assert all(f.result is Result.misfit or abs(off(bench, f, "G")) < 3 for f in fits)
 
@@ -40,7 +46,7 @@ def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, 
     changed = {key: factor * getattr(bench.plant, key) for key, factor in changes.items()}
     fits = [sysid.fit(steps(bench, seed, **changed)) for seed in SEEDS]
     good = [f for f in fits if f.result is Result.successful]
-    said = [f for f in fits if any(w.startswith(f"{name}: the logs differ") or "contradicts" in w for w in f.warnings)]
+    said = [f for f in fits if _told(f, f"{name}: the logs differ")]
     assert len(said) >= 10
     # what is not seen, of less than 2.45 errors between a log and the others, makes 1.7 of the mean's, with its own scatter 2
     assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < 2.1
@@ -54,7 +60,7 @@ def differing(bench):
     for seed in SEEDS:
         logs = steps(bench, seed, tau=1.03 * bench.plant.tau)
         fit = sysid.fit(logs, **known)
-        if fit.result is Result.successful and any(w.startswith("tau: the logs differ") for w in fit.warnings):
+        if fit.result is Result.successful and any(w.startswith("tau: the logs differ") for w in (*fit.warnings, *fit.notes)):
             return fit, [sysid.fit([log], **known) for log in logs]
     raise AssertionError("none of the seeds is said to differ")
 
@@ -95,7 +101,7 @@ def test_amplitudes_that_differ_are_called_so(bench):
     for seed in SEEDS:
         logs = [bench.sweep(seed=2 * seed + k, amplitude=True, frequency=inputs + 2.8 * k) for k in (0, 1)]
         fits.append(sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)]))
-    said = [f for f in fits if any(w.startswith("f0: the logs differ") or "contradicts" in w for w in f.warnings)]
+    said = [f for f in fits if _told(f, "f0: the logs differ")]
     assert len(said) >= 10
     for f in said:
         f0 = f.parameters["f0"]
@@ -106,7 +112,7 @@ def test_amplitudes_that_differ_are_called_so(bench):
 def test_logs_of_one_plate_are_called_alike(bench):
     fits = [sysid.fit(steps(bench, seed)) for seed in SEEDS]
     assert all(f.result is Result.successful for f in fits)
-    said = sum(any("the logs differ" in w for w in f.warnings) for f in fits)
+    said = sum(any("the logs differ" in w for w in (*f.warnings, *f.notes)) for f in fits)
     assert said <= 6  # in one of seven by chance: in more than 6 of 16 once in 100
 
 
@@ -126,7 +132,7 @@ def step_and_sweep(bench, seed, gain, feedthrough=0.0):
 
 
 def said_of_G(fit):
-    return any(w.startswith("G: the logs differ") for w in fit.warnings)
+    return any(w.startswith("G: the logs differ") for w in (*fit.warnings, *fit.notes))
 
 
 def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench):
@@ -150,4 +156,4 @@ def test_a_gain_of_two_is_no_filter(bench):
     for seed in range(4):
         fit = sysid.fit(step_and_sweep(bench, seed, 0.5))
         assert fit.result is Result.misfit
-        assert any("G contradicts the other logs" in w for w in fit.warnings)
+        assert any("G contradicts the other logs" in w for w in (*fit.warnings, *fit.notes))

@@ -657,15 +657,16 @@ def test_the_mapping_of_an_oscilloscope_s_record_reads_it(save, tmp_path):
 
 
 def test_a_file_without_header_brings_a_mapping_by_position(save, tmp_path):
-    path = save("10;100;1,5;2\n11;101;3,5;4\n".replace(";", "\t").replace(",", "."))
+    path = save("10;100;1,5;2\n11;101;3,5;-4\n12;102;2,5;1\n".replace(";", "\t").replace(",", "."))
     text = refused(path, "4 columns without a header").mapping
     assert "10, 100, 1.5, 2" in text
     text = complete(text, "velocity")
-    for name, column in (("frequency", '1, unit = "Hz"'), ("x", '2, unit = "V"'), ("y", '3, unit = "V"')):
-        text = text.replace(f'# {name} = {{ column = 0, unit = "?" }}', f"{name} = {{ column = {column} }}")
+    for column, (name, unit) in enumerate((("time", "s"), ("frequency", "Hz"), ("x", "V"), ("y", "V"))):
+        assert f'{name} = {{ column = {column}, unit = "?" }}' in text.splitlines()
+        text = text.replace(f'column = {column}, unit = "?"', f'column = {column}, unit = "{unit}"')
     (tmp_path / "map.toml").write_text(text)
     log = read_one(path, columns=tmp_path / "map.toml")
-    expected = np.array([1.5 + 2j, 3.5 + 4j]) / (2 * np.pi * np.array([100, 101]))
+    expected = np.array([1.5 + 2j, 3.5 - 4j, 2.5 + 1j]) / (2 * np.pi * np.array([100, 101, 102]))
     np.testing.assert_allclose(log.response, expected, rtol=1e-15)  # one division, the last bit aside
 
 

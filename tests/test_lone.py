@@ -6,7 +6,7 @@ import reference
 
 import sysid
 from sysid.model.prior import NAMES
-from sysid.verdict.lone import _without_one
+from sysid.verdict.lone import _on_a_floor, _without_one
 from sysid.verdict.view import View
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
@@ -84,9 +84,9 @@ def test_what_is_left_without_a_reading_is_what_a_fit_without_it_has(amplitude):
     """C(-R) by the normal equations of all columns, the bench's among them, without the reading's rows."""
     fit = sysid.fit([swept(2, 4, rows=21, amplitude=amplitude), swept(3, 5, rows=15, amplitude=amplitude)])
     state, index = fit.modes[0], [NAMES.index(n) for n in fit.names]
-    views = [View(t, m, state, fit.reference) for t, m in zip(state.trials, state.models, strict=True)]
+    views = [_on_a_floor(View(t, m, state, fit.reference)) for t, m in zip(state.trials, state.models, strict=True)]
     shown = np.eye(len(NAMES))[index]
-    grown = _without_one(views, shown, index)
+    grown, _ = _without_one(views, shown, index)
     size = np.linalg.norm(np.concatenate([v.rows(v.derivatives.T).T[:, index] for v in views]), axis=0)
 
     def variances(left_out, among):

@@ -369,6 +369,14 @@ def test_the_example_in_the_documentation_is_a_mapping(tmp_path):
     assert tomllib.loads(path.read_text())["rows"] == [100, 380]
 
 
+def test_the_mapping_files_of_the_page_on_logs_are_some(save):
+    """Those that it shows whole: each reads as a mapping file."""
+    blocks = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8").split("```toml\n")[1:]
+    shown = [mapping.load_mapping(save(block.partition("```")[0], "map.toml")) for block in blocks]
+    assert [bool(of.files) for of in shown] == [False, False, False, True]
+    assert [of.dialect.join for of in shown] == [None, "Frequency", None, None]
+
+
 # Files of other people's instruments
 
 pytestmark_real = pytest.mark.skipif(not REAL.is_dir(), reason="the measured sets are not here")

@@ -414,7 +414,7 @@ def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench):
         log = bench.sweep(seed=100 + seed, noise=0.002, time=time)
         late = behind(log, 30e-6)
         fit = sysid.fit([late])
-        assert off(bench, fit) > 6 and "or a sensor that is late by" in " ".join(fit.warnings)
+        assert off(bench, fit) > 6 and "or a sensor that is late by" in " ".join((*fit.warnings, *fit.notes))
         stated = sysid.fit([replace(late, bench={"delay_s": 30e-6})])
         assert stated.result is Result.successful and all(abs(off(bench, stated, name)) < 4 for name in ("G", "tau", "f0"))
     wrong = sysid.fit([behind(log, 0.0, delay_s=1e-3)])
@@ -442,7 +442,8 @@ def unfed(bench, seed, noise=0.01):
 
 def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
     def said(log):
-        return [w for w in sysid.fit([log]).warnings if "a sensor that is late" in w]
+        fit = sysid.fit([log])
+        return [w for w in (*fit.warnings, *fit.notes) if "a sensor that is late" in w]
 
     clean = [unfed(bench, seed) for seed in range(20)]
     assert not any(said(log) for log in clean)  # each by chance in one of 16 000
@@ -479,7 +480,7 @@ def test_sweeps_that_are_all_late_show_together_what_each_does_not(bench):
 
     scores = np.array([off(bench, fit, "G") for fit in fits(4e-6)])
     assert np.sqrt(np.mean(scores**2)) < 1.6  # one, for a prior of the size itself; eight numbers: by chance in one of 300
-    assert not any("late by" in w for fit in fits(0.0) for w in fit.warnings)
+    assert not any("late by" in w for fit in fits(0.0) for w in (*fit.warnings, *fit.notes))
 
 
 @pytest.mark.parametrize("turn", [1.0, 1j])

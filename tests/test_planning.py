@@ -27,7 +27,7 @@ def after(bench, logs, parameter, seed):
     chance some do, which is in the error then."""
     best = sysid.advise(sysid.fit(logs), parameter)[0]
     found = sysid.fit([*logs, recorded(bench, best.experiment, 100 + seed)])
-    differ = any("the logs differ" in w for w in found.warnings)
+    differ = any("the logs differ" in w for w in (*found.warnings, *found.notes))
     return np.nan if differ else best.after / found.parameters[parameter].std
 
 

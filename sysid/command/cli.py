@@ -132,14 +132,14 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
     from sysid.command import outputs
     from sysid.command.costcurve import CostCurve, measure, table
     from sysid.logs.log import LogError, read_logs
-    from sysid.report.text import ADVICE
+    from sysid.report.text import advice
 
     folder = Path(arguments.folder)
     try:
         outputs.check_writable(folder)
         found = measure(lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed)
         if not isinstance(found, CostCurve):
-            print(f"identify: {found.result.value}: {ADVICE[found.result.value]}", file=sys.stderr)
+            print(f"identify: {found.result.value}: {advice(found.result.value, len(found.logs))}", file=sys.stderr)
             return 1
         from sysid.report import costs, screen
 

@@ -55,6 +55,7 @@ def document(
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
+        "notes": list(fit.notes),
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],

@@ -32,6 +32,8 @@ class Dialect:
     decimal: str | None = None
     header: bool | None = None
     skip: int | None = None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
+    table: str | None = None  # of a file of several tables, as of HDF5 groups: which of them
+    join: str | int | None = None  # the column that tables one below the other share, side by side
 
 
 def split_line(text: str, delimiter: str) -> list[str]:
@@ -120,6 +122,11 @@ def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
     pairs = zip(names, units, strict=True)
     named = io.StringIO()
     csv.writer(named, delimiter=delimiter).writerow(
-        [f"{name.strip()}_{unit.strip(' []()')}" if unit.strip() else name for name, unit in pairs]
+        [f"{name.strip()}{_below(unit.strip())}" if unit.strip() else name for name, unit in pairs]
     )
     return named.getvalue().strip()
+
+
+def _below(unit: str) -> str:
+    """A unit as the end of a name; of words with a unit in brackets, as `Time (s)`, all of them."""
+    return f"_{unit.strip(' []()')}" if re.fullmatch(r"[\[(]?[^\[\]()]*[\])]?", unit) else f" {unit}"

@@ -53,6 +53,8 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     Those of `dated` hold dates, which become seconds since the first row's. Where the header stands again, and there is no
     key column, each table has a key of its own, "1" first.
     """
+    if head.sheet is not None:
+        return _of_sheet(head, columns, key, dated)
     joined: dict[int, np.ndarray] = {column: np.empty(0) for column in columns}
     keys: list[Any] = []
     blank_lines: list[int] = []
@@ -89,6 +91,17 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     return Body(joined, table, digest, blank_lines, tuple(notes), None if table is None else tables)
 
 
+def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection[int]) -> Body:
+    """The same of a table that is in memory."""
+    sheet, decimal = head.sheet, str(head.dialect.decimal)
+    texts = [column for column in dated if column in columns and sheet.columns[column].dtype == object]
+    numbers = {column: sheet.numbers(column, decimal) for column in columns if column not in texts}
+    numbers |= {column: seconds_since(head.first(column), sheet.texts(column).tolist()) for column in texts}
+    with open(head.path, "rb") as raw:
+        digest = sheet.sha256 or hashlib.file_digest(raw, "sha256").hexdigest()
+    return Body(numbers, None if key is None else sheet.texts(key), digest)
+
+
 def _of_gap(gap: Gap, own: bool) -> str:
     where = f"line {gap.line}" if gap.lines == 1 else f"lines {gap.line} to {gap.line + gap.lines - 1}"
     return f"{where}: the header again, left out{'; the rows below it are a log of their own' if own else ''}"
@@ -113,13 +126,15 @@ def _tables(gaps: list[Gap], first: int, end: int, blank_lines: list[int]) -> np
     return None if np.ptp(numbers) == 0 else numbers.astype(str).astype(object)
 
 
-def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) -> NoReturn:
-    """Raise the LogError of one bad cell: what stands there is read again from the file."""
+def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, more: str = "") -> NoReturn:
+    """Raise the LogError of one bad cell: what stands there is read again from the file. `more`: why it is needed."""
     label = head.names[column] or column
-    number = body.line(head, row)
-    with open_text(head.path) as file:
-        text = next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
-    cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
+    if head.sheet is not None:
+        where, text, cell = head.sheet.where(row, column), "\n", head.sheet.text(row, column)
+    else:
+        number = body.line(head, row)
+        where, text = f"{head.path}, line {number}", _line(head.path, number)
+        cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
     found += ", which instruments write for no number" if means_none(cell) else ""
     last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
@@ -128,7 +143,14 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str) ->
         mark += f"; write a time as {EXAMPLE} in every row, or as the seconds since the first row"
     elif expected == "a finite number":  # of an experiment's rows the numbers are its own
         mark += _without(np.isfinite(body.numbers[column]), body.keys is None)
-    raise LogError(f"{head.path}, line {number}, column {label!r}: found {found}{last}, expected {expected}{mark}")
+    mark += f" ({more})" if more else ""
+    raise LogError(f"{where}, column {label!r}: found {found}{last}, expected {expected}{mark}")
+
+
+def _line(path: str, number: int) -> str:
+    """A line of the file, counted from 1."""
+    with open_text(path) as file:
+        return next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
 
 
 def _without(good: np.ndarray, whole: bool) -> str:
@@ -177,7 +199,7 @@ def _other_table(below: bytes, line: int, dialect: Dialect) -> str:
     """What to do about a table of another header that begins among the lines from `line` on; "" where none does."""
     lines = [raw.decode("utf-8", errors="replace") for raw in below.split(b"\n", DEEPEST)[:DEEPEST]]
     names = names_below(lines, replace(dialect, delimiter=None))
-    return "" if names is None else f"; another table begins in line {line + names}: save each in a file of its own"
+    return "" if names is None else f"; another table begins in line {line + names}: save each in a file of its own, or join them"
 
 
 def _is_remark(row: str, cells: list[str], head: Head) -> bool:

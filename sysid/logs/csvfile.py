@@ -12,9 +12,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
-from sysid.logs import units
-from sysid.logs.cells import GROUPED, Dialect, find_delimiter, is_number, split_line, to_number, with_unit_cells
+from sysid.logs import layout, units
+from sysid.logs.cells import GROUPED, Dialect, find_delimiter, is_number, listed, split_line, to_number, with_unit_cells
 from sysid.logs.preamble import DEEPEST, find_top, header_line, increment, is_table, left_out
+from sysid.logs.sheet import Sheet
 from sysid.logs.stamps import is_stamp
 from sysid.logs.textfile import LogError, open_text, read_line, refuse_binary
 
@@ -38,6 +39,9 @@ class Head:
     preamble: bool = False  # whether lines without a comment mark stand above the header
     header: tuple[bytes, ...] = ()  # its lines as they stand in the file, without their ends
     remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
+    sheet: Sheet | None = None  # the whole table, where it does not lie in its file as one row a line
+    parts: Mapping[str, tuple[int, int]] = field(default_factory=dict)  # of several files: the columns of each
+    above: tuple[str, ...] = ()  # the lines above the table, comments without their marks: which instrument wrote it
 
     def first(self, column: int) -> str:
         """The column's cell in the first row, "" where that is too short."""
@@ -54,6 +58,27 @@ class Head:
 
 def read_head(path: str, dialect: Dialect) -> Head:
     """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
+    head = _read_top(path, dialect)
+    if dialect.join is not None:
+        found = layout.tables(path, dialect)
+        sheet, names = layout.joined(path, found, dialect.join, str(head.dialect.decimal))
+        lines = listed([str(table.lines[0]) for table in found])
+        return _on_sheet(head, sheet, names, f"the tables that begin in lines {lines} are read side by side")
+    before = layout.names_across(head.names, head.sample)
+    if before is not None and dialect.header is not False:
+        header = head.names if head.dialect.header else ("",) * before
+        sheet, names = layout.across(path, head.dialect, head.start, head.first_line, header, before)
+        head = replace(head, above=(*head.above, ";".join(header)))
+        return _on_sheet(head, sheet, names, "a table that lies across: each of its lines is read as a column")
+    return head
+
+
+def _on_sheet(head: Head, sheet: Sheet, names: tuple[str, ...], note: str) -> Head:
+    return replace(head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, note), header=())
+
+
+def _read_top(path: str, dialect: Dialect) -> Head:
+    """The head of a table that lies in its file as one row a line, or as far as it looks like one."""
     notes: list[str] = []
     with open_text(path) as file:
         comments, last, line, raw, number, encoding, marks = _read_comments(path, file, dialect, notes)
@@ -93,9 +118,11 @@ def read_head(path: str, dialect: Dialect) -> Head:
         notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
     remarks = {key: value for key, value in (_stated(comment, "=") for comment in comments) if key and key not in metadata}
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
-    known = Dialect(delimiter, dialect.comment, decimal, bool(line))
+    known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
-    return Head(path, metadata, repeated, names, known, start, number + above, rows, tuple(notes), below, header, remarks)
+    said = (*comments, *(lines[: top.names] if top else ()))
+    told = (tuple(notes), below, header, remarks)
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, *told, above=said)
 
 
 class _Above(NamedTuple):

@@ -1,253 +1,320 @@
-"""A mapping file drafted for a log whose columns are not understood: what is left to its reader is "?" or commented out."""
+"""A mapping file drafted for a log whose columns are not understood: what is left to its reader is "?" or
+commented out."""
 
 import json
 import re
 from collections.abc import Mapping
-from itertools import pairwise
-from statistics import median
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from sysid.logs import units
-from sysid.logs.cells import listed, to_number
+from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
-from sysid.logs.mapping import ANGLES, RESPONSES, is_decibel, split_ending
+from sysid.logs.labels import GAINS, SCATTERING
+from sysid.logs.mapping import ANGLES, is_decibel
+from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
 
-QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 SPLITS = ("chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
-_WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("t", "time", "timestamp", "zeit", "temps", "x-axis", "x_value"),
-    "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence"),
-    "temperature": ("temp", "temperature", "temperatur", "température", "t"),
-    "force": ("force", "kraft"),
-    "duty": ("duty", "pwm"),
-    "voltage": ("v", "u", "voltage", "volt", "vin", "drive", "excitation", "spannung", "tension"),
-    "wd": ("wd",),
-    "wq": ("wq",),
-    "x": ("x", "re", "real", "inphase", "in-phase", "u1", "g"),
-    "y": ("y", "im", "imag", "imaginary", "quadrature", "quad", "u2", "b"),
-    "magnitude": ("magnitude", "mag", "amplitude", "amp", "gain", "r", "power", "db"),
-    "phase": ("phase", "phi", "theta", "arg", "ang", "angle", "θ", "θz", "θy", "thetaz", "thetay"),
-    "w": ("w", "displacement", "velocity", "response"),
-}
-# Of what an impedance analyser writes, by the unit.
-_RATIOS: dict[str, dict[str, tuple[str, ...]]] = {
-    "ohm": {
-        "x": ("r", "rs", "resistance", "re", "real", "z'"),
-        "y": ("x", "xs", "reactance", "im", "imag", "imaginary", "z''"),
-        "magnitude": ("z", "|z|", "zabs", "absz", "impedance", "magnitude", "mag", "abs", "w"),
-    },
-    "S": {
-        "x": ("g", "gp", "conductance", "re", "real", "y'"),
-        "y": ("b", "bp", "susceptance", "im", "imag", "imaginary", "y''"),
-        "magnitude": ("y", "|y|", "yabs", "absy", "admittance", "magnitude", "mag", "abs"),
-    },
-}
-_KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
-_BEHIND = {word for name in ("x", "y", "magnitude", "phase") for word in _WORDS[name]} - {"g", "b", "u1", "u2"}
+KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
+# What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
+# amplitude.
+VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
+_CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
+# What instruments are known to write, by what stands above their tables: units of columns that state none,
+# and options.
+ANALYSER = {"ratio": "ohm", "frequency": "Hz", "phase": "deg"}
+RMS = {"amplitude": "rms"}
+KNOWN = (
+    (
+        r"\b(HP|Agilent|Keysight)?\s*(4192A|4194A|4294A|4990A|E4990A)\b",
+        "impedance analysers",
+        ANALYSER,
+    ),
+    (
+        r"^chunk\W+timestamp\W+size\W+fieldname",
+        "LabOne",
+        {"frequency": "Hz", "phase": "rad", "x": "V", "magnitude": "V"} | RMS,
+    ),
+    (r"\bSR8[1346][045]A?\b", "this lock-in", RMS),
+)
 
 
 def template(head: Head) -> str:
-    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or commented out."""
-    guessed = _guess(head.names)
-    ratio = _ratio(head.names) if guessed.keys() & {"x", "magnitude"} else ""
-    response = _unit(head.names[guessed["x" if "x" in guessed else "magnitude"]]) if ratio else ""
-    ratio = "" if response and not units.same_kind(response, ratio) else ratio  # as of a log that has a thermistor's ohms
-    waveform = _waveform(head, guessed)
-    lines = [f"# How to read {_in_comment(head.name)}: fill in every ?, and save; then read the logs with --columns FILE"]
-    if not head.dialect.header:
+    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or
+    commented out."""
+    columns = Columns(head)
+    guessed = roles(columns)
+    samples = waveform(columns, guessed)
+    files = {} if samples else _files(head, columns, guessed)
+    samples = samples or (
+        {"time": guessed["time"], "drive": files["of"], "response": files["of"]} if files else {}
+    )
+    found = samples or lone_signal(columns, guessed)
+    known = _known(head)
+    unsaid = not {word for label in columns.labels for word in label.words} & (GAINS | _CIRCUIT)
+    ratio = columns.ratio or (known[1].get("ratio", "") if unsaid else "")
+    ratio = ratio if found.keys() & {"x", "y", "magnitude"} and _is_ratio(columns, found, ratio) else ""
+    draft = _Draft(head, columns, found, ratio, *known, files)
+    lines = []
+    if not head.dialect.header and not any(head.names):
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
-    lines += _of_samples(head, waveform) if waveform else _of_ratio(ratio) if ratio else _of_rows(head, guessed)
-    dialect = head.dialect
-    lines += [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
-    lines += ['decimal = ","'] if dialect.decimal == "," else []
-    lines += [f"comment = {_quote(mark)}" for mark in dialect.comment or () if len(dialect.comment or ()) == 1 and mark != "#"]
-    lines += [f"split_by = {_place(head, index)}  # each of its values is one experiment" for index in _splits(head)]
-    lines += ["", "[columns]"]
-    found = waveform or guessed
-    lines += [_column(head, name, index, ratio) for name, index in found.items()]
-    unused = [index for index in range(len(head.names)) if index not in found.values()]
-    example = _place(head, unused[0]) if unused else '"?"'
-    missing = [name for name in _missing(found) if not (ratio and name == "voltage")]
-    lines += [f'# {name} = {{ column = {example}, unit = "?" }}' for name in missing]
-    lines += [f"# not used: {_in_comment(listed([head.names[index] or str(index) for index in unused]))}"] if unused else []
-    lines += ["", *_constants(bool(waveform), ratio), '# temperature = "20 degC"']
-    untimed = waveform and "time" not in waveform and not any(key.casefold().startswith("sample_rate") for key in head.metadata)
-    lines += ["", "# [metadata]", "# sample_rate_Hz = 1e6"] if untimed else []
-    return "\n".join([*lines, ""])
+    lines += draft.of_samples() if samples else draft.of_ratio() if ratio else draft.of_rows()
+    lines += draft.dialect()
+    lines += ["", "[columns]", *draft.columns_found(), *draft.columns_missing()]
+    lines += ["", *draft.constants()]
+    live = [line.partition("  #")[0] for line in lines if not line.startswith("#")]
+    do = (
+        "fill in every ?, and save"
+        if any('"?"' in line for line in live)
+        else "nothing is left to fill in: save"
+    )
+    first = f"# How to read {_in_comment(head.name)}: {do}; then read the logs with --columns FILE"
+    return "\n".join([first, *lines, ""])
 
 
-def _of_rows(head: Head, guessed: Mapping[str, int]) -> list[str]:
-    """What is to be said of rows of amplitudes."""
-    lines = ['# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier']
-    lines += ['amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"']
-    if guessed.keys() & {"x", "magnitude"} or not guessed.keys() & {"w", "wd"}:
-        lines += [_quantity(head, guessed.get("x", guessed.get("magnitude")))]
-        if "phase" in guessed or "magnitude" not in guessed:
-            lines += ['phase_sign = "?"  # 1 when the phase falls through the resonance, -1 when it rises']
-    return lines
+@dataclass(frozen=True)
+class _Draft:
+    """The lines of a mapping file for the columns `found`, by the names that mapping files have for them."""
+
+    head: Head
+    columns: Columns
+    found: Mapping[str, int]
+    ratio: str  # "ohm" or "S" of an impedance or an admittance, else ""
+    instrument: str  # that wrote the file, "" where nothing tells
+    known: Mapping[str, str]  # what it is known to write
+    files: Mapping[str, Any]  # of a channel a file: the patterns of the files
+
+    def of_rows(self) -> list[str]:
+        """What is to be said of rows of amplitudes, or of a signal that is no carrier's."""
+        kind = '# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier'
+        lines = [kind, self._amplitude()]
+        if self.found.keys() & {"w", "wd"}:
+            return lines
+        first = next((self.found[name] for name in ("x", "y", "magnitude") if name in self.found), None)
+        lines += [self._quantity(first)]
+        if self.found.keys() & {"phase", "x", "y"} or "magnitude" not in self.found:
+            sign = "1" if self._words() & SCATTERING else '"?"'
+            lines += [
+                f"phase_sign = {sign}  # 1 when the phase falls through the resonance, -1 when it rises"
+            ]
+        return lines
+
+    def _words(self) -> set[str]:
+        """The words of the response's heads."""
+        places = [self.found[name] for name in ("x", "y", "magnitude", "phase") if name in self.found]
+        return {word for index in places for word in self.columns.labels[index].words}
+
+    def _amplitude(self) -> str:
+        """How drive and response are stated: asked for unless the instrument, or the response's unit,
+        tells."""
+        if "amplitude" in self.known:
+            return f"amplitude = {_quote(self.known['amplitude'])}  # as {self.instrument} states both"
+        if self._words() & GAINS and not self.found.keys() & {*units.DRIVES}:
+            return 'amplitude = "peak"  # of a ratio, which states none'
+        index = self.found.get("w")
+        if index is not None and "frequency" not in self.found:
+            unit = self.columns.unit(index)
+            of_carrier = (
+                not unit or is_decibel(unit) or any(units.same_kind(unit, kind) for kind in VIBRATIONS)
+            )
+            if self.columns.is_signed(index) or not of_carrier:
+                return (
+                    'amplitude = "peak"  # a signal as it stands, with its sign, is no amplitude of a carrier'
+                )
+        told = [
+            self.columns.labels[k].amplitude for name, k in self.found.items() if name in units.AMPLITUDES
+        ]
+        if told and all(told):
+            return "# amplitude: as the columns say"
+        return 'amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"'
+
+    def of_ratio(self) -> list[str]:
+        """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree
+        about the phase."""
+        lines = ['# kind = "steady"  # or "transient"']
+        if self.ratio == "ohm":
+            return [*lines, 'quantity = "impedance"  # read as the current 1/Z that 1 V drives']
+        lines += ['quantity = "current"  # of an admittance, driven by 1 V']
+        lines += ['amplitude = "peak"  # of both, or both rms: it is a ratio']
+        return [*lines, "phase_sign = 1"] if self.found.keys() & {"x", "phase"} else lines
+
+    def of_samples(self) -> list[str]:
+        """What is to be said of raw samples."""
+        kind = 'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
+        guess = "# which of the columns is the drive, and which the response, is a guess"
+        guess += "; they are in a file each: give both" if self.files else ""
+        return [kind, self._quantity(self.found["response"]), guess]
+
+    def dialect(self) -> list[str]:
+        """How the file is written, where a mapping file has to say it, and what tells its experiments
+        apart."""
+        dialect, marks = self.head.dialect, self.head.dialect.comment or ()
+        lines = [f"delimiter = {_quote(str(dialect.delimiter))}"] if dialect.delimiter != "," else []
+        lines += ['decimal = ","'] if dialect.decimal == "," else []
+        lines += [f"comment = {_quote(mark)}" for mark in marks if len(marks) == 1 and mark != "#"]
+        lines += [f"table = {_quote(dialect.table)}"] if dialect.table is not None else []
+        join = _quote(dialect.join) if isinstance(dialect.join, str) else dialect.join
+        lines += (
+            [f"join = {join}  # the tables below one another share it"] if dialect.join is not None else []
+        )
+        splits = [index for index, label in enumerate(self.head.names) if label.casefold() in SPLITS][:1]
+        return lines + [
+            f"split_by = {self._place(index)}  # each of its values is one experiment" for index in splits
+        ]
+
+    def columns_found(self) -> list[str]:
+        """The columns that are known, or probably so."""
+        lines = [self._column(name, index) for name, index in self.found.items()]
+        half = {"x": "y", "y": "x"}
+        lines += [
+            f'{half[name]} = {{ column = "?", unit = "?" }}  # the other part: {name} alone is no response'
+            for name in half.keys() & self.found.keys()
+            if half[name] not in self.found
+        ]
+        return lines
+
+    def columns_missing(self) -> list[str]:
+        """What else a file may hold, commented out, with a column that may be it; and the columns that are
+        not used."""
+        missing = [name for name in self._missing() if not (self.ratio and name == "voltage")]
+        lines, taken = [], dict(self.found)
+        for name in missing:
+            may = self._candidates(name, taken)
+            if name == "voltage" and not may:
+                duty = [k for k in plausible(self.columns, "duty", taken) if self.columns.unit(k)]
+                name, may = ("duty", duty) if duty else (name, may)
+            lines += [f'# {name} = {{ column = {self._place(may[0]) if may else _quote("?")}, unit = "?" }}']
+            taken |= {name: may[0]} if may and (name in ("x", "y") or not any(self.head.names)) else {}
+        unused = [index for index in range(len(self.head.names)) if index not in self.found.values()]
+        named = [self.head.names[index] or str(index) for index in unused]
+        return lines + ([f"# not used: {_in_comment(listed(named))}"] if unused else [])
+
+    def _candidates(self, name: str, taken: Mapping[str, int]) -> list[int]:
+        if any(self.head.names):
+            return plausible(self.columns, name, taken)
+        return [index for index in range(len(self.head.names)) if index not in taken.values()]
+
+    def constants(self) -> list[str]:
+        """What is constant: as the file states it above its rows, and what may be and is not in it."""
+        samples, stated = "response" in self.found, self._stated()
+        driven = (
+            samples or self.ratio or self.found.keys() & {*units.DRIVES} or stated.keys() & {*units.DRIVES}
+        )
+        live = [f"{name} = {_quote(value)}" for name, value in stated.items()]
+        live += ['voltage = "1 V"  # as an admittance is the current per volt'] if self.ratio == "S" else []
+        spare = [] if driven or self.ratio else ['# voltage = "1 V"']
+        spare += [] if "temperature" in {*self.found, *stated} else ['# temperature = "20 degC"']
+        lines = [*(["[constants]", *live] if live else ["# [constants]"]), *spare]
+        rate = "time" in self.found or any(
+            key.casefold().startswith("sample_rate") for key in self.head.metadata
+        )
+        return lines + (["", "# [metadata]", "# sample_rate_Hz = 1e6"] if samples and not rate else [])
+
+    def _stated(self) -> dict[str, str]:
+        """Constant inputs of the file's own metadata, which a mapping file with columns has to name."""
+        found: dict[str, str] = {}
+        for key, value in self.head.metadata.items():
+            name = units.parse_name(key)
+            if name is None or name.quantity not in units.CONSTANTS or not is_number(value):
+                continue
+            drive = name.quantity in units.DRIVES
+            taken = {*self.found, *found} & ({*units.DRIVES} if drive else {name.quantity})
+            if taken or (drive and (self.ratio or "response" in self.found)):
+                continue
+            amplitude = f"_{name.amplitude}" if drive and name.amplitude != "peak" else ""
+            unit = name.unit if units.fits(name.quantity, name.unit) else "?"
+            found[name.quantity] = f"{value} {unit}{amplitude}"
+        return found
+
+    def _missing(self) -> list[str]:
+        found = self.found
+        if "response" in found:
+            return [name for name in ("time", "frequency", "temperature") if name not in found]
+        driven = found.keys() & {*units.DRIVES}
+        missing = [name for name in ("time", "frequency") if name not in found] + (
+            [] if driven else ["voltage"]
+        )
+        missing += [] if "temperature" in found else ["temperature"]
+        return missing + ([] if found.keys() & {"x", "y", "w", "wd", "magnitude"} else ["x", "y"])
+
+    def _column(self, name: str, index: int) -> str:
+        """One column with its unit, "?" where nothing tells it."""
+        unit, why = self._unit(name, index)
+        label = self.columns.labels[index]
+        more = ", scale = -1.0" if label.sign < 0 else ""
+        stated = label.amplitude if name in units.AMPLITUDES and not self.ratio else ""
+        more += f", amplitude = {_quote(stated)}" if stated else ""
+        more += f", file = {_quote(self.files[name])}" if name in self.files else ""
+        return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{more} }}{why}"
+
+    def _unit(self, name: str, index: int) -> tuple[str, str]:
+        unit = self.columns.unit(index)
+        if name == "time" and self.head.dated(index):
+            return "s", ""
+        if unit and (fits(name, unit) or (name == "w" and unit in ANGLES)):
+            return unit, ""
+        if unit:
+            return "?", ""
+        if self.ratio and name in ("x", "y", "magnitude"):
+            return self.ratio, ""
+        if unit := self.known.get({"y": "x"}.get(name, name), ""):
+            return unit, f"  # as it is written by {self.instrument}"
+        angles = self.columns.numbers(index)
+        if name == "phase" and self.ratio and len(angles) and np.max(np.abs(angles)) > 2 * np.pi:
+            return "deg", "  # its numbers are too large for rad"
+        return "?", ""
+
+    def _place(self, index: int) -> str:
+        """A column by its name, or by its position where the name does not tell."""
+        label = self.head.names[index]
+        return _quote(label) if label and self.head.names.count(label) == 1 else str(index)
+
+    def _quantity(self, index: int | None) -> str:
+        """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's
+        volts."""
+        unit = self.columns.unit(index) if index is not None else ""
+        words = self.columns.labels[index].words if index is not None else ()
+        called = next((kind for kind in KINDS if kind in words), "?")
+        quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
+        return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
 
 
-def _of_ratio(ratio: str) -> list[str]:
-    """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree about the phase."""
-    lines = ['# kind = "steady"  # or "transient"']
-    if ratio == "ohm":
-        return [*lines, 'quantity = "impedance"  # read as the current 1/Z that 1 V drives']
-    lines += ['quantity = "current"  # of an admittance, driven by 1 V']
-    lines += ['amplitude = "peak"  # of both, or both rms: it is a ratio']
-    return [*lines, "phase_sign = 1"]
+def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:
+    """Whether the response is the ratio that some columns hold: a log may have a thermistor's ohms beside
+    it."""
+    unit = next(columns.unit(found[name]) for name in ("x", "y", "magnitude") if name in found)
+    return bool(ratio) and (not unit or (not is_decibel(unit) and units.same_kind(unit, ratio)))
 
 
-def _constants(waveform: bool, ratio: str) -> list[str]:
-    """The heading of the constants, and the drive where it may be one."""
-    if ratio == "S" and not waveform:
-        return ["[constants]", 'voltage = "1 V"  # as an admittance is the current per volt']
-    return ["# [constants]"] if waveform or ratio else ["# [constants]", '# voltage = "1 V"']
-
-
-def _of_samples(head: Head, waveform: Mapping[str, int]) -> list[str]:
-    """What is to be said of raw samples."""
-    kind = 'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
-    return [
-        kind,
-        _quantity(head, waveform["response"]),
-        "# which of the columns is the drive, and which the response, is a guess",
-    ]
-
-
-def _splits(head: Head) -> list[int]:
-    """The first column that numbers experiments, if there is one."""
-    return [index for index, label in enumerate(head.names) if label.casefold() in SPLITS][:1]
-
-
-def _column(head: Head, name: str, index: int, ratio: str) -> str:
-    unit = "s" if name == "time" and head.dated(index) else _unit(head.names[index])
-    known = unit if _fits(name, unit) else ratio if ratio and name in ("x", "y", "magnitude") else "?"
-    return f"{name} = {{ column = {_place(head, index)}, unit = {_quote(known)} }}"
-
-
-def _place(head: Head, index: int) -> str:
-    """A column by its name, or by its position where the name does not tell."""
-    label = head.names[index]
-    return _quote(label) if label and head.names.count(label) == 1 else str(index)
-
-
-def _missing(found: Mapping[str, int]) -> list[str]:
-    if "response" in found:
-        return [name for name in ("time", "frequency", "temperature") if name not in found]
-    missing = [name for name in ("time", "frequency", "voltage", "temperature") if name not in found]
-    return missing + ([] if found.keys() & {"x", "w", "wd", "magnitude"} else ["x", "y"])
-
-
-def _waveform(head: Head, guessed: Mapping[str, int]) -> dict[str, int]:
-    """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes, or a column
-    beside two of volts. Empty for any other file."""
-    time = guessed.get("time")
-    others = [index for index in range(len(head.names)) if index != time]
-    volts = [index for index in others if _fits("voltage", _unit(head.names[index]))]
-    pair = len(head.names) == 3 and len(volts) == 2
-    quick = time is not None and 0 < _step(head, time) < QUICK
-    if guessed.keys() & {"wd", "x", "magnitude", "frequency"} or len(others) < 2 or not (pair or quick):
+def _files(head: Head, columns: Columns, guessed: Mapping[str, int]) -> dict[str, Any]:
+    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one:
+    patterns of the files of the drive and of the response, and the column `of` the samples in each. Empty of
+    any other file."""
+    named = re.fullmatch(
+        r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
+    )
+    others = [index for index in range(len(head.names)) if index != guessed.get("time")]
+    if (
+        named is None
+        or "time" not in guessed
+        or len(others) != 1
+        or not 0 < columns.step(guessed["time"]) < QUICK
+    ):
         return {}
-    others = volts if pair else others
-    drive = guessed.get("voltage", next(index for index in others if index != guessed.get("w")))
-    response = guessed.get("w", next(index for index in others if index != drive))
-    return ({} if time is None else {"time": time}) | {"drive": drive, "response": response}
+    before, word, mark, number, behind, ending = named.groups(default="")
+    pair = ("1", "2" if number == "1" else number)
+    patterns = [f"{'*' if before else ''}{word}{mark}{k}{'*' if behind else ''}{ending}" for k in pair]
+    return {"of": others[0], "drive": patterns[0], "response": patterns[1]}
 
 
-def _step(head: Head, time: int) -> float:
-    """Seconds between the first rows; of a column that does not say its unit, as if it held seconds."""
-    numbers = [to_number(row[time], str(head.dialect.decimal)) for row in head.sample if len(row) > time]
-    unit = _unit(head.names[time])
-    steps = [after - before for before, after in pairwise(numbers)]
-    return float(units.convert(median(steps), unit if _fits("time", unit) else "s", "s")) if steps else 0.0
-
-
-def _quantity(head: Head, index: int | None) -> str:
-    """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's volts."""
-    unit = _unit(head.names[index]) if index is not None else ""
-    quantity = next((kind for kind, of in _KINDS.items() if unit and units.same_kind(unit, of)), "?")
-    return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
-
-
-def _guess(names: tuple[str, ...]) -> dict[str, int]:
-    """Which column is probably which, by name and unit; a response only when it is whole, of one channel where it can be."""
-    found: dict[str, list[int]] = {}
-    ratio = _ratio(names)
-    for index, label in enumerate(names):
-        if name := _of_analyser(label, ratio) or _name(label, found):
-            found.setdefault(name, []).append(index)
-    for name in ("time", "frequency"):
-        if name not in found and names and not any(0 in of for of in found.values()) and _fits(name, _unit(names[0])):
-            found[name] = [0]
-    guessed = {name: indices[0] for name, indices in found.items()}
-    whole: tuple[str, ...] = next((of for of in RESPONSES if set(of) <= found.keys()), ())
-    if len(whole) == 2:
-        alike = ((a, b) for a in found[whole[0]] for b in found[whole[1]] if _channel(names[a]) == _channel(names[b]))
-        guessed |= zip(whole, next(alike, (guessed[whole[0]], guessed[whole[1]])), strict=True)
-    spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"} - set(whole)
-    return {name: index for name, index in guessed.items() if name not in spare}
-
-
-def _ratio(names: tuple[str, ...]) -> str:
-    """"ohm" where the columns hold an impedance, by their units, or R beside X, or |Z|; "S" of an admittance; else ""."""
-    stated = {_unit(label) for label in names}
-    for of in _RATIOS:
-        if any(unit and _is_unit(unit) and not is_decibel(unit) and units.same_kind(unit, of) for unit in stated):
-            return of
-    bare = {word for label in names if not _unit(label) for word in _split(label)[:1]}
-    if ({"r", "x"} <= bare and "y" not in bare) or {"|z|", "z", "impedance"} & bare:
-        return "ohm"
-    return "S" if {"g", "b"} <= bare or {"|y|", "admittance"} & bare else ""
-
-
-def _of_analyser(label: str, ratio: str) -> str | None:
-    """What a column of an impedance or an admittance is called, whose letters mean other things elsewhere."""
-    unit, word = _unit(label), next(iter(_split(label)), "")
-    if not ratio or (unit and not units.same_kind(unit, ratio)):
-        return None
-    return next((name for name, of in _RATIOS[ratio].items() if word in of), None)
-
-
-def _name(label: str, found: Mapping[str, list[int]]) -> str | None:
-    """What a column is called by the whole of its name, by the first word of it, or by the last that may stand behind that of a
-    channel or a parameter."""
-    words = _split(label)
-    unit = _unit(label)
-    if "_err" in label.casefold() or not words:
-        return None
-    for word in (label.strip().casefold(), words[0], *(word for word in reversed(words[1:]) if word in _BEHIND)):
-        fitting = [name for name, of in _WORDS.items() if word in of and (_fits(name, unit) or not _is_unit(unit))]
-        if fitting:
-            return next((name for name in fitting if name not in found), fitting[0])
-    return None
-
-
-def _split(label: str) -> list[str]:
-    return [word for word in re.split(r"[\s_:;,/]+|[\[(].*", label.casefold()) if word]
-
-
-def _channel(label: str) -> list[str]:
-    """The words of a column's name that do not say which part of a response it is."""
-    return [word for word in _split(label) if word not in _BEHIND and word != _unit(label).casefold()]
-
-
-def _unit(label: str) -> str:
-    return split_ending(re.sub(r"(?<=[\])])[^\[\]()]*$", "", label), False)[0]  # `|Z|(ohm)-data` has a word behind its unit
-
-
-def _fits(name: str, unit: str) -> bool:
-    if name in ("magnitude", "w") and unit in ANGLES:
-        return False
-    if name == "phase" or (is_decibel(unit) and name in ("magnitude", "w")):
-        return unit in ANGLES or is_decibel(unit)
-    try:
-        units.check_unit(name, unit)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_unit(text: str) -> bool:
-    return text in ANGLES or is_decibel(text) or _fits("w", text)
+def _known(head: Head) -> tuple[str, Mapping[str, str]]:
+    """The instrument that wrote a file, by the lines above its table, and what it is known to write."""
+    for pattern, name, facts in KNOWN:
+        if any(re.search(pattern, line) for line in head.above):
+            return name, facts
+    return "", {}
 
 
 def _quote(text: str) -> str:
@@ -255,5 +322,6 @@ def _quote(text: str) -> str:
 
 
 def _in_comment(text: str) -> str:
-    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least of all."""
+    """Text that ends no comment: TOML allows no control characters in one, a line end in a file's name least
+    of all."""
     return "".join(c if c.isprintable() else " " for c in text)

@@ -7,10 +7,11 @@ that is not understood is refused with a mapping file to start from.
 import contextlib
 import dataclasses
 import math
+import os
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 
-from sysid.logs import units
+from sysid.logs import layout, units
 from sysid.logs.cells import SHOWN, Dialect, amount, listed, to_number
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.draft import template
@@ -25,6 +26,7 @@ SYNONYMS = {
     "volt": "voltage", "volts": "voltage",
 }  # fmt: skip
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
+SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
 SAMPLES = ("sample", "samples", "sample_no", "sample_number", "sample_index")  # what counts the rows of an even sampling
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
@@ -51,7 +53,7 @@ def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
             found = f'{head.path}, column {source.label!r}: found {source.unit}, of an impedance, expected quantity = "impedance"'
             where = mapping.path if mapping and mapping.names_columns else "a mapping file (--columns)"
             said = f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z"
-            raise LogError(said, None if mapping and mapping.names_columns else template(head))
+            raise LogError(said, None if mapping and mapping.names_columns else drafted(head))
 
 
 def table_plan(head: Head, metadata: dict[str, str] | None, plan: Plan, mapping: MappingFile | None) -> Plan:
@@ -227,7 +229,7 @@ def _add_source(head: Head, sources: dict[str, Source], label: str, source: Sour
             raise LogError(f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}") from None
         if source.column is None:
             raise LogError(f"{head.path}, {source.label}: {error}") from None
-        raise LogError(f"{head.path}, column {label!r}: {error}", template(head)) from None
+        raise LogError(f"{head.path}, column {label!r}: {error}", drafted(head)) from None
     if name.quantity == "time" and source.column is not None and _is_waveform(head):
         dated = dated or is_long(head.first(source.column))
     same = units.DRIVES if name.quantity in units.DRIVES else (name.quantity,)
@@ -284,7 +286,7 @@ def _refuse_misspelt(head: Head, sources: dict[str, Source], unknown: list[str],
         name, unit, _ = units.split_unit(label)
         near = [quantity for quantity in absent if _is_misspelt(name, quantity, unit)] if unit and len(name) > 2 else []
         if near:
-            raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", template(head))
+            raise LogError(f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", drafted(head))
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
@@ -299,7 +301,18 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
     if first in (";", "/", "*"):  # it looks like another comment mark
         with contextlib.suppress(LogError):
             head = read_head(head.path, Dialect(comment=(first,)))
-    return LogError(f"{path}: found {found} ({names}), expected {expected}", template(head))
+    return LogError(f"{path}: found {found} ({names}), expected {expected}", drafted(head))
+
+
+def drafted(head: Head) -> str:
+    """A mapping file to begin with; of a file whose traces stand one below the other for all of them side by side."""
+    with contextlib.suppress(LogError):
+        if head.sheet is None and os.path.getsize(head.path) <= SMALL:
+            found = layout.tables(head.path, dataclasses.replace(head.dialect, delimiter=None))
+            if layout.can_be_joined(found):
+                join = found[0].names[0] or 0
+                head = read_head(head.path, Dialect(comment=head.dialect.comment, join=join))
+    return template(head)
 
 
 def _width(row: Sequence[str]) -> int:

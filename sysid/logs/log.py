@@ -10,6 +10,7 @@ A log is a table with a header whose names end in their units; lines `# key: val
 `read_logs` reads such files, and those of other instruments through a mapping file (see `logs.mapping`).
 """
 
+import contextlib
 import csv
 import dataclasses
 import glob
@@ -19,15 +20,17 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from sysid.logs import units
 from sysid.logs.benchwords import BENCH, bench_of, misread
+from sysid.logs.capture import captures, side_by_side
 from sysid.logs.cells import Dialect, decimals, listed
-from sysid.logs.csvbody import Body, read_body, refuse_cell
-from sysid.logs.csvfile import Head, LogError, read_head
+from sysid.logs.csvbody import Body, read_body
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.files import open_head
 from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
 from sysid.logs.mapping import (
     MappingFile,
@@ -41,6 +44,7 @@ from sysid.logs.mapping import (
     select_rows,
     turned,
 )
+from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.stamps import coarse
 from sysid.logs.textfile import unchanged
 from sysid.logs.waveform import from_samples, sample_times, uneven
@@ -151,8 +155,9 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     """
     mapping = None if columns is None else load_mapping(columns)
     logs: dict[str, list[Log]] = {}
-    for path in _expand([paths] if isinstance(paths, str | Path) else paths):
-        read = _read_file(path, mapping)
+    files = _expand([paths] if isinstance(paths, str | Path) else paths)
+    for group in captures(list(dict.fromkeys(files)), mapping) if mapping and mapping.files else [{"": path} for path in files]:
+        path, read = next(iter(group.values())), _read_file(group, mapping)
         if known := logs.get(read[0].sha256):
             note = f"{path} holds the same bytes: counted once"
             logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
@@ -219,15 +224,26 @@ def _expand(paths: Iterable[str | Path]) -> list[str]:
     return files
 
 
-def _read_file(path: str, mapping: MappingFile | None) -> list[Log]:
+def _check_file(path: str) -> None:
+    """Raise LogError where a path is not that of a file."""
     if os.path.isdir(path):
         raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
     if not os.path.isfile(path):
         found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
         raise LogError(f"{path}: found {found}, expected a log")
+
+
+def _read_file(group: dict[str, str], mapping: MappingFile | None) -> list[Log]:
+    """The logs of a file, or of the several files of one capture."""
+    path = next(iter(group.values()))
+    for part in group.values():
+        _check_file(part)
     try:
-        with unchanged(path), np.errstate(all="ignore"):  # the log refuses what is not finite
-            head = read_head(path, mapping.dialect if mapping else Dialect())
+        with contextlib.ExitStack() as stack, np.errstate(all="ignore"):  # the log refuses what is not finite
+            for part in group.values():
+                stack.enter_context(unchanged(part))
+            several = mapping is not None and bool(mapping.files)
+            head = side_by_side(group, mapping) if several else open_head(path, mapping.dialect if mapping else Dialect())
             plan = file_plan(head, mapping)
             wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
             dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
@@ -257,20 +273,25 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if chosen is not None:
         rows = chosen if rows is None else rows[chosen]
         count = len(rows)
-    arrays = {key: _values(head, body, source, rows, count) for key, source in plan.sources.items()}
+    arrays = {key: _values(body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
+    if keep is not None:
+        arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
+        rows = np.flatnonzero(keep) if rows is None else rows[keep]
+        plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
         plan = _without_time(plan, arrays)
     if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
-        _refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
+        refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
     if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
         if kind != "steady" and not _sweeps(arrays):
-            _refuse_row(head, body, plan.sources["time"], rows, same, FINER)
+            refuse_row(head, body, plan.sources["time"], rows, same, FINER)
         plan = _without_time(plan, arrays)
     for key, (low, high, expected) in POSSIBLE.items():
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
-            _refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+            refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
     digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
     if "carrier" in arrays:
@@ -283,7 +304,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         fields["time"] = sample_times(head, plan.metadata, inputs.get("time"), count)
         if (odd := uneven(fields["time"])) is not None:
             expected = "even steps: samples are missing, or the stamps are too coarse"
-            _refuse_row(head, body, plan.sources["time"], rows, odd, expected)
+            refuse_row(head, body, plan.sources["time"], rows, odd, expected)
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
@@ -317,16 +338,12 @@ def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
     return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
 
 
-def _values(head: Head, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
-    """Peak values of one source, and their unit; every one is finite, or LogError names the cell."""
+def _values(body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+    """Peak values of one source, NaN where a cell holds no number, and their unit."""
     if source.column is None:
         return decode(np.full(count, source.constant), source)
     numbers = body.numbers[source.column]
-    numbers = numbers if rows is None else numbers[rows]
-    if not (finite := np.isfinite(numbers)).all() and not source.spare:
-        expected = f"a date as in the first row, {head.first(source.column)!r}" if source.dated else "a finite number"
-        _refuse_row(head, body, source, rows, int(np.argmin(finite)), expected)
-    return decode(numbers, source)
+    return decode(numbers if rows is None else numbers[rows], source)
 
 
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:
@@ -341,13 +358,6 @@ def _temperature_digit(head: Head, source: Source, body: Body) -> float:
     shown = next((k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS)
     zero, one = (float(decode(np.array([x]), source)[0][0]) for x in (0.0, 10.0 ** -max(written, shown)))
     return abs(float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit)))
-
-
-def _refuse_row(head: Head, body: Body, source: Source, rows: np.ndarray | None, row: int, expected: str) -> NoReturn:
-    """Raise the LogError of a value that cannot be, in the `row` among `rows`, or in the metadata."""
-    if source.column is None:
-        raise LogError(f"{head.path}, {source.label}: found {source.constant:g}, expected {expected}")
-    refuse_cell(head, body, row if rows is None else int(rows[row]), source.column, expected)
 
 
 def _internal(quantity: str, values: Any, unit: str) -> Any:

@@ -12,6 +12,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     comment = "%"                       # lines above the header that begin so are metadata; left out: "#", and a first % or !
     header = true                       # false: the first line holds numbers already; left out: seen from it
     skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
+    join = "Frequency"                  # tables one below the other, as traces are saved, share this column: read side by side
+    table = "/sweep"                    # of a file of several tables, HDF5 groups say: which of them
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
 
@@ -20,6 +22,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     frequency = { column = "f", unit = "kHz" }                                # ... or be stated
     x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
     y = { column = 4, unit = "mV", scale = 10.0 }
+                                        # `file = "*CH1.csv"` in each: one capture in several files, see logs.capture
 
     [constants]                         # what was constant and is not in the file; peak, unless the unit says `V_rms`
     voltage = "1 V"
@@ -69,7 +72,8 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
     "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
-    "skip": (int,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,), "constants": (dict,), "metadata": (dict,),
+    "skip": (int,), "join": (str, int), "table": (str,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,),
+    "constants": (dict,), "metadata": (dict,),
 }  # fmt: skip
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
@@ -80,7 +84,9 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "decimal": (".", ","),
 }
 _NUMBER = (int, float)
-_COLUMN_KEYS = {"column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,)}
+_COLUMN_KEYS = {
+    "column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,), "file": (str,),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,12 @@ class MappingFile:
     @property
     def names_columns(self) -> bool:
         return "columns" in self.options
+
+    @property
+    def files(self) -> list[str]:
+        """The patterns of the files that hold a capture's columns; none where a file holds all."""
+        entries = self.options.get("columns", {}).values()
+        return list(dict.fromkeys(entry["file"] for entry in entries if "file" in entry))
 
     def metadata(self, head: Head) -> dict[str, str]:
         """The metadata of one file, and what takes their place or stands beside them here."""
@@ -202,6 +214,14 @@ class MappingFile:
     def _constants(self) -> dict[str, Source]:
         return {name: self._constant(name, text) for name, text in self.options.get("constants", {}).items()}
 
+    def position(self, key: str, entry: Mapping[str, Any], head: Head) -> int:
+        """The place of a column in a file, or in the one of several that its `file` names, else the first."""
+        if not head.parts:
+            return self._position(key, entry["column"], head)
+        begin, end = head.parts[entry["file"]] if "file" in entry else next(iter(head.parts.values()))
+        part = replace(head, names=head.names[begin:end])
+        return begin + self._position(key, entry["column"], part)
+
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:
             return head.names.index(column)
@@ -217,7 +237,7 @@ class MappingFile:
 
     def _column(self, name: str, entry: dict[str, Any], head: Head) -> Source:
         key = f"[columns] {name}"
-        index = self._position(key, entry["column"], head)
+        index = self.position(key, entry, head)
         label = head.names[index] or f"column {index}"
         unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
         stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
@@ -296,7 +316,7 @@ def load_mapping(path: str | Path) -> MappingFile:
     if options.get("skip", 0) < 0:
         raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
     comment = (options["comment"],) if "comment" in options else None
-    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip")))
+    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip", "table", "join")))
     return MappingFile(str(path), options, dialect)
 
 
@@ -354,7 +374,7 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
     if is_decibel(unit):
         values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
     if unit in ANGLES and ANGLES[unit] != 1.0:
-        values = values * ANGLES[unit]
+        values, unit = values * ANGLES[unit], "rad"
     return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit
 
 

@@ -28,9 +28,8 @@ def is_table(lines: list[str], dialect: Dialect) -> bool:
     """Whether the first line is a row of numbers itself, or names the columns of the row below it."""
     if _shape(lines[0], dialect):
         return True
-    row = next((line for line in lines[1:] if line.strip()), "")
-    shape = _shape(row, dialect)
-    return shape is not None and _is_texts(lines[0], shape[0], _width(row, shape[0]))
+    shape = next(iter(_shapes([line for line in lines[1:] if line.strip()], dialect)), None)
+    return shape is not None and _is_texts(lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE]))
 
 
 def find_top(lines: list[str], dialect: Dialect) -> Top | None:
@@ -38,7 +37,7 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
 
     What begins with a number is a row, if a bad one, and no line of a preamble: it is left to be refused by its name.
     """
-    shapes = [_shape(line, dialect) for line in lines]
+    shapes = _shapes(lines, dialect)
     first = next((k for k, shape in enumerate(shapes) if shape and shapes[k : k + ALIKE] == [shape] * ALIKE), 0)
     if not (shape := shapes[first]) or not first:
         return None
@@ -94,6 +93,17 @@ def left_out(lines: list[str], number: int, top: Top, comments: Collection[int])
     notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
     spare = [name for name in _cells(lines[top.names], top.delimiter)[top.width :] if name]
     return notes + ([f"names without a column, left out: {listed(spare)}"] if spare else [])
+
+
+def _shapes(lines: list[str], dialect: Dialect) -> list[tuple[str, int] | None]:
+    """The shape of each line; a row with empty cells has that of the row below it, as an oscilloscope's first may."""
+    shapes = [_shape(line, dialect) for line in lines]
+    for k in reversed(range(len(lines) - 1)):
+        if shapes[k] is None and (below := shapes[k + 1]) is not None:
+            cells = split_line(lines[k], below[0])
+            filled = [cell for cell in cells if cell.strip()]
+            shapes[k] = below if len(cells) == below[1] and filled and all(map(is_number, filled)) else None
+    return shapes
 
 
 def _shape(line: str, dialect: Dialect) -> tuple[str, int] | None:

@@ -16,8 +16,6 @@ PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.o
 FOREIGN = {
     b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
     b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
-    b"\x89HDF": "an HDF5 file",
-    b"MATLAB 5.0 MAT-file": "a MATLAB file",
     codecs.BOM_UTF32_LE: "UTF-32 text",
 }
 

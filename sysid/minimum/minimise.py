@@ -17,7 +17,7 @@ from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
-from sysid.trials.trial import Trial, with_noise
+from sysid.trials.trial import Trial, numbers_taken, with_noise
 
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
@@ -68,6 +68,13 @@ class State:
         return 1 / (2 * np.pi * self.tau)
 
     @property
+    def likelihood(self) -> float:
+        """Log-likelihood of the logs, every number of theirs at its optimum, up to a constant of the same logs in the same unit.
+        By its difference descriptions with other nuisances compare, whatever the units: `cost` counts each number that a
+        description leaves to a log by the logarithm of its noise, in the unit of the response."""
+        return -self.cost - sum(numbers_taken(t) * float(np.log(t.noise.std)) for t in self.trials)
+
+    @property
     def evidence(self) -> float:
         """Log of the posterior mass about this minimum (Laplace), up to a constant of the logs."""
         bounded = np.diag(self.covariance) > 0
@@ -108,15 +115,26 @@ class Minimiser:
             if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
         ]
         found.sort(key=lambda s: s.cost)
-        latest, drifts = found[:1], "k_T" in self.free
+        found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
+        # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
+        return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+
+    def imaged(self, states: Sequence[State]) -> list[State]:
+        """The minima and the images of the best of them, the best first, as far as they count as modes: for whoever changed what
+        the logs are behind or what of the bench is fitted, as an image may then be where none was."""
+        best = sorted(states, key=lambda s: s.cost)
+        more = self._images(best, 30)
+        return self._distinct([*best, *more]) if more else [s for s in best if s.cost <= best[0].cost + MODES]
+
+    def _images(self, found: Sequence[State], rounds: int) -> list[State]:
+        """Mirror images of the best minimum that are not among `found`."""
+        latest, every, drifts = list(found[:1]), list(found), "k_T" in self.free
         for _ in range(2):  # an image of an image is on the other side of two drives
             begins = [begin for s in latest for begin in images(s.trials, s.theta, self.reference, drifts)]
             latest = [self.refine(*begin, rounds) for begin in begins]
-            latest = [s for s in latest if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in found)]
-            found += latest
-        found.sort(key=lambda s: s.cost)
-        # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
-        return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+            latest = [s for s in latest if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in every)]
+            every += latest
+        return every[len(found) :]
 
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
         """Start compiling the search while starting points are looked for, on the assumption that Q is not low."""
@@ -218,7 +236,7 @@ class Minimiser:
         points, score = joint(search, best, cost, "k_T" in self.free)
         return *_spread(points, score), cost
 
-    def _distinct(self, found: list[State]) -> list[State]:
+    def _distinct(self, found: Sequence[State]) -> list[State]:
         """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
         for first in found:

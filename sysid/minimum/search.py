@@ -78,6 +78,7 @@ class Thinned:
         self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
         self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
         self.response = _off(self.bench, self._with_priors(self.weight * trial.log.response[rows, None]))
+        self.drive = float(np.max(np.abs(hold.drive))) or 1.0  # by which the prior of what settles is in the response's unit
         self.start_free = trial.start_free * (trial.scale / trial.looseness if trial.begun else trial.started)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,8 +87,9 @@ class Thinned:
         if not trial.signed and not trial.driven and not trial.steady:
             return self._undriven(self.start_free * free)
         columns = [self.start_free * free] if self.start_free else []
-        columns += [forced] if trial.driven or trial.log.drive is None else []
-        return self._explained([c if trial.signed else np.abs(c) for c in columns], self.response)
+        columns += [forced / self.drive] if trial.driven or trial.log.drive is None else []
+        left, settled = self._explained([c if trial.signed else np.abs(c) for c in columns], self.response)
+        return left, settled / self.drive
 
     def _shapes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Response per unit G to the drive from rest, and of a unit start."""

@@ -56,7 +56,7 @@ class Chain:
         self.target, self.ess, self.rhat = target, 0.0, np.inf
 
     def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
-        """Continue in rounds until every parameter has `effective` draws and R-hat is below AGREED, or `rounds` are over.
+        """Continue in rounds until every determined parameter has `effective` draws and an R-hat below AGREED, or for `rounds`.
 
         False where the next round would have ended after `until` (perf_counter) and was not begun.
         """
@@ -70,10 +70,17 @@ class Chain:
                 return False
             self._move.prepare(steps)
             self._state = self._sampler.run_mcmc(self._state, steps, skip_initial_state_check=True)
-            chains = self.draws()
-            self.ess = float(min(ess(chains[..., k]) for k in range(chains.shape[-1])))
-            self.rhat = float(max(rhat(chains[..., k]) for k in range(chains.shape[-1])))
+            told = self._told()
+            self.ess, self.rhat = float(min(map(ess, told))), float(max(map(rhat, told)))
         return True
+
+    def _told(self) -> list[np.ndarray]:
+        """(chain, draw) of each parameter that the criteria are about: those that are determined, if any are. One that cannot be
+        had anyway, whose tails may be long, is no reason to have nothing."""
+        z = self.draws()
+        draws = self.target.parameters(z.reshape(-1, z.shape[-1]))
+        known = [n for n in draws if self.target.fit.parameters[n].determined] or list(draws)
+        return [draws[n].reshape(z.shape[:2]) for n in known]
 
     def reached(self, effective: float) -> bool:
         """Whether the criteria hold."""

@@ -133,6 +133,10 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
         chain = chain or Chain(target, target.normal().heavy(), seed)
         if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
             break
+        open_ = [n for n in target.names if not fit.parameters[n].determined]
+        if fit.result is Result.successful and open_ and not chain.reached(rung.effective):
+            along = f"chains that wander along {' and '.join(open_)}, which cannot be told, are left out"
+            return replace(posterior, method=f"{posterior.method}; {along}")
         longer = rung.every_row and any(t.whole for t in fit.modes[0].trials)
         whole = Target(fit, every_row=True, until=until) if longer else None
         try:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import ADVICE, cell, clean, derived, gains, grouped, mode, number, promised, row, seconds, taken_for
+from sysid.report.text import advice, cell, clean, derived, gains, grouped, mode, number, promised, row, seconds, taken_for
 
 if TYPE_CHECKING:
     from sysid.posterior.posterior import Posterior
@@ -29,10 +29,10 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
     return environment.get_template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),
-        remedy=ADVICE.get(document["result"], ""),
+        remedy=advice(document["result"], len(document["logs"])),
         gains=gains(document["controller"]) if document["controller"] else [],
         promised=promised(document["controller"]) if document["controller"] else [],
-        notes=grouped(document["logs"]),
+        notes=grouped(document),
         added=_added(document["logs"]),
         images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import ADVICE, clean, gains, grouped, mode, number, row, spent, taken_for
+from sysid.report.text import advice, clean, gains, grouped, mode, number, row, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask for"
@@ -80,7 +80,7 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     table.add_column(overflow="fold")
     result = document["result"]
     good = result == "successful"
-    lines = [*_reasons(document), *(("note", note) for note in grouped(document["logs"]))]
+    lines = [*_reasons(document), *(("note", note) for note in grouped(document))]
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
     if document["advice"] is not None:
@@ -90,7 +90,7 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
         lines.append(("cost", f"{spent(cost)}; {cost['sentence']}"))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
-    said = result if good else f"{result}: {ADVICE.get(result, 'see the warnings')}"
+    said = result if good else f"{result}: {advice(result, len(document['logs'])) or 'see the warnings'}"
     table.add_row("result", Text(said, style="bold green" if good else "bold red"))
     table.add_row("files", Text(f"{clean(str(folder))}: {', '.join([*sorted(document['files']), 'fit.json'])}"))
     return table

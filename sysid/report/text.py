@@ -8,11 +8,17 @@ import numpy as np
 
 PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 ADVICE = {
-    "the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep across the resonance",
+    "the fit did not converge": "add a sweep across the resonance",
     "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they name",
     "the logs do not determine tau or G": "the parameters say what to record",
-    "the sampler stopped before it reached its criteria": "record a voltage step and a sweep across the resonance",
+    "the sampler stopped before it reached its criteria": "take the normal approximation, --accuracy quick, or record more rows",
 }
+SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep"}
+
+
+def advice(result: str, logs: int) -> str:
+    """What to do about a fit of so many logs that ended so; empty where that went well."""
+    return (SEVERAL if logs > 1 else {}).get(result) or ADVICE.get(result, "")
 
 
 def clean(text: str) -> str:
@@ -82,13 +88,13 @@ def taken_for(log: Mapping[str, Any]) -> str:
     return log["description"].removeprefix("transient").removeprefix("settled points").removeprefix(", ")
 
 
-def grouped(logs: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The logs' notes, each once, with the logs that it is about."""
+def grouped(document: Mapping[str, Any]) -> list[str]:
+    """The notes of the fit, and those of the logs, each once, with the logs that it is about."""
     names: dict[str, list[str]] = {}
-    for log in logs:
+    for log in document["logs"]:
         for note in log["notes"]:
             names.setdefault(note, []).append(log["name"])
-    return [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
+    return [*document["notes"]] + [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
 
 
 def gains(controller: Mapping[str, Any]) -> list[str]:

@@ -161,6 +161,11 @@ class Trial:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
 
+    @property
+    def swept(self) -> bool:
+        """Settled points of a sweep, whose neighbours are those of the next frequency."""
+        return self.steady and self.resonant and bool(np.ptp(self.log.frequency) > 0)
+
     @cached_property
     def touched(self) -> bool:
         """A finger's force is recorded."""
@@ -260,6 +265,8 @@ class Trial:
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._filtered()
+            if background and self.driven and self.resonant and np.ptp(self.log.frequency) > 0 and n >= SLOPED:
+                shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:
@@ -412,6 +419,11 @@ def numbers_left(trial: Trial) -> int:
     columns += len(trial.extra_columns)
     taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
     return 2 * (len(trial.log) - trial.noise.left_out) - taken
+
+
+def numbers_taken(trial: Trial) -> float:
+    """Degrees of freedom that a log's nuisances take from its residual."""
+    return float(trial.channels * (len(trial.log) - trial.noise.left_out)) - freedom(trial)
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,17 +12,21 @@ from sysid.model.plant import Plant
 from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
-from sysid.verdict.determined import alone, informed, parameter, usable
+from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.fitted import Fit, beside
+from sysid.verdict.hurried import hurried
+from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.late import timed
 from sysid.verdict.leaning import leaning
 from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Found, misfits
 from sysid.verdict.odd import odd_one
 from sysid.verdict.result import Result
+from sysid.verdict.unexplained import left_of
 
 BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
+ALTERNATIVES = 2  # that are named for one misfit
 CONTRADICTS = 3.0  # standard deviations between what the logs tell and what is stated beforehand
 SHARES = 0.9  # of the error that the logs alone leave of a parameter: below, the prior speaks too
 
@@ -35,6 +40,7 @@ class Question:
     stated: dict[str, tuple[float, float]]
     reference_temperature: float  # degC, at which f0 is told if k_T is
     warnings: tuple[str, ...]  # what had to be assumed
+    dispersion: np.ndarray  # (6, 6) what readings of the logs that cannot be told apart add to the covariance
 
 
 def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -> Fit:
@@ -50,10 +56,13 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     result = fit.result
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
-    if wrong and (result is not Result.undetermined or any(parameters[n].determined for n in PLANT)):
+    told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
+    if wrong and (told or any(w.mostly for w in wrong)):
         result = Result.misfit  # a value from logs that the model does not describe is none
+        mostly = any(w.mostly for w in wrong)
+        parameters = {n: undescribed(p) if n in free and (mostly or not p.determined) else p for n, p in parameters.items()}
     aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
-    warnings = (*question.warnings, *coarse, *aside, *doubts, *wrong, *turned, *believed)
+    warnings = (*question.warnings, *coarse, *aside, *doubts, *(w.sentence for w in wrong), *turned, *believed)
     return replace(fit, parameters=parameters, result=result, warnings=warnings)
 
 
@@ -86,26 +95,37 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     )
 
 
-def _judged(question: Question, best: State, at: float | None, hangs: bool) -> tuple[list[str], list[str]]:
-    """Sentences on what the model does not describe, which make the fit a misfit; and on what is only a warning. `at` (degC):
+class Said(NamedTuple):
+    """A sentence on what the model does not describe; `mostly`: it leaves most of a log, of which it then tells nothing."""
+
+    sentence: str
+    mostly: bool = False
+
+
+def _judged(question: Question, best: State, at: float | None, hangs: bool) -> tuple[list[Said], list[str]]:
+    """What the model does not describe, which makes the fit a misfit; and sentences on what is only a warning. `at` (degC):
     where f0 is told. `hangs`: G does, on how late the response is."""
     reference, free = question.minimiser.reference, question.minimiser.free
+    if (said := identify.overdamped(best, reference)) is not None:
+        return [Said(said, True)], []
     found, unseen = misfits(best, reference, free, at)
-    found = timed(_likeliest(found), best, reference, free)
-    wrong, doubts = _described(best, found, FINGER[0] in free)
-    if (wrong or doubts) and (said := leaning(question.minimiser, best, found)):
-        return [said], []
+    likely = _likeliest(timed(_likeliest(found), best, reference, free))
+    wrong, doubts = _described(best, found, likely, FINGER[0] in free)
+    for another in (hurried, leaning) if wrong or doubts else ():
+        if said := another(question.minimiser, best, found):
+            return [Said(said)], []
     if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best)):
-        return [said], []
+        return [Said(said)], []
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
     if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:
-        return ranges, []
-    between = found and (found[0].name in BETWEEN or found[0].log is None)
-    gain = found[0].log if between and found[0].name == "gain" else None  # to first order, which of a factor of two says little
+        return [Said(said) for said in ranges], []
+    between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
+    gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
-        wrong, doubts = [said], []
+        wrong, doubts = [Said(said)], []
+    wrong = wrong or [Said(said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *unseen]
-    if hangs and not identify.hopeless(best.trials, free):
+    if hangs and not wrong and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, carried]
@@ -113,29 +133,38 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
 
 
 def _likeliest(found: Sequence[Found]) -> list[Found]:
-    """What is worth less may be a shadow of what is worth more."""
-    return [f for f in found if f.worth >= found[0].worth - NEARLY]
+    """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth much less may be a
+    shadow of it. More than two alike explain nothing."""
+    told = [f for f in found if f.explains]
+    alike = [f for f in told if f.worth >= told[0].worth - NEARLY]
+    return alike if len({f.name for f in alike}) <= ALTERNATIVES else []
 
 
-def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[str], list[str]]:
-    """Sentences on what the model does not describe: what makes the fit a misfit, and what is only a warning. `fingered`: what a
-    finger does is fitted."""
-    harmful = any(f.harmful and f.certain for f in found)
-    named = {f.log for f in found} if harmful else set()
-    said, doubts = [], []
+def _described(state: State, found: Sequence[Found], likely: Sequence[Found], fingered: bool) -> tuple[list[Said], list[str]]:
+    """What the model does not describe: what makes the fit a misfit; and sentences on what is only a warning. `found`: all that
+    the logs hold, `likely` what of it they say; `fingered`: what a finger does is fitted."""
+    harmful = any(f.harmful and f.certain for f in likely)
+    shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
+    named = {f.log: f.sentence for f in reversed(likely)}
+    wrong, doubts = [], []
     for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
         if trial.silent:
             continue
-        model = trial.as_recorded(model)
-        what = (None if fingered else wording.touched(trial)) or wording.clipped(trial)
-        if not what and not named & {i, None}:
-            what, doubt = wording.misfit(trial, model, trial.residual(model), state.tau)
-            doubts += [f"{trial.log.name}: {doubt}"] if doubt else []
-        said += [f"{trial.log.name}: {what}"] if what else []
+        if what := (None if fingered else wording.touched(trial)) or wording.clipped(trial):
+            wrong.append(Said(f"{trial.log.name}: {what}"))
+            continue
+        known = harmful and (i in named or None in named)
+        left = None if known else left_of(trial, model, state.tau, not harmful and i in shown)
+        if left is not None and left.noise:
+            doubts.append(f"{trial.log.name}: {left.said}")
+        elif left is not None:
+            wrong.append(Said(named.get(i, f"{trial.log.name}: {left.said}"), left.mostly and i not in named))
     if harmful:
-        likely = {f.name: f.sentence for f in reversed(found)}
-        return [*said, "; or else ".join(reversed(likely.values()))], []
-    return said, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in found[:1])]
+        names = {f.name: f.sentence for f in reversed(likely)}
+        return [*wrong, Said("; or else ".join(reversed(names.values())))], []
+    if None in shown and not wrong:
+        wrong = [Said("; or else ".join(dict.fromkeys(f.sentence for f in found if f.harmful and f.certain)))]
+    return wrong, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in likely[:1])]
 
 
 def _unharmed(found: Found) -> str:

@@ -11,6 +11,8 @@ from sysid.verdict import identify
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import NORMAL95, Parameter
 
+UNDESCRIBED = "cannot tell, because the model does not describe the logs; do first what the warnings ask for"
+
 
 def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
     """Whether tau is determined, and G where a drive was recorded."""
@@ -34,6 +36,11 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
     elif name in fit.priors and not _told(fit, name):
         said = f"{said} (what is stated of it beforehand is not what the logs tell)"
     return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def undescribed(found: Parameter) -> Parameter:
+    """A parameter of logs that the model does not describe: what they tell of it, and what would, is not known."""
+    return Parameter(None, None, None, found.unit, False, UNDESCRIBED)
 
 
 def informed(fit: Fit, name: str, value: float, std: float) -> bool:

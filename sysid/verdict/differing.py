@@ -33,11 +33,11 @@ from sysid.verdict.view import View
 CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
 TOLD = 1e-6  # of the best log's information, less than which a log says nothing of a parameter
 COMPARED = 0.01  # of its information that others must tell: one log a temperature has f0 by k_T, told by what creeps in each
-SAID = (
-    "{}: the logs differ by more than their errors, by chance in one fit of {}: {}, {} {}; another log would tell which is right"
-)
+ALARM = 300  # of three parameters: a warning in one good fit of a hundred; what is less rare is only noted, and spanned
+SAID = "{}: the logs differ by more than their errors, by chance in one fit of {}: {}, {} {}"
 SPANS = "; the error of {} includes this difference"
 OMITS = "; the error of {} does not include it, as tau or G would then not be determined"
+WHICH = "; another log would tell which is right"
 
 
 class _Differ(NamedTuple):
@@ -51,10 +51,21 @@ class _Differ(NamedTuple):
     rare: float
 
 
-def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, dict[str, str]]:
-    """What logs that differ add to the covariance (6, 6) of theta; a sentence for each parameter in which they do, to be ended
-    by SPANS or OMITS."""
-    added, said = np.zeros((len(NAMES), len(NAMES))), dict[str, str]()
+class Said(NamedTuple):
+    """A sentence on a parameter in which logs differ; `rare`: rarer by chance than one in ALARM."""
+
+    name: str
+    sentence: str
+    rare: bool
+
+    def told(self, spanned: bool) -> str:
+        """The whole of it; `spanned`: the errors include the difference."""
+        return self.sentence + (SPANS if spanned else OMITS).format(self.name) + WHICH * (self.rare or not spanned)
+
+
+def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, list[Said]]:
+    """What logs that differ add to the covariance (6, 6) of theta; and a sentence for each parameter in which they do."""
+    added, said = np.zeros((len(NAMES), len(NAMES))), list[Said]()
     if len(state.trials) < 2:
         return added, said
     names = [n for n in NAMES if n in free]
@@ -66,7 +77,8 @@ def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]
             found = _in_full(found, logs.views) if name == "G" else found
             moves = logs.moves(found.held, name)
             added += found.std**2 * moves.T @ moves
-            said[name] = _said(name, found, [state.trials[i].log.name for i in found.held])
+            sentence = _said(name, found, [state.trials[i].log.name for i in found.held])
+            said.append(Said(name, sentence, found.rare > ALARM))
     return added, said
 
 

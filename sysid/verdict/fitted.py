@@ -49,6 +49,7 @@ class Fit:
     modes: tuple[State, ...] = field(repr=False)  # the best first
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
     priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
+    notes: tuple[str, ...] = ()  # what is only information: nothing is asked for
     lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
 
     def estimate(self, name: str) -> tuple[float, float]:

@@ -19,18 +19,18 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.coincidence import complex_of, hangs_on
 from sysid.verdict.conclusion import Question
+from sysid.verdict.immediate import FED
 from sysid.verdict.late import SURE
 from sysid.verdict.misfit import Linear, error_of_lateness
 from sysid.verdict.view import View
 
-NUMBERS = 4  # that a filter takes from a log: time constant and steepness, of d and of q
-ENOUGH = 25.0  # log-likelihood: SURE, and nearly four for each of these, whose priors are so much wider than what is found
+# Log-likelihood: SURE, and nearly four for each of its numbers in d and in q, whose priors are so much wider than what is found.
+ENOUGH = 25.0
 ORDERS = (1, 2, 4)
 TIMES = np.geomspace(0.02, 1.0, 40)  # of tau, the delay of all poles together: each a tenth longer
 ROUNDS = 4  # of the plant and the time constant in turn
 FURTHEST = 0.7  # of its logarithm in one of them: twice
 TINY = 1e-9  # of what a log tells of it
-FED = 0.15  # of the largest response
 ANY = 10.0  # prior of a gain that may be off by any factor
 NEAR = 0.03  # of it: what is left is a nuisance to first order
 
@@ -44,7 +44,7 @@ class _Tried(NamedTuple):
 
 
 def behind(question: Question, state: State) -> tuple[Question, list[State]] | None:
-    """The question and its minimum with the filter that the logs show; None where they show none, or a delay besides, or where
+    """The question and its minima with the filter that the logs show; None where they show none, or a delay besides, or where
     the error of G would be due to how the filtered response begins."""
     reference, free = question.minimiser.reference, question.minimiser.free
     hidden = [i for i, t in enumerate(state.trials) if _may_be(t)]
@@ -52,11 +52,14 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
         return None
     views, linear = _seen(question, state)
     late = any(0.5 * (views[i].late / error_of_lateness(views[i], linear)) ** 2 > SURE for i in hidden)
-    for tried in _tried(views, linear, hidden):
+    likeliest = _tried(views, linear, hidden)
+    if not likeliest[0].order and likeliest[0].worth > likeliest[1].worth + SURE:
+        return None  # late, and not by a filter
+    for tried in likeliest:
         if not tried.order or not (late or tried.worth > SURE):
             continue
         best, time = _fitted(question, state, hidden, tried)
-        if _gained(state, best, hidden) < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
+        if best.likelihood - state.likelihood < ENOUGH or _tried(*_seen(question, best), hidden)[0].worth > SURE:
             continue  # the first order misled, far from the minimum
         views = [View(best.trials[i], best.models[i], best, reference, coloured=True) for i in hidden]
         if hangs_on(("late", "filter", "poles"), best, reference, free) or any(map(_feeds, views)):
@@ -65,7 +68,7 @@ def behind(question: Question, state: State) -> tuple[Question, list[State]] | N
             return None
         said = _said([state.trials[i].log.name for i in hidden], time, tried.order)
         trials = _filtered(question.trials, hidden, time, tried.order)
-        return replace(question, trials=trials, warnings=(*question.warnings, said)), [best]
+        return replace(question, trials=trials, warnings=(*question.warnings, said)), question.minimiser.imaged([best])
     return None
 
 
@@ -92,12 +95,6 @@ def _filtered(trials: Sequence[Trial], hidden: Sequence[int], time: float, order
     return tuple(behind(t) if i in hidden else t for i, t in enumerate(trials))
 
 
-def _gained(before: State, after: State, hidden: Sequence[int]) -> float:
-    """Log-likelihood that the filter is worth. The cost of a log counts the numbers that are left to it, each by the logarithm of
-    its noise in whatever unit: here all count alike."""
-    return before.cost - after.cost - NUMBERS * sum(float(np.log(after.trials[i].noise.std)) for i in hidden)
-
-
 def _feeds(view: View) -> bool:
     """Whether so much of the drive goes through beside the filter that it rather makes something else look like one: a gain
     (`_is_gain`), or a saturated channel."""
@@ -112,8 +109,7 @@ def _is_gain(question: Question, before: State, after: State, hidden: Sequence[i
     pole of tau (1 - 1/r) behind a feedthrough of (r - 1) G: exactly so of a step, and by coincidence of a filter."""
     own = [replace(t, nuisances=(*t.nuisances, "gain"), narrow=t.narrow | {"gain": ANY}, late=0.0) for t in before.trials]
     trials = tuple(own[i] if i in hidden else t for i, t in enumerate(before.trials))
-    gained = _gained(before, question.minimiser.refine(trials, before.theta, known=1), hidden)
-    return gained > _gained(before, after, hidden) - SURE
+    return question.minimiser.refine(trials, before.theta, known=1).likelihood > after.likelihood - SURE
 
 
 def _longer(views: Sequence[View]) -> float:

@@ -16,6 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sysid.minimum.minimise import State
 from sysid.trials.trial import LEAST_WARMING, Trial, numbers_left
 
 RELATIVE = 0.2
@@ -68,6 +69,16 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
             " ten points or more"
         )
     return None
+
+
+def overdamped(state: State, reference: tuple[float, float]) -> str | None:
+    """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no resonance; else None."""
+    if not any(t.resonant for t in state.trials) or np.pi * (reference[0] + state.theta[2]) * state.tau >= 0.5:
+        return None
+    return (
+        "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response that falls evenly"
+        " with the frequency; sweep across a resonance, and see whether the frequencies are those of the drive"
+    )
 
 
 def buried(trials: Sequence[Trial]) -> bool:

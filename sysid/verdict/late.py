@@ -18,6 +18,7 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
 from sysid.verdict.misfit import Found
 from sysid.verdict.moments import EARLY, FILTERED, LATE
+from sysid.verdict.unexplained import SIGNIFICANT, significance
 
 THROUGH = 0.03  # of the response
 BEFORE, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
@@ -29,6 +30,7 @@ SIDES = {"late": 1, "early": -1}  # by what is found, on which side of what is s
 WATCHED = ("G", "tau", "f0")
 ALIKE = 2.0  # log-likelihood within which delays fit alike: 95 %
 SURE = 10.0  # log-likelihood that a delay is worth when it is no chance, however the noise was taken
+POLES, FILTER = (1, 2, 4), 4  # of a lock-in's filter; rounds in which its time is found with the plant
 VAGUE, CLEAR = 0.5, 0.01  # of tau, that they span, from which no delay is told, and up to which only the best
 
 
@@ -43,11 +45,13 @@ def timed(found: Sequence[Found], state: State, reference: tuple[float, float], 
 
 class _Timed(NamedTuple):
     """What to say of a log that is late, or early; what it gains, in log-likelihood, by the delay that fits best; and how far the
-    parameters are there, by name, in their standard deviations. No sentence: as it was."""
+    parameters are there, by name, in their standard deviations; whether that, or a filter that is as late, leaves only noise. No
+    sentence: as it was."""
 
     sentence: str | None
     worth: float
     moves: dict[str, float]
+    explains: bool
 
 
 def _with(found: Found, timed: _Timed) -> Found:
@@ -55,7 +59,8 @@ def _with(found: Found, timed: _Timed) -> Found:
     certain, moves = timed.worth > SURE, dict(found.moves)
     if certain:
         moves |= {n: m for n, m in timed.moves.items() if abs(m) > abs(moves.get(n, 0.0))}
-    return replace(found, sentence=timed.sentence or found.sentence, certain=found.certain or certain, moves=moves)
+    sentence, certain = timed.sentence or found.sentence, found.certain or certain
+    return replace(found, sentence=sentence, certain=certain, moves=moves, explains=timed.explains)
 
 
 def _timed(costs: "_Costs", side: int) -> _Timed:
@@ -63,7 +68,8 @@ def _timed(costs: "_Costs", side: int) -> _Timed:
     log, tau, tried = costs.trial.log, costs.state.tau, _tried(costs, side)
     best = min(tried, key=tried.__getitem__)
     alike = [delay for delay, cost in tried.items() if cost < tried[best] + ALIKE]
-    low, high, rest = min(alike), max(alike), (tried[costs.stated] - tried[best], costs.moves(best))
+    low, high = min(alike), max(alike)
+    rest = tried[costs.stated] - tried[best], costs.moves(best), costs.explains(best)
     if side > 0 and costs.stated and rest[0] < ALIKE:
         return _Timed(FILTERED.format(log.name, costs.stated), *rest)
     if high - low > VAGUE * tau or low <= min(tried) or high >= max(tried):
@@ -108,13 +114,35 @@ class _Costs:
         places = {n: NAMES.index(n) for n in WATCHED if n in self.minimiser.free}
         return {n: float(away[k] / np.sqrt(covariance[k, k])) for n, k in places.items()}
 
+    def explains(self, delay: float) -> bool:
+        """Whether the delay (s), or poles that are as late, leave nothing of the log but noise."""
+        if self._described(self._refined(delay)):
+            return True
+        late = delay - self.stated
+        if late <= 0 or self.trial.smoothing[1] or self.trial.log.amplitude_only:
+            return False
+        return any(self._described(self._with(_filtered(self.trial, late / n, n), FILTER)) for n in POLES)
+
+    def _described(self, state: State) -> bool:
+        trial = state.trials[self.i]
+        return significance(trial.residual(trial.as_recorded(state.models[self.i]))) < SIGNIFICANT
+
     def _one(self, delay: float) -> float:
         return self._refined(delay).cost
 
     def _refined(self, delay: float) -> State:
-        trials = list(self.state.trials)
-        trials[self.i] = _delayed(trials[self.i], delay)
-        return self.minimiser.refine(tuple(trials), self.state.theta, rounds=1)
+        return self._with(_delayed(self.trial, delay), 1)
+
+    def _with(self, trial: Trial, rounds: int) -> State:
+        """The minimum near that of the fit with this trial for the i-th."""
+        trials = (*self.state.trials[: self.i], trial, *self.state.trials[self.i + 1 :])
+        return self.minimiser.refine(trials, self.state.theta, rounds)
+
+
+def _filtered(trial: Trial, time: float, order: int) -> Trial:
+    """The trial behind so many poles of about that time constant (s), with white noise."""
+    plain, nuisances = _delayed(trial, trial.log.bench.get("delay_s", 0.0)), (*trial.nuisances, "filter", "poles")
+    return replace(plain, nuisances=tuple(dict.fromkeys(nuisances)), filter=(time, order))
 
 
 def _delayed(trial: Trial, delay: float) -> Trial:

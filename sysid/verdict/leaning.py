@@ -16,14 +16,13 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial, with_noise
-from sysid.verdict.misfit import STRANGE, Found, misfits
+from sysid.verdict.misfit import Found, explained
 
 STEPS = 24  # of each sign, a sixth part each, within which the cost falls to its optimum,
 NEAREST, FARTHEST = 1 / 64, 1 / 2  # from and to so much of the span of the frequencies; of less the first order tells
 ZOOMS = 4  # times that the interval about the best is halved
 LEAST_ROWS = 8  # of a sweep that shows a lean: five numbers, and some to spare
 SURE = 10.0  # log-likelihood by which a lean explains logs, of 49 that are tried: by chance of one in two thousand good fits
-LEFT = 0.2  # of what a lean gains, no more than which anything else is then worth: the noise of w moves a steep row's frequency
 
 
 def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str | None:
@@ -42,10 +41,7 @@ def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     straight = minimiser.minima(_straightened(state.trials, 0.0))[0]
     kappa, lean = _fitted(minimiser, state.trials, tried[k], sizes[1] / sizes[0] - 1)
     gained = straight.cost - lean.cost
-    if gained < max([f.worth for f in found if f.name != STRANGE], default=0.0) + SURE:
-        return None
-    left, _ = misfits(lean, minimiser.reference, minimiser.free, None)
-    if any(f.worth > LEFT * gained for f in left if f.certain):
+    if gained < SURE or not explained(minimiser, lean, gained, found):
         return None
     about = f"by about {kappa * top**2:+.3g} Hz at {top:.2g} {state.trials[0].log.response_unit}"
     said = f"the frequency does depend on the amplitude, {about}: the peak leans over, and a sweep jumps where it is steep"

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial
-from sysid.verdict.misfit import misfits
+from sysid.verdict.misfit import described
 from sysid.verdict.wording import SAY_SO
 
 SURE = 10.0  # log-likelihood
@@ -23,8 +23,7 @@ def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     best, said = together.cost - SURE, None
     for turned in _tried(trials):
         found = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
-        left, _ = misfits(found, minimiser.reference, minimiser.free, None)
-        if found.cost < best and not any(f.certain and f.harmful for f in left):
+        if found.cost < best and described(minimiser, found):
             best, said = found.cost, ", ".join(trials[i].log.name for i in turned)
     return said and f"{said}: the phase turns the other way than in the other logs; if d and q are not swapped, {SAY_SO}"
 

@@ -18,33 +18,31 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import gammaincc
 
-from sysid.minimum.guess import phase_falls
-from sysid.minimum.minimise import State
+from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
-from sysid.rows.dwell import dwells
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
-from sysid.verdict.term import Term, together
-from sysid.verdict.terms import CURVED, RUNNING, SHIFTED, one_way, own, terms, times
+from sysid.verdict.term import UNNAMED, Term, together
+from sysid.verdict.terms import CURVED, RUNNING, one_way, own, terms, times
+from sysid.verdict.unexplained import left_of
 from sysid.verdict.view import View
-from sysid.verdict.wording import OFTEN, SAY_SO, UNSAID, stamps_shared
+from sysid.verdict.wording import OFTEN, UNSAID
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
 UNCHANGED = 0.01  # sum of squares in units of the noise
-ROUGH = 5.0  # by which a residual is larger than the noise between its neighbours, and
-MOST = 0.3  # share of a log that it is, when the log is not what the model is about
-SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
 TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
 ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
+LEFT = 0.2  # of what a description gains, no more than which anything is worth that it leaves: its own numbers are coarse
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
 FARAWAY = 4.0  # of these, by what is not seen
-STRANGE = "strange"  # of a log that is not described, which explains nothing
+EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
+CHANCE = 3.0  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -59,6 +57,7 @@ class Found:
 
     freedom: int  # numbers that it has
     certain: bool = True
+    explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
 
     @property
     def farthest(self) -> str:
@@ -83,15 +82,27 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     if len(views) > 1 and not any(f.harmful and f.certain for f in found):  # alike in several logs: freer, and so looked for last
         alike = list(together([t for t in tried if t.name in ALIKE and fit.tells(t)], views))
         found, tried = found + fit.found(alike, len(tried)), tried + alike
-    if len(views) > 1 or not any(f.harmful and f.certain for f in found):  # a log alone contradicts no other
-        found += [strange for i, v in enumerate(views) if (strange := _strange(i, v, len(views) == 1)) is not None]
     if len(views) > 1:
         found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
-    doubts += [said for i, v in enumerate(views) if (said := _row_late(i, v, fit) or _row_before(i, v, fit)) is not None]
+    doubts += [said for i, v in enumerate(views) if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None]
     return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
+
+
+def described(minimiser: Minimiser, state: State) -> bool:
+    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing unexplained."""
+    found, _ = misfits(state, minimiser.reference, minimiser.free, None)
+    left = (left_of(t, m, state.tau) for t, m in zip(state.trials, state.models, strict=True) if not t.silent)
+    return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
+
+
+def explained(minimiser: Minimiser, anew: State, gained: float, found: Sequence[Found]) -> bool:
+    """Whether another description of the logs, which is worth `gained`, explains what was `found` beside the first: it is worth
+    more than each of these, and leaves little."""
+    left, _ = misfits(anew, minimiser.reference, minimiser.free, None)
+    return gained > max((f.worth for f in found), default=0.0) and all(f.worth <= LEFT * gained for f in left if f.certain)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
@@ -148,26 +159,18 @@ def _aslant(view: View, run: np.ndarray) -> float:
     return float(np.linalg.norm((view.residual[run] * np.conj(along)).imag / (np.abs(along) or 1.0)))
 
 
-def _row_late(i: int, view: View, fit: "Linear") -> str | None:
-    """What a sweep of one direction cannot tell from a lateness of a row, where that may be: each row shows what the one before
-    it should, as if the resonance were a step of the sweep away. Where nothing is late, a frequency that runs on: half a step."""
-    if "f0" not in fit.names or not one_way(view):
-        return None
-    stated = view.trial.lateness < 0.5 * view.trial.spacing
-    if stated and ("delay_s" not in view.trial.log.bench or np.any(np.diff(view.trial.log.frequency) == 0)):
+def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
+    """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between its rows: half a
+    step."""
+    log, changes = view.trial.log, np.diff(view.trial.log.frequency) if view.trial.resonant else np.zeros(1)
+    if "f0" not in fit.names or not one_way(view) or "delay_s" not in log.bench or np.any(changes == 0):
         return None  # a frequency that stays for several rows does not run on
-    if np.any(np.diff(view.trial.log.frequency) == 0) and dwells(view.trial.log, view.course.tau):  # its own rows would show it
+    f0, step = fit.names.index("f0"), float(np.ptp(log.frequency)) / (len(log) - 1)
+    moved = 0.5 * step * min(fit.share(i)[f0, f0], 1.0)
+    if moved < MOVES * fit.std[f0]:
         return None
-    f0, step = fit.names.index("f0"), float(np.ptp(view.trial.log.frequency)) / (len(view.trial.log) - 1)
-    share = min(fit.share(i)[f0, f0], 1.0)
-    contradicted = step * np.sqrt(1 - share) > FARAWAY * fit.std[f0]  # by what the other logs tell of f0
-    moved = share * step * (0.5 if stated else 1.0)
-    if moved < MOVES * fit.std[f0] or (contradicted and not stated):
-        return None
-    if stated:
-        way = "higher" if view.trial.log.frequency[-1] > view.trial.log.frequency[0] else "lower"
-        return RUNNING.format(view.trial.log.name, moved, way, moved / fit.std[f0])
-    return SHIFTED.format(view.trial.log.name, moved, moved / fit.std[f0])
+    way = "higher" if log.frequency[-1] > log.frequency[0] else "lower"
+    return RUNNING.format(log.name, moved, way, moved / fit.std[f0])
 
 
 def _row_before(i: int, view: View, fit: "Linear") -> str | None:
@@ -198,27 +201,6 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
     if found is None or found[1] < threshold:
         return None
     return Found(own(view.trial.log.name, "G", times(found[0] - 1)), found[1], {"G": np.inf}, "gain", i, 1)
-
-
-def _strange(i: int, view: View, alone: bool) -> Found | None:
-    """A log of which the model leaves most, smooth as it is: beside others by what its own gain is off, if that is what it is."""
-    y, left = view.trial.log.response, view.residual
-    if len(y) < 8 or view.trial.log.drive is None or view.trial.silent:
-        return None
-    rough, total = np.sqrt(np.mean(np.abs(np.diff(left)) ** 2) / 2), np.sqrt(np.mean(np.abs(left) ** 2))
-    if total < ROUGH * rough or total < MOST * np.std(y):
-        return None
-    shape = view.course.forced if view.trial.signed else np.abs(view.course.forced)
-    ratio = float(np.abs(np.vdot(shape, y)) / max(np.vdot(shape, shape).real, 1e-300))
-    what = "it is not that of one resonance which stays as it is; check its columns, their units and signs"
-    if view.trial.steady and view.trial.resonant and view.trial.signed and not phase_falls(view.trial):
-        what = f"its phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
-    elif not view.trial.steady and stamps_shared(view.trial) > SHARED * len(view.trial.whole or y):
-        what = "rows share their time stamps; record the time with more digits"
-    elif not alone:
-        what = f"G contradicts the other logs, about {ratio:.3g} times that of theirs; check its units, or leave it out"
-    said = f"{view.trial.log.name}: the model leaves {100 * total / np.std(y):.2g} % of it; {what}"
-    return Found(said, len(y) * float(np.log(total / rough)), {"G": np.inf}, STRANGE, i, 1)
 
 
 class _Added(NamedTuple):
@@ -380,5 +362,18 @@ class Linear:
             moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
         if term.squared is not None and term.squared[0] in moves:
             moves[term.squared[0]] += term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
-        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, bool(gained >= chance + ENOUGH))
+        certain = bool(gained >= chance + ENOUGH)
+        explains = said != UNNAMED and self._explains(rows, coefficient, shift)
+        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, certain, explains)
         return found if found.certain or found.harmful else None
+
+    def _explains(self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray) -> bool:
+        """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold it: neighbouring
+        rows of the residual then share EXPLAINED of the power they did, or less, or no more than independent rows by chance."""
+        before = after = chance = 0.0
+        for i, (part, which) in rows.items():
+            view, jacobian = self.views[i], self.jacobians[i]
+            left = view.r - jacobian @ shift - part @ coefficient[which]
+            before, after = before + view.shared(view.r), after + view.shared(left)
+            chance += float(left @ left) / np.sqrt(view.n)
+        return after <= max(EXPLAINED * before, CHANCE * chance)

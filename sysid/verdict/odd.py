@@ -11,7 +11,7 @@ import numpy as np
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import carried
 from sysid.trials.trial import Trial
-from sysid.verdict.misfit import misfits
+from sysid.verdict.misfit import described
 from sysid.verdict.terms import finger, own, times, unread, warmer, was_read
 from sysid.verdict.wording import clipped, touched
 
@@ -30,7 +30,7 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State, whic
     i = i if which is None else which
     others = (*trials[:i], *trials[i + 1 :])
     alone, rest = (minimiser.minima(some)[0] for some in ((trials[i],), others))
-    if not (_described(minimiser, alone) and _described(minimiser, rest)):
+    if not (described(minimiser, alone) and described(minimiser, rest)):
         return None
     warm = float(np.mean(trials[i].hold(minimiser.reference).warming))
     said = {"G": ("G", times_of), "tau": ("tau", times_of), "f0": ("the resonance", lambda x: f"{x:+.4g} Hz off that")}
@@ -66,11 +66,6 @@ def _left(trial: Trial, model: np.ndarray) -> float:
     if len(left) < 3:
         return 0.0
     return float(np.sqrt(2 * np.mean(np.abs(left) ** 2) / max(np.mean(np.abs(np.diff(left)) ** 2), 1e-300)))
-
-
-def _described(minimiser: Minimiser, state: State) -> bool:
-    found, _ = misfits(state, minimiser.reference, minimiser.free, None)
-    return state.converged and not any(f.certain for f in found)
 
 
 def _apart(alone: State, rest: State, k: int, warm: float) -> tuple[float, float]:

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.minimum.minimise import MODES, Minimiser, State
+from sysid.minimum.minimise import Minimiser, State
 from sysid.model import rice
 from sysid.rows.prepare import OFFSET_UNITS
-from sysid.trials.trial import Trial, numbers_left, with_noise
+from sysid.trials.trial import Trial, with_noise
 
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
@@ -54,8 +54,7 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
             continue
         best = _fitted(minimiser, states[0], i, rest)
         if _there(rest, states[0], best, i):
-            found = sorted([best, *(_fitted(minimiser, s, i, rest) for s in states[1:])], key=lambda s: s.cost)
-            states = [s for s in found if s.cost <= found[0].cost + MODES]
+            states = minimiser.imaged([best, *(_fitted(minimiser, s, i, rest) for s in states[1:])])
             said.append(_said(states[0].trials[i]))
     return states, said
 
@@ -115,19 +114,14 @@ def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:
 
 
 def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
+    worth = after.likelihood - before.likelihood
+    if before.converged and (not after.converged or worth < 0):
+        return False  # noise of long memory is larger at rest than its neighbouring rows tell
     nested = before.trials[i].signed  # it has an offset already, of the response's own direction
     if rest.seen > SURE and not nested:
         return True
-    worth = _worth(before, after, i) if after.converged else 0.0
     tells = worth > SOME if nested else before.trials[i].driven
-    return worth > WORTH or (tells and after.converged and _moved(before, after) > MOVES)
-
-
-def _worth(before: State, after: State, i: int) -> float:
-    """Log-likelihood, at its best, of an offset under the i-th log. The cost counts the numbers that it takes from those that
-    tell the noise's level; here they are not."""
-    taken = numbers_left(before.trials[i]) - numbers_left(after.trials[i])
-    return before.cost - after.cost - taken * float(np.log(after.trials[i].noise.std))
+    return after.converged and (worth > WORTH or (tells and _moved(before, after) > MOVES))
 
 
 def _moved(before: State, after: State) -> float:

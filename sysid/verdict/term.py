@@ -8,6 +8,8 @@ import numpy as np
 
 from sysid.verdict.view import View
 
+UNNAMED = ""  # what is said of a size that the logs may show, but that is not what the term is about
+
 
 @dataclass(frozen=True, eq=False)
 class Term:
@@ -15,7 +17,7 @@ class Term:
 
     name: str
     shapes: dict[int, np.ndarray] = field(repr=False)
-    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that sign or size makes no sense
+    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that makes no sense; UNNAMED
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
     beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one

@@ -12,7 +12,7 @@ from sysid.rows.hold import contact, force_of
 from sysid.trials.extra import possible
 from sysid.trials.trial import LEAST_WARMING
 from sysid.verdict.moments import moments
-from sysid.verdict.term import Term, of_one
+from sysid.verdict.term import UNNAMED, Term, of_one
 from sysid.verdict.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
@@ -22,11 +22,6 @@ ABSURD = 100.0  # half bandwidths, of which a shape to first order says nothing
 HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
     " would move {{}}; sweep back as well, or record the temperature of every row"
-)
-SHIFTED = (
-    "{}: a response that is late by a row looks in a sweep of one direction like a resonance {:.2g} Hz away, which would move f0"
-    " by {:.2g} of its standard deviations; sweep back as well, state delay_s (0 if nothing is late, and the frequency stays from"
-    " row to row), or let every point settle"
 )
 RUNNING = (
     "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is {:.2g} Hz {}, {:.2g} of"
@@ -93,6 +88,8 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
     out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
     places = np.append(-BESIDE, BESIDE)
+    # Outside of all frequencies it shows no peak, and whatever is nearly even looks like it; so does one that is the larger.
+    below, above = (np.min(c.detuning), np.max(c.detuning)) if view.trial.swept else (-np.inf, np.inf)
     others = c.at(np.tile(2j * np.pi * half_bandwidth * places, (len(c.hold.drive), 1))).forced
     for beside, shape in zip(places, others.T, strict=True):
         shapes = view.observed(np.stack([shape, 1j * shape])).T
@@ -100,6 +97,8 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
 
         def say(value: np.ndarray, view: View, beside: float = beside, size: float = size) -> str:
             share = 100 * size * np.hypot(*value)
+            if share > 100 or not below < -2 * np.pi * half_bandwidth * beside < above:
+                return UNNAMED
             return (
                 f"{view.trial.log.name}: a second resonance, about {abs(beside) * half_bandwidth:.3g} Hz"
                 f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; {out}"

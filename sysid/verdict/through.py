@@ -43,20 +43,34 @@ class _Share(NamedTuple):
         return abs(self.size.imag) < max(REAL * self.across, ASIDE * abs(self.size.real))
 
 
-def with_delays(state: State, reference: tuple[float, float]) -> tuple[tuple[Trial, ...], list[str]]:
-    """The trials, those of settled points whose feedthrough may be a delay with the gain that this would be; and sentences that
-    say so, and where it may be a delay in part."""
+class Delays(NamedTuple):
+    """The trials, those of settled points whose feedthrough may be a delay with the gain that this would be; sentences that say
+    so, once for all logs that show the same; and sentences on those that may be a delay in part, which no error spans."""
+
+    trials: tuple[Trial, ...]
+    spanned: list[str]
+    partly: list[str]
+    logs: int  # that these are about
+
+
+def with_delays(state: State, reference: tuple[float, float]) -> Delays:
+    """What settled points tell of a sensor's delay."""
     trials, error = list(state.trials), float(np.sqrt(state.covariance[0, 0]))
     swept = [i for i, t in enumerate(trials) if _may_be_late(t)]
     seen = {i: _share(View(trials[i], state.models[i], state, reference, coloured=True), state) for i in swept}
     shares = _together(seen, error) | {i: s for i, s in seen.items() if s.may_be_late(error)}
-    alike = sum(s.all for s in shares.values()) + sum(t.lateness > 0 for t in trials)
+    held = sum(s.all for s in shares.values()) + sum(t.lateness > 0 for t in trials)
     for i, share in shares.items():
         if share.all:
             nuisances = tuple(dict.fromkeys((*trials[i].nuisances, "gain")))
-            narrow = trials[i].narrow | {"gain": abs(share.size.real) * np.sqrt(alike)}
+            narrow = trials[i].narrow | {"gain": abs(share.size.real) * np.sqrt(held)}
             trials[i] = replace(trials[i], nuisances=nuisances, narrow=narrow)
-    return tuple(trials), [_said(trials[i], share, state.tau) for i, share in shares.items()]
+    alike: dict[tuple[_Share, float | None], list[str]] = {}
+    for i, share in shares.items():
+        alike.setdefault((share, trials[i].log.bench.get("delay_s")), []).append(trials[i].log.name)
+    said = [(bool(share.all), _said(", ".join(names), share, stated, state.tau)) for (share, stated), names in alike.items()]
+    spanned, partly = ([s for every, s in said if every is which] for which in (True, False))
+    return Delays(tuple(trials), spanned, partly, len(shares))
 
 
 def _may_be_late(trial: Trial) -> bool:
@@ -87,9 +101,9 @@ def _together(seen: dict[int, _Share], error: float) -> dict[int, _Share]:
     return dict.fromkeys(near, mean) if len(near) > 1 and mean.may_be_late(error) else {}
 
 
-def _said(trial: Trial, share: _Share, tau: float) -> str:
+def _said(names: str, share: _Share, stated: float | None, tau: float) -> str:
     real = share.size.real
-    late, stated = -real / (1 + real) * tau, trial.log.bench.get("delay_s")
+    late = -real / (1 + real) * tau
     which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
     beside, size = f" beside the {stated:.3g} s that are stated" if stated else "", f"{100 * abs(real):.2g} %"
-    return SAID.format(trial.log.name, size, which, abs(late), beside, f"{change}: its error spans both" if share.all else change)
+    return SAID.format(names, size, which, abs(late), beside, f"{change}: its error spans both" if share.all else change)

@@ -183,6 +183,14 @@ class View:
         rows = self.rows(shape)
         return rows - (rows @ self.basis) @ self.basis.T
 
+    def shared(self, rows: np.ndarray) -> float:
+        """Sum of the products of neighbouring rows, of a sweep in the order of its frequencies: of what is smooth nearly its sum
+        of squares, of noise of each row's own 0, with a standard deviation of its sum of squares over the root of the rows."""
+        log, channels = self.trial.log, 2 if np.iscomplexobj(self.residual) else 1
+        order = np.argsort(log.frequency[self.trial.noise.used], kind="stable") if self.trial.swept else slice(None)
+        parts = rows[: channels * self.n].reshape(channels, self.n)[:, order]
+        return float(np.sum(parts[:, 1:] * parts[:, :-1]))
+
     def likelihood(self, rows: np.ndarray) -> float:
         """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and of those of the priors."""
         there = len(rows) - self.priors

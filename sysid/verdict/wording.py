@@ -5,24 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.logs.log import Log
-from sysid.minimum.guess import phase_falls
-from sysid.model.span import times
 from sysid.rows.hold import FULL_TOUCH, force_of
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
-from sysid.trials.whitening import Noise, joined, whitened
+from sysid.trials.whitening import Noise
 from sysid.verdict.identify import FINER, seconds
 
 NEAR_FULL = 0.1  # of a full contact, from 1.0 to 2.5 N
-STRUCTURE = 0.02  # residual that is not noise, relative to the response: more moves G, tau or f0 out of a 1 % interval
-SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
 NEARLY_ALL = 0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
 NAMED = 8  # rows that were spoilt
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
-LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
-LAGS = (1, 2, 3)  # rows, and by chance no more than
-CHANCE = 3.0  # standard deviations
+LEAST_ROWS = 40  # among which a range that was changed stands out
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 LEVELLED = 0.5  # of a recorder's step, below which its noise leaves a plateau on one level
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
@@ -109,14 +103,23 @@ OFTEN = 0.1  # changes a row, from which on a transient's `sampling` matters how
 
 
 def sampled(trial: Trial, stated: str | None) -> str | None:
-    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and matters; else None."""
+    """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and was told from the log alone;
+    else None."""
     if stated is not None or trial.log.time is None:
         return None
     if trial.steady:
         return f"{UNSAID} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
-    if trial.log.sampling == "settled":
-        return f"{UNSAID} settled, as rows of the same inputs then agree"
-    return f"{UNSAID} instant" if trial.changes > OFTEN * len(trial.log) else None
+    return f"{UNSAID} settled, as rows of the same inputs then agree" if trial.log.sampling == "settled" else None
+
+
+def owned(reading: str | None) -> str:
+    """A sentence on the reading that the logs show, or that they do not tell which it is."""
+    if reading is not None:
+        return f"{UNSAID} {reading}, as the logs show; say sampling: settled or sampling: instant"
+    return (
+        "whether a row's response belongs to its own inputs, or to those of the row before, is not stated, and the logs do not"
+        " tell: read half way, and the errors include both; say sampling: settled or instant, or sweep back as well"
+    )
 
 
 def hangs_on_lateness(error: float) -> str:
@@ -229,35 +232,6 @@ def _colour(trial: Trial, part: Noise) -> str:
     return f"correlated over {over}{'' if trial.signed else ', of Wd and Wq alike (for an amplitude an approximation)'}"
 
 
-def misfit(trial: Trial, model: np.ndarray, residual: np.ndarray, tau: float) -> tuple[str | None, str | None]:
-    """A sentence when the residual of a log holds more than noise, by an amount that could matter, else None; and one when it
-    is noise that could hide as much."""
-    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model)))))
-    rows = np.flatnonzero(trial.there)
-    if trial.noise.rounded is not None:  # what rows share of it is known
-        residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
-    order = np.argsort(trial.log.frequency[rows], kind="stable") if trial.steady and trial.resonant else slice(None)
-    part, chance = _structure(residual[rows[order]])
-    much = f"{100 * part / (size or 1.0):.1f} %"
-    if size == 0 or part < STRUCTURE * size or chance < SIGNIFICANT:
-        return None, None
-    if not trial.steady and not _near_changes(residual[rows], trial.since_change[rows], tau):
-        return None, None
-    if _is_coloured_noise(trial, residual, model):
-        return None, f"noise that neighbouring rows share is {much} of the response, and may hide as much of a misfit"
-    said = f"the residual holds {much} of the response that is not noise"
-    if trial.steady and not trial.log.amplitude_only and not phase_falls(trial):
-        return f"{said}: the phase rises through the resonance; if the demodulator has the other sign, {SAY_SO}", None
-    moved = "" if _warm(trial) or not trial.resonant else ", a resonance that moved with an unrecorded temperature"
-    what = "saturated, a second resonance, an interfering line, a background that is not a slope"
-    return f"{said}: {what}{moved}, or noise that many rows share", None
-
-
-def _warm(trial: Trial) -> bool:
-    """Whether the log records its temperature."""
-    return trial.log.temperature is not None
-
-
 def clipped(trial: Trial) -> str | None:
     """A sentence when rows share the largest or smallest value of a channel: many, or a few where no others do; else None."""
     y = trial.log.response
@@ -366,37 +340,3 @@ def extrapolated(trials: Sequence[Trial]) -> str | None:
         f"finger_damping and finger_detuning are those of {FULL_TOUCH} N, carried there from {float(force_of(nearest)):.2g} N by"
         f" the law of its contact area, which these logs do not show; press with {FULL_TOUCH} N"
     )
-
-
-def _structure(residual: np.ndarray) -> tuple[float, float]:
-    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
-    n = len(residual)
-    power = float(np.mean(np.abs(residual) ** 2))
-    if n < 8 or power == 0:
-        return 0.0, 0.0
-    shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
-    channels = 2 if np.iscomplexobj(residual) else 1
-    return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
-
-
-def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
-    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
-    taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
-    if not trial.noise.coloured or len(residual) < LEAST_ROWS:
-        return False
-    own = whitened(residual[trial.noise.used], *trial.noise.whitening())
-    channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
-    shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
-    strong = np.abs(model[trial.noise.used]) ** 2
-    strong = (strong - np.mean(strong)) / (np.std(strong) or 1.0)
-    uneven = np.sum(strong * np.abs(own) ** 2) / power * np.sqrt(0.5 * channels * len(own))
-    return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
-
-
-def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
-    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is everywhere."""
-    near = since < 5 * tau
-    if near.sum() < 8 or (~near).sum() < 20:
-        return True
-    ratio = np.mean(np.abs(residual[near]) ** 2) / max(np.mean(np.abs(residual[~near]) ** 2), 1e-300)
-    return bool(ratio > 4)

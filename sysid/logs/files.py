@@ -1,0 +1,64 @@
+"""A file of any kind as the head of a table: text, or what is told by its first bytes, or by its ending, to
+be something else."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+from sysid.logs import arrow, audio, matlab, tdms, touchstone, uff
+from sysid.logs.cells import Dialect, listed
+from sysid.logs.csvfile import Head, LogError, read_head
+from sysid.logs.hdf import read_hdf
+from sysid.logs.store import Store
+
+Reader = Callable[[str, str], Store]
+BY_MARK: dict[bytes, tuple[Reader, str]] = {
+    b"\x89HDF\r\n\x1a\n": (read_hdf, "an HDF5 file"),
+    b"MATLAB 5.0 MAT-file": (matlab.read_matlab, "a MATLAB file"),
+    b"MATLAB 7.3 MAT-file": (matlab.read_matlab, "a MATLAB file"),
+    b"PAR1": (arrow.read_parquet, "a Parquet file"),
+    b"ARROW1": (arrow.read_feather, "a Feather file"),
+    b"RIFF": (audio.read_wav, "a WAV file"),
+    b"TDSm": (tdms.read_tdms, "a TDMS file"),
+}
+USER_BLOCKS = (512, 1024, 2048)  # bytes that may stand before an HDF5 file's own
+UFF = r"\.uff|\.unv"
+BY_ENDING: dict[str, tuple[Reader, str]] = {
+    r"\.s\d+p|\.ts": (touchstone.read_touchstone, "a Touchstone file"),
+    UFF: (uff.read_uff, "a universal file"),
+}
+
+
+def open_head(path: str, dialect: Dialect) -> Head:
+    """The head of a file's table. Raises LogError where it holds none."""
+    if (found := _reader(path)) is None:
+        if dialect.table is not None:
+            raise LogError(
+                f"{path}: found a text table, expected a file of several tables, as table = {dialect.table!r} says"
+            )
+        return read_head(path, dialect)
+    reader, kind = found
+    head = reader(path, kind).head(dialect)
+    spare = [
+        name
+        for name in ("delimiter", "comment", "decimal", "skip", "join")
+        if getattr(dialect, name) is not None
+    ]
+    note = f"{listed(spare)} of the mapping file: of text, not used of {kind}"
+    return replace(head, notes=(*head.notes, note)) if spare else head
+
+
+def _reader(path: str) -> tuple[Reader, str] | None:
+    """What reads a file that is no text table, and what it is called; None of text."""
+    with open(path, "rb") as file:
+        first = file.read(32)
+        for place in USER_BLOCKS if first.startswith(b"\x00") else ():
+            file.seek(place)
+            first = mark if (mark := file.read(8)) == b"\x89HDF\r\n\x1a\n" else first
+    if re.match(rb"\s*-1\s*\n\s*(58|151|164)b?\s", first):  # how a universal file begins, whatever its ending
+        return BY_ENDING[UFF]
+    if found := next((of for mark, of in BY_MARK.items() if first.startswith(mark)), None):
+        return found
+    return next(
+        (of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.IGNORECASE)), None
+    )

@@ -1,0 +1,58 @@
+"""The free decay at the end of a log whose driven part is not that of a plate that stays as it is.
+
+A plate that is driven at an unlocked frequency, or while something else moves it, is restless; what is left when the drive is off
+decays with its tau all the same. Where the model leaves most of the whole, the decay is read by itself.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.minimum.minimise import State
+from sysid.rows.condense import taken
+from sysid.trials.trial import Trial
+from sysid.verdict.fitted import Fit
+from sysid.verdict.identify import seconds
+from sysid.verdict.unexplained import left_of
+
+LEAST_ROWS = 20  # of a decay: its tau to a few per cent in noise of a tenth
+LEFT_OUT = "cannot tell, because the rows that are driven are left out; record a step with the bench at rest"
+
+
+def decays(state: State) -> tuple[list[Log], list[str]]:
+    """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each; none if it leaves
+    most of none."""
+    logs, said = [], []
+    for trial, model in zip(state.trials, state.models, strict=True):
+        log = trial.whole or trial.log
+        begin = _free_from(trial, log)
+        left = None if begin is None else left_of(trial, model, state.tau)
+        if left is None or not left.mostly:
+            logs.append(log)
+            continue
+        logs.append(taken(log, np.arange(begin, len(log))))
+        since = seconds(float(log.time[begin] - log.time[0]))
+        said.append(
+            f"{log.name}: its rows 0 to {begin - 1}, before the drive is off for good {since} after the first, are not those of a"
+            " plate that is driven and stays as it is: restless; they are left out, and tau is that of the decay after them"
+        )
+    return (logs, said) if said else ([], [])
+
+
+def _free_from(trial: Trial, log: Log) -> int | None:
+    """The row from which on the log is not driven, if it was before."""
+    if trial.steady or not trial.driven or log.drive[-1] != 0:
+        return None
+    begin = int(np.flatnonzero(log.drive)[-1]) + 2  # the row at the change still shows the drive
+    return begin if LEAST_ROWS <= len(log) - begin < len(log) else None
+
+
+def of_decays(found: Fit, said: list[str]) -> Fit | None:
+    """The fit of the decays with what was left out; None where they tell no tau either."""
+    if not found.parameters["tau"].determined:
+        return None
+    parameters = dict(found.parameters)
+    if not parameters["G"].determined:
+        parameters["G"] = replace(parameters["G"], why=LEFT_OUT)
+    return replace(found, parameters=parameters, warnings=(*said, *found.warnings))

@@ -1,0 +1,115 @@
+"""What the model leaves of a log that is not noise, where no known effect explains it: how much, and where.
+
+Noise of each row's own shares nothing with the row before; what a wrong model leaves does. The root of the mean product of
+neighbouring residuals is the size of that part. Noise that rows share looks alike, but is as large where the response is small,
+and its rows are independent once what each shares with the row before is taken out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.minimum.guess import phase_falls
+from sysid.model.span import times
+from sysid.trials.trial import Trial
+from sysid.trials.whitening import joined, whitened
+from sysid.verdict.identify import seconds
+from sysid.verdict.wording import SAY_SO, stamps_shared
+
+STRUCTURE = 0.02  # of the response: more moves G, tau or f0 out of a 1 % interval
+SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
+LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
+LAGS = (1, 2, 3)  # rows, and by chance no more than
+CHANCE = 3.0  # standard deviations
+SHARED = 0.5  # of the rows that have the time stamp of another, above which the time is not that of the rows
+
+
+class Left(NamedTuple):
+    """A sentence on what is left; whether it is only noise that may hide as much; whether it is most of the log."""
+
+    said: str
+    noise: bool
+    mostly: bool
+
+
+def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> Left | None:
+    """What is left of a log beside `model` (n,), by an amount that could matter; None where that is noise. `sure`: something is
+    known to be left, however small."""
+    model = trial.as_recorded(model)
+    residual = trial.residual(model)
+    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
+    rows = np.flatnonzero(trial.there)
+    if trial.noise.rounded is not None:  # what rows share of it is known
+        residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
+    rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
+    part, chance = _structure(residual[rows])
+    mostly = part > MOSTLY * float(np.std(trial.log.response))
+    if not sure and (part < STRUCTURE * size or chance < SIGNIFICANT):
+        return None
+    if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], tau)):
+        return None
+    much = f"{100 * part / size:.2g} % of the response"
+    if not sure and _is_coloured_noise(trial, residual, model):
+        return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
+    where = _where(trial, rows, residual[rows])
+    return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
+
+
+def _why(trial: Trial) -> str:
+    if trial.swept and not trial.log.amplitude_only and not phase_falls(trial):
+        return f"the phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
+    if not trial.steady and stamps_shared(trial) > SHARED * len(trial.whole or trial.log):
+        return "rows share their time stamps; record the time with more digits"
+    return "no known effect explains it: check the columns, their units and signs, and what else the bench does to the response"
+
+
+def _where(trial: Trial, rows: np.ndarray, residual: np.ndarray) -> str:
+    """From the quarter to three quarters of its power."""
+    power = np.cumsum(np.abs(residual) ** 2)
+    first, last = (int(rows[np.searchsorted(power, share * power[-1])]) for share in (0.25, 0.75))
+    if trial.swept:
+        return f"from {trial.log.frequency[first]:.7g} to {trial.log.frequency[last]:.7g} Hz"
+    if trial.log.time is None:
+        return f"in rows {first} to {last} (counted from 0)"
+    begin = trial.log.time[0]
+    return f"from {seconds(trial.log.time[first] - begin)} to {seconds(trial.log.time[last] - begin)} after its first row"
+
+
+def significance(residual: np.ndarray) -> float:
+    """By how many standard deviations of chance neighbouring rows of a residual are alike."""
+    return _structure(residual)[1]
+
+
+def _structure(residual: np.ndarray) -> tuple[float, float]:
+    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
+    n = len(residual)
+    power = float(np.mean(np.abs(residual) ** 2))
+    if n < 8 or power == 0:
+        return 0.0, 0.0
+    shared = float(np.mean((residual[1:] * residual[:-1].conj()).real))
+    channels = 2 if np.iscomplexobj(residual) else 1
+    return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
+
+
+def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
+    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
+    taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
+    if not trial.noise.coloured or len(residual) < LEAST_ROWS:
+        return False
+    own = whitened(residual[trial.noise.used], *trial.noise.whitening())
+    channels, power = 2 if np.iscomplexobj(own) else 1, float(np.sum(np.abs(own) ** 2))
+    shared = [np.sum((own[k:] * own[:-k].conj()).real) / power * np.sqrt(len(own) * channels) for k in LAGS]
+    strong = np.abs(model[trial.noise.used]) ** 2
+    strong = (strong - np.mean(strong)) / (np.std(strong) or 1.0)
+    uneven = np.sum(strong * np.abs(own) ** 2) / power * np.sqrt(0.5 * channels * len(own))
+    return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
+
+
+def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
+    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is everywhere."""
+    near = since < 5 * tau
+    if near.sum() < 8 or (~near).sum() < 20:
+        return True
+    ratio = np.mean(np.abs(residual[near]) ** 2) / max(np.mean(np.abs(residual[~near]) ** 2), 1e-300)
+    return bool(ratio > 4)

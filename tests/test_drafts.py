@@ -1,0 +1,237 @@
+"""Drafts of mapping files, for the heads that instruments, spreadsheets and people write: what is asked, and what is read.
+
+The truth is a resonance in closed form, written under each head; a person answers every "?" of the draft and nothing else.
+"""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from refusal import refused
+
+from sysid.logs.labels import parse
+from sysid.logs.log import read_logs
+
+F = np.arange(31800.0, 32801.0, 20.0)
+S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)  # a lock-in's X + jY
+Y = 2j * np.pi * F * 2e-9 + 5e-4 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3)  # S, of a plate with its capacitance
+T = 0.05 * np.arange(len(F))
+DRIVE = np.where(T > 0.3, 5.0, 0.0)
+SPEED = 90 * (1 - np.exp(-np.clip(T - 0.3, 0, None) / 0.4)) - 3.0
+
+
+def re_im(w):
+    return w.real, w.imag
+
+
+def polar(w):
+    return np.abs(w), np.degrees(np.angle(w))
+
+
+def decibel(w):
+    return 20 * np.log10(np.abs(w)), np.degrees(np.angle(w))
+
+
+def table(head, *columns):
+    mark = ";" if ";" in head else ","
+    rows = zip(*columns, strict=True)
+    return (head + "\n" if head else "") + "".join(mark.join(f"{x:.15g}" for x in row) + "\n" for row in rows)
+
+
+ANSWERS = {"amplitude": '"peak"', "quantity": '"displacement"', "phase_sign": "1"}
+UNITS = {"time": "s", "frequency": "Hz", "phase": "deg", "voltage": "V", "duty": "1"}
+
+
+def live(draft):
+    """The lines of a draft that are no comments, less the comments behind them."""
+    return [line.partition("  #")[0] for line in draft.splitlines() if line and not line.startswith("#")]
+
+
+def answered(draft, unit="V"):
+    """The draft with every "?" answered: by what the columns here hold."""
+    lines = []
+    for line in live(draft):
+        key = line.partition(" =")[0]
+        lines.append(line.replace('"?"', ANSWERS.get(key, f'"{UNITS.get(key, unit)}"')))
+    return "\n".join(lines)
+
+
+def asked(draft):
+    return [line.partition(" =")[0] for line in live(draft) if '"?"' in line]
+
+
+RATIOS = {
+    "Frequency (Hz),Y re (S),Y im (S)": (0, re_im, Y),
+    "Frequency (Hz),Z re (Ohm),Z im (Ohm)": (0, re_im, 1 / Y),
+    "f / Hz,Re[Z] / Ohm,Im[Z] / Ohm": (0, re_im, 1 / Y),
+    "Frequency (Hz),Re[Z],Im[Z]": (0, re_im, 1 / Y),
+    "freq/Hz,Re(Z)/Ohm,-Im(Z)/Ohm": (0, lambda z: (z.real, -z.imag), 1 / Y),
+    "Frequency (Hz),Z' (Ω),-Z'' (Ω)": (0, lambda z: (z.real, -z.imag), 1 / Y),
+    "Freq(Hz),Zreal(ohm),Zimag(ohm)": (0, re_im, 1 / Y),
+    "FREQUENCY[Hz],Z[ohm],PHASE[deg]": (0, polar, 1 / Y),
+    "Freq [Hz];|Z| [Ohm];Phase [Deg]": (0, polar, 1 / Y),
+    "FREQ.(HZ),RS(OHM),XS(OHM)": (0, re_im, 1 / Y),
+    "Frequency (Hz),Trace 1: Impedance: Magnitude (Ω),Trace 2: Impedance: Phase (°)": (0, polar, 1 / Y),
+    "Frequency Hz,Impedance Ohm,Phase deg": (0, polar, 1 / Y),
+    "Frequency(Hz), |Z|(Ohm)-data, theta-z(deg)-data": (0, polar, 1 / Y),
+    "Frequency(Hz), |Y|(S)-data, theta-y(deg)-data": (0, polar, Y),
+    "FrequencyHz,ZabsOhm,PhaseDeg": (0, polar, 1 / Y),
+    "Frequency,Zmod,Zphz": (1, polar, 1 / Y),  # its frequency may be in kHz
+}
+
+
+@pytest.mark.parametrize("head", RATIOS)
+def test_an_impedance_or_an_admittance_needs_no_answer_but_a_unit_that_is_not_stated(save, head):
+    edits, write, ratio = RATIOS[head]
+    path = save(table(head, F, *write(ratio)))
+    draft = refused(path).mapping
+    assert len(asked(draft)) == edits, draft
+    (log,) = read_logs(path, columns=save(answered(draft) if edits else draft, "map.toml"))
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-12)
+    assert not [note for note in log.notes if "taken as" in note]
+
+
+SIGNALS = {
+    "Frequency in Hz,TR1: Gain (Real),TR1: Gain (Imag)": re_im,
+    "Frequency (Hz),S21 (dB),S21 (deg)": decibel,
+    "FREQ(HZ),S21(DB),S21(DEG)": decibel,
+    "FREQ(HZ),S11(REAL),S11(IMAG)": re_im,
+    "freq[Hz];re:Trc1_S21;im:Trc1_S21": re_im,
+    "freq,ReS11,ImS11": re_im,
+    "Frequency,Gain (dB),Phase (Deg)": decibel,
+    "Frequency (Hz),Amplitude (V),Phase (°)": polar,
+    "f,abs,arg": polar,
+    "frequency,real,imag": re_im,
+    "Frequenz [Hz];Betrag [V];Phase [°]": polar,
+    "f_Hz,In-phase (V),Quadrature (V)": re_im,
+    "freq_hz,Vx,Vy": re_im,
+    "f_Hz,Quadrature (V),In-phase (V)": lambda s: (s.imag, s.real),
+    "Index,Frequency (Hz),Real (V),Imaginary (V)": lambda s: re_im(s),
+    "Frequency (Hz),Lock-in X (V),Lock-in Y (V)": re_im,
+    "Frequency (Hz),Mag,Phase,Mag std,Phase std": lambda s: (*polar(s), 0.1 + 0 * F, 0.2 + 0 * F),
+}
+
+
+@pytest.mark.parametrize("head", SIGNALS)
+def test_the_parts_of_a_signal_are_known_whatever_they_are_called(save, head):
+    columns = (F, *SIGNALS[head](S))
+    path = save(table(head, *((np.arange(len(F)), *columns) if head.startswith("Index") else columns)))
+    draft = refused(path).mapping
+    ratio = {"amplitude"} if re.search("S21|S11|Gain", head) else set()
+    told = ratio | ({"phase_sign"} if re.search("S21|S11", head) else set())  # by definition
+    assert {"amplitude", "quantity", "phase_sign"} & {*asked(draft)} == {"amplitude", "quantity", "phase_sign"} - told
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)  # of decibels with 15 digits
+
+
+LONE = {
+    "Time (s),Voltage (V),Speed (rpm)": (T, DRIVE, SPEED),
+    "Time (s),Voltage (V),Temperature (degC)": (T, DRIVE, SPEED),
+    "time,heater_pct,temp_C": (T, DRIVE, SPEED),
+    "t [ms],u [V],n [1/min]": (1e3 * T, DRIVE, SPEED),
+    "Time (s),PWM (%),Angle (deg)": (T, DRIVE, SPEED),
+    "seconds,Motor voltage,Velocity (m/s)": (T, DRIVE, SPEED),
+    "Time (s),Illuminance (lux)": (T, SPEED),
+    "time (s),ax (m/s^2)": (T, SPEED),
+}
+
+
+@pytest.mark.parametrize("head", LONE)
+def test_a_signal_of_any_unit_is_offered_as_w(save, head):
+    columns = LONE[head]
+    path = save(table(head, *columns))
+    draft = refused(path).mapping
+    assert not {"amplitude", "quantity", "phase_sign", "w"} & {*asked(draft)}, draft
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    scale = np.pi / 180 if "Angle" in head else 1.0
+    np.testing.assert_allclose(log.response, scale * SPEED, rtol=1e-12)
+    assert log.kind == "transient"
+    if len(columns) == 3:
+        assert np.ptp(log.drive) > 0 and np.array_equal(log.drive > 0, DRIVE > 0)
+
+
+def test_an_amplitude_is_not_asked_for_the_sign_of_its_phase(save):
+    for head in ("Frequency (Hz),S21 (dB)", "Frequency (Hz),Voltage (V)", "Frequency (Hz),Velocity RMS (mm/s)"):
+        draft = refused(save(table(head, F, np.abs(S)))).mapping
+        assert "phase_sign" not in draft
+        assert "magnitude" in tomllib.loads(draft)["columns"]
+    assert 'amplitude = "rms"' in draft and 'quantity = "velocity"' in draft
+
+
+def test_an_angle_is_never_offered_as_time(save):
+    heads = ("Frequency(Hz),theta(deg)", "Frequency(Hz),x1,theta-z(deg)-data", "f_Hz,a,b,Phase (rad)", "a,b,Phase [°]")
+    for head in heads:
+        text = refused(save(table(head, *(F - k for k in range(head.count(",") + 1))))).mapping
+        assert not re.search(r"time = .*(theta|Phase)", text), text
+
+
+HEADLESS = [
+    ((F, *re_im(S)), ["frequency", "x", "y"]),
+    ((F, *polar(S)), ["frequency", "magnitude", "phase"]),
+    ((F, *decibel(S)), ["frequency", "magnitude", "phase"]),
+    ((F, np.abs(S)), ["frequency", "magnitude"]),
+    ((T, SPEED), ["time", "w"]),
+    ((T, DRIVE, SPEED), ["time", "voltage", "w"]),
+    ((T, F, *re_im(S)), ["time", "frequency", "x", "y"]),
+]
+
+
+@pytest.mark.parametrize(("columns", "names"), HEADLESS)
+def test_a_file_without_a_header_is_told_by_its_numbers(save, columns, names):
+    """Every unit is asked, so that nobody takes the guess for knowledge."""
+    path = save(table("", *columns))
+    given = tomllib.loads(refused(path, "without a header").mapping)["columns"]
+    assert list(given) == names
+    assert [given[name] for name in names] == [{"column": k, "unit": "?"} for k in range(len(names))]
+
+
+def test_what_is_commented_out_names_each_column_once(save):
+    """Two rows tell nothing of three columns without names."""
+    text = refused(save("1,5,9\n2,6,7\n")).mapping
+    columns = re.findall(r"column = (\d)", text)
+    assert columns == ["0", "1", "2"]
+
+
+def test_a_response_of_which_half_is_there_is_asked_for_the_other(save):
+    path = save(table("Frequency (Hz),Gain (Real),status", F, S.real, 0 * F))
+    draft = refused(path).mapping
+    assert tomllib.loads(draft)["columns"]["y"] == {"column": "?", "unit": "?"}
+    refused(
+        path,
+        "map.toml",
+        "[columns] y",
+        "no column '?'",
+        columns=save(answered(draft).replace('column = "V"', 'column = "?"'), "map.toml"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "words", "unit", "part"),
+    [
+        ("S21(DB)", ("s21",), "dB", "magnitude"),
+        ("dBS21", ("s21", "db"), "", "magnitude"),
+        ("A |Z|: Data Trace Real", ("|", "z"), "", "magnitude"),
+        ("B THETA: Data Trace Imag", ("theta",), "", "phase"),
+        ("Amplitude (mVrms)", ("amplitude",), "mV", "magnitude"),
+        ("-Z'' (ohm)", ("z", "imag"), "ohm", "y"),
+        ("Quadrature (V)", ("quadrature",), "V", "y"),
+        ("Temp C", ("temp", "c"), "", ""),
+        ("Z (Re)", ("z", "re"), "", "x"),  # no degrees of Réaumur
+        ("", (), "", ""),
+        ("-", (), "", ""),
+        (": ", (), "", ""),
+        ("()[]||", ("|",), "", "magnitude"),
+    ],
+)
+def test_a_head_is_taken_apart(head, words, unit, part):
+    label = parse(head)
+    assert (label.words, label.unit, label.part) == (words, unit, part)
+
+
+def test_what_lock_ins_are_known_to_state_is_not_asked(save):
+    path = save("# SR865A SN 004512\n" + table("t (s),Freq (Hz),X (V),Y (V)", T, F, *re_im(S)))
+    draft = refused(path).mapping
+    assert asked(draft) == ["quantity", "phase_sign"]
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.response, np.sqrt(2) * 1j * S, rtol=1e-12)

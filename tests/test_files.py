@@ -1,0 +1,412 @@
+"""Files that are no text, each by its field's library: the columns as written, and hostile files refused.
+
+What was written here is the truth; each file is made by the library's own writer, or byte by byte.
+"""
+
+import io
+import struct
+
+import numpy as np
+import pytest
+from refusal import refused
+from test_drafts import answered, asked
+
+from sysid.logs import store
+from sysid.logs.log import LogError, read_logs
+
+F = np.arange(31800.0, 32801.0, 20.0)
+S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)
+Y = 2j * np.pi * F * 2e-9 + 5e-4 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3)  # S
+COLUMNS = {"frequency_Hz": F, "X_V": S.real, "Y_V": S.imag}
+OURS = {"frequency_Hz": F, "wd_um": S.real, "wq_um": S.imag}
+
+
+def hdf(path, columns, group="sweep", **attributes):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        place = file.create_group(group)
+        place.attrs.update(attributes)
+        for name, values in columns.items():
+            place[name] = values
+
+
+def mat5(path, columns, **constants):
+    io_ = pytest.importorskip("scipy.io")
+    io_.savemat(path, {"meas": {**columns, **constants}}, do_compression=True)
+
+
+def mat73(path, columns, **constants):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in {**columns, **constants}.items():
+            file.create_dataset(f"meas/{name}", data=np.atleast_2d(values))
+    block = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(block.ljust(512, b"\x00") + path.read_bytes()[512:])
+
+
+def parquet(path, columns):
+    pytest.importorskip("pyarrow.parquet").write_table(pytest.importorskip("pyarrow").table(columns), path)
+
+
+def feather(path, columns):
+    pytest.importorskip("pyarrow.feather").write_feather(pytest.importorskip("pyarrow").table(columns), path)
+
+
+def tdms(path, columns, **properties):
+    nptdms = pytest.importorskip("nptdms")
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(
+            [nptdms.RootObject(properties), *(nptdms.ChannelObject("run", k, v) for k, v in columns.items())]
+        )
+
+
+def uff(path, frequency, signal, kind=8):
+    pyuff = pytest.importorskip("pyuff")
+    function = pyuff.prepare_58(
+        binary=0, func_type=4, rsp_node=1, rsp_dir=3, ref_node=1, ref_dir=3, id1="plate A7", data=signal, x=frequency,
+        abscissa_spec_data_type=18, ordinate_spec_data_type=kind, orddenom_spec_data_type=0, z_axis_spec_data_type=0,
+    )  # fmt: skip
+    pyuff.UFF(str(path)).write_sets(function, "overwrite")
+
+
+WRITERS = {"a.h5": hdf, "b.mat": mat5, "c.mat": mat73, "d.parquet": parquet, "e.feather": feather, "f.tdms": tdms}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_columns_of_the_contract_s_names_are_read_as_they_are(tmp_path, name):
+    WRITERS[name](tmp_path / name, OURS)
+    (log,) = read_logs(tmp_path / name)
+    np.testing.assert_array_equal(log.response, S)
+    np.testing.assert_array_equal(log.frequency, F)
+    assert (log.kind, log.response_unit, log.name) == ("steady", "um", name)
+    assert len(log.sha256) == 64
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_other_columns_are_drafted_and_mapped_as_those_of_a_text(save, tmp_path, name):
+    WRITERS[name](tmp_path / name, COLUMNS)
+    draft = refused(tmp_path / name, name, "no response", "X_V", "Y_V", "frequency_Hz").mapping
+    assert asked(draft) == ["amplitude", "quantity", "phase_sign"]
+    (log,) = read_logs(tmp_path / name, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_array_equal(log.response, 1j * S)
+    columns = save(answered(draft).replace('"X_V"', '"X_W"'), "map.toml")
+    refused(tmp_path / name, "[columns] x", "'X_W'", "did you mean 'X_V'", columns=columns)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_number_that_is_none_is_refused_by_its_row(tmp_path, name):
+    WRITERS[name](tmp_path / name, OURS | {"wq_um": np.where(F == 32300, np.nan, S.imag)})
+    refused(tmp_path / name, f"{name}, row 26", "'wq_um'", "found 'nan'", "a finite number", "% of what the log tells")
+
+
+@pytest.mark.parametrize(("name", "write"), [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms)])
+def test_what_is_constant_is_read(save, tmp_path, name, write):
+    write(tmp_path / name, COLUMNS, drive_V=10.0, temperature_degC=24.0)
+    draft = refused(tmp_path / name).mapping
+    assert 'drive = "10.0 V"' in draft and 'temperature = "24.0 degC"' in draft
+    (log,) = read_logs(tmp_path / name, columns=save(answered(draft), "map.toml"))
+    assert (set(log.drive), set(log.temperature)) == ({10.0}, {24.0})
+    write(tmp_path / name, OURS, drive_V=10.0, temperature_degC=24.0)
+    assert set(read_logs(tmp_path / name)[0].drive) == {10.0}
+
+
+def test_complex_numbers_are_two_columns(save, tmp_path):
+    for name, write in (("a.h5", hdf), ("b.mat", mat5)):
+        write(tmp_path / name, {"f": F, "response": S})
+        draft = refused(tmp_path / name, "response re, response im").mapping
+        (log,) = read_logs(
+            tmp_path / name, columns=save(answered(draft).replace('"f", unit = "V"', '"f", unit = "Hz"'), "map.toml")
+        )
+        np.testing.assert_array_equal(log.response, 1j * S)
+
+
+def test_groups_are_experiments_or_are_chosen(save, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        for k, name in enumerate(("first", "second"), 1):
+            for column, values in OURS.items():
+                file[f"{name}/{column}"] = values * (k if column != "frequency_Hz" else 1)
+    logs = read_logs(path)
+    assert [log.name for log in logs] == ["a.h5[/first]", "a.h5[/second]"]
+    np.testing.assert_array_equal(logs[1].response, 2 * S)
+    with h5py.File(path, "a") as file:
+        file["third/settings"], file["third/names"] = np.arange(9.0), np.arange(9.0)
+    refused(path, "3 tables (/first, /second, /third)", 'table = "/first"')
+    (log,) = read_logs(path, columns=save('table = "/second"\n', "map.toml"))
+    np.testing.assert_array_equal(log.response, 2 * S)
+    refused(path, "no table '/fourth'", "/third", columns=save('table = "/fourth"\n', "map.toml"))
+
+
+def test_what_belongs_to_text_is_noted_and_a_table_to_other_files(save, tmp_path):
+    hdf(tmp_path / "a.h5", OURS)
+    (log,) = read_logs(tmp_path / "a.h5", columns=save('delimiter = ";"\nskip = 3\n', "map.toml"))
+    assert "delimiter, skip of the mapping file: of text, not used of an HDF5 file" in log.notes
+    text = save("frequency_Hz,w_um\n1,2\n2,3\n")
+    refused(text, "log.csv", "a text table", "'/sweep'", columns=save('table = "/sweep"\n', "map.toml"))
+
+
+def test_units_that_are_attributes(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, unit in (("frequency", "kHz"), ("wd", "nm"), ("wq", "nm")):
+            file[name] = {"frequency": F / 1e3, "wd": S.real, "wq": S.imag}[name]
+            file[name].attrs["units"] = unit
+    (log,) = read_logs(tmp_path / "a.h5")
+    assert log.response_unit == "nm"
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-15)
+
+
+def test_a_table_of_pandas_with_dates(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    stamps = pandas.date_range("2024-03-01 12:00", periods=50, freq="100us")
+    pandas.DataFrame({"timestamp": stamps, "voltage_V": 1.0, "w_um": np.arange(50.0)}).to_parquet(
+        tmp_path / "a.parquet"
+    )
+    (log,) = read_logs(tmp_path / "a.parquet")
+    np.testing.assert_allclose(log.time, 1e-4 * np.arange(50), rtol=0, atol=1e-12)
+
+
+# Sound, universal files, Touchstone
+
+
+@pytest.mark.parametrize("form", ["int16", "int32", "uint8", "float32"])
+def test_samples_of_a_wav_file(save, tmp_path, form):
+    wavfile = pytest.importorskip("scipy.io.wavfile")
+    t = np.arange(9600) / 192000
+    drive = 0.5 * np.sin(2 * np.pi * 32300 * t)
+    full = {"int16": 2**15, "int32": 2**31, "uint8": 128, "float32": 1}[form]
+    samples = np.stack([drive, 0.2 * drive], axis=1) * full + (128 if form == "uint8" else 0)
+    wavfile.write(tmp_path / "a.wav", 192000, np.rint(samples).astype(form) if full > 1 else samples.astype(form))
+    draft = refused(tmp_path / "a.wav").mapping
+    assert asked(draft) == ["quantity", "drive", "response"]
+    (log,) = read_logs(tmp_path / "a.wav", columns=save(answered(draft), "map.toml"))
+    rough = 0.05 if form == "uint8" else 2e-4  # steps of 1/128 and 1/32768, over the response's 0.1
+    np.testing.assert_allclose(np.abs(log.response[2:-2]), 0.1, rtol=rough)
+    np.testing.assert_allclose(log.frequency[2:-2], 32300, rtol=1e-5)
+
+
+def test_a_universal_file(save, tmp_path):
+    uff(tmp_path / "a.uff", F, S)
+    draft = refused(tmp_path / "a.uff", "frequency_Hz, displacement re, displacement im").mapping
+    assert asked(draft) == ["amplitude", "phase_sign", "x", "y"]
+    (log,) = read_logs(tmp_path / "a.uff", columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-6, atol=1e-8)  # of 6 digits
+    (tmp_path / "b.txt").write_bytes((tmp_path / "a.uff").read_bytes())
+    assert refused(tmp_path / "b.txt", "displacement re").mapping == draft.replace("a.uff", "b.txt")
+    uff(tmp_path / "a.uff", F, S, kind=11)
+    assert 'quantity = "velocity"' in refused(tmp_path / "a.uff").mapping
+
+
+def one_port(y, r):
+    return (1 - r * y) / (1 + r * y)
+
+
+def touchstone(head, columns):
+    return head + "\n" + "".join(" ".join(f"{x:.15g}" for x in row) + "\n" for row in zip(*columns, strict=True))
+
+
+FORMS = {
+    "# Hz S RI R 50": lambda s: (F, s.real, s.imag),
+    "# HZ S RI R 50": lambda s: (F, s.real, s.imag),
+    "! a VNA\n# kHz S MA R 50": lambda s: (F / 1e3, np.abs(s), np.degrees(np.angle(s))),
+    "# MHz S DB R 50\n!freq dBS11 angS11": lambda s: (F / 1e6, 20 * np.log10(np.abs(s)), np.degrees(np.angle(s))),
+}
+
+
+@pytest.mark.parametrize("head", FORMS)
+@pytest.mark.parametrize("r", [50, 75])
+def test_one_port_is_the_admittance_that_it_means(save, tmp_path, head, r):
+    """A loaded Q without a word is what the reflection alone would give."""
+    pytest.importorskip("skrf")
+    path = tmp_path / "a.s1p"
+    path.write_text(touchstone(head.replace("R 50", f"R {r}"), FORMS[head](one_port(Y, r))))
+    draft = refused(path).mapping
+    assert asked(draft) == []
+    (log,) = read_logs(path, columns=save(draft, "map.toml"))
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
+    assert log.response_unit == "S*s" and set(log.drive) == {1.0}
+
+
+@pytest.mark.parametrize("place", ["series", "across"])
+def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
+    pytest.importorskip("skrf")
+    r = 50.0
+    z = 1 / Y
+    s11, s21 = (z / (z + 2 * r), 2 * r / (z + 2 * r)) if place == "series" else (-r / (2 * z + r), 2 * z / (2 * z + r))
+    path = tmp_path / "a.s2p"
+    path.write_text(
+        touchstone("# Hz S RI R 50", (F, *(part for s in (s11, s21, s21, s11) for part in (s.real, s.imag))))
+    )
+    (log,) = read_logs(path, columns=save(refused(path).mapping, "map.toml"))
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-8)
+    turned = s21 * np.exp(1j)  # behind a cable of its own length: it may be either
+    path.write_text(
+        touchstone("# Hz S RI R 50", (F, *(part for s in (s11, turned, turned, s11) for part in (s.real, s.imag))))
+    )
+    refused(path, "neither in series nor across", 'table = "series" or table = "across"')
+    table = save(f'table = "{place}"\n', "map.toml")
+    assert "Y re [S]" in refused(path, columns=table).mapping
+
+
+def test_three_ports_are_refused(tmp_path):
+    pytest.importorskip("skrf")
+    rows = "".join("1000 " + " ".join(["0.1 0.2"] * 3) + "\n" + 2 * ("0.1 0.2 " * 3 + "\n") for _ in range(3))
+    (tmp_path / "a.s3p").write_text("# Hz S RI R 50\n" + rows)
+    refused(tmp_path / "a.s3p", "a.s3p", "3 ports")
+
+
+# Hostile files
+
+
+def bytes_of(name, tmp_path):
+    path = tmp_path / f"whole_{name}"
+    if name in WRITERS:
+        WRITERS[name](path, OURS)
+    elif name == "g.uff":
+        uff(path, F, S)
+    elif name == "h.wav":
+        pytest.importorskip("scipy.io.wavfile").write(path, 192000, np.arange(4000, dtype=np.int16).reshape(-1, 2))
+    else:
+        pytest.importorskip("skrf")
+        path.write_text(touchstone("# Hz S RI R 50", FORMS["# Hz S RI R 50"](one_port(Y, 50))))
+    return path.read_bytes()
+
+
+@pytest.mark.filterwarnings("ignore")  # of the libraries, in what they leave open
+@pytest.mark.parametrize("name", [*WRITERS, "g.uff", "h.wav", "i.s1p"])
+def test_damaged_files_are_read_or_refused_by_name(tmp_path, name):
+    """Cut off at any place, with bytes changed or doubled: a log, or a LogError that names the file."""
+    whole, path = bytes_of(name, tmp_path), tmp_path / name
+    rng = np.random.default_rng(len(name) + ord(name[0]))
+    for k in range(24):
+        content = bytearray(whole[: int(rng.integers(1, len(whole)))] if k % 2 else whole)
+        for _ in range(0 if k < 10 else 3):
+            at = int(rng.integers(0, len(content)))
+            content[at : at + 1] = bytes(rng.integers(0, 256, int(rng.integers(0, 4)), dtype=np.uint8))
+        path.write_bytes(bytes(content))
+        try:
+            logs = read_logs(path)
+        except LogError as error:
+            assert name in str(error)
+        else:
+            assert all(np.isfinite(log.response).all() for log in logs)
+
+
+def test_numbers_that_are_claimed_and_not_there(tmp_path, monkeypatch):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("frequency_Hz", (10**9,), "f8", chunks=(1000,))
+    assert path.stat().st_size < 20_000
+    refused(path, "a.h5, /frequency_Hz", "1000000000 numbers claimed", str(store.MOST))
+    with h5py.File(path, "w") as file:
+        file.create_dataset("w_um", (1000,), "f8", chunks=(1000,))
+    refused(path, "a.h5, /w_um", "1000 numbers claimed and none stored")
+    monkeypatch.setattr(store, "MOST", 100_000)
+    pyarrow, parquet_ = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    column = pyarrow.DictionaryArray.from_arrays(pyarrow.array(np.zeros(1000, np.int8)), pyarrow.array([1.5]))
+    table = pyarrow.table({"w_um": pyarrow.chunked_array([column] * 150)})
+    parquet_.write_table(table, tmp_path / "a.parquet")
+    refused(tmp_path / "a.parquet", "a.parquet", "150000 numbers claimed")
+
+
+def test_what_a_compressed_file_would_unpack_to_is_counted_first(tmp_path, monkeypatch):
+    """Within a structure, of which a list of variables says nothing."""
+    io_ = pytest.importorskip("scipy.io")
+    path = tmp_path / "a.mat"
+    io_.savemat(path, {"meas": {"w_um": np.zeros(1_000_000), "time_s": np.zeros(1_000_000)}}, do_compression=True)
+    assert path.stat().st_size < 20_000
+    monkeypatch.setattr(store, "MOST", 1_000_000)
+    refused(path, "a.mat", "numbers claimed")
+    monkeypatch.undo()
+    assert len(read_logs(path)[0]) == 1_000_000
+
+
+def test_links_out_of_a_file_are_refused(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    hdf(tmp_path / "other.h5", OURS)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frequency_Hz"] = h5py.ExternalLink("other.h5", "/sweep/frequency_Hz")
+    refused(tmp_path / "a.h5", "a.h5, /frequency_Hz", "a link to another file", "other.h5")
+    (tmp_path / "raw.bin").write_bytes(F.tobytes())
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("w_um", F.shape, "f8", external=[(str(tmp_path / "raw.bin"), 0, F.nbytes)])
+    refused(tmp_path / "a.h5", "a.h5, /w_um", "in other files")
+    layout = h5py.VirtualLayout(F.shape, "f8")
+    layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "sweep/frequency_Hz", F.shape)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_virtual_dataset("w_um", layout)
+    refused(tmp_path / "a.h5", "a.h5, /w_um", "in other files")
+
+
+def test_groups_that_hold_themselves_end(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_group("a")
+        file["a/again"] = file["a"]  # a hard link: the tree has no end
+    refused(tmp_path / "a.h5", "groups within groups")
+
+
+def test_objects_are_named_and_never_made(tmp_path):
+    """An array of objects, a reference, a text where numbers are expected."""
+    io_, h5py = pytest.importorskip("scipy.io"), pytest.importorskip("h5py")
+    cells = np.empty(51, object)
+    cells[:] = [np.arange(k + 1) for k in range(51)]
+    io_.savemat(tmp_path / "a.mat", OURS | {"cells": cells, "note": "hello"})
+    (log,) = read_logs(tmp_path / "a.mat")
+    assert "cells (objects of shape" in " ".join(log.notes) and len(log) == 51
+    io_.savemat(tmp_path / "b.mat", {"cells": cells})
+    refused(tmp_path / "b.mat", "b.mat", "a MATLAB file without columns of numbers", "cells (objects")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["x"] = np.arange(5.0)
+        file.create_dataset("references", (3,), h5py.ref_dtype)[:] = file["x"].ref
+        file["frequency_Hz"] = np.array([b"a", b"b", b"c", b"d", b"e"])
+        file["w_um"] = np.arange(5.0)
+        file["voltage_V"] = np.arange(5.0)
+    error = refused(tmp_path / "a.h5", "a.h5, row 1", "'frequency_Hz'", "found 'a'", "a finite number")
+    assert error.mapping is None
+
+
+def test_a_tdms_file_that_is_cut_off_is_refused(tmp_path, capfd):
+    """The library would read what is left of it."""
+    tdms(tmp_path / "whole.tdms", OURS)
+    (tmp_path / "a.tdms").write_bytes((tmp_path / "whole.tdms").read_bytes()[:-100])
+    refused(tmp_path / "a.tdms", "a.tdms", "a damaged TDMS file", "less data than expected")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_wav_that_claims_more_than_it_holds(tmp_path):
+    head = struct.pack(
+        "<4sI4s4sIHHIIHH4sI", b"RIFF", 36 + 2**31, b"WAVE", b"fmt ", 16, 1, 2, 192000, 768000, 4, 16, b"data", 2**31
+    )
+    (tmp_path / "a.wav").write_bytes(head + np.arange(400, dtype=np.int16).tobytes())
+    refused(tmp_path / "a.wav", "a.wav", "WAV file")
+
+
+def test_a_pickle_under_another_name_is_never_opened(tmp_path):
+    import pickle
+
+    class Boom:
+        def __reduce__(self):
+            return (exec, ("raise SystemExit('it ran')",))
+
+    buffer = io.BytesIO()
+    pickle.dump(Boom(), buffer)
+    for name in ("a.s1p", "a.ts", "a.mat", "a.uff", "a.h5", "a.csv", "a.ntwk"):
+        (tmp_path / name).write_bytes(buffer.getvalue())
+        refused(tmp_path / name, name)
+
+
+def test_a_library_that_is_not_there_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "import_module", lambda name: (_ for _ in ()).throw(ImportError(name)))
+    (tmp_path / "a.s1p").write_text("# Hz S RI R 50\n1 2 3\n")
+    refused(
+        tmp_path / "a.s1p",
+        "a.s1p",
+        "a Touchstone file",
+        "skrf",
+        "pip install 'sysid[touchstone]'",
+        "save the log as CSV",
+    )
