@@ -35,13 +35,13 @@ def warnings_of(touch: Any) -> Iterator[str]:
 def _film(scene: Any) -> Iterator[str]:
     if scene.plate.plant.f0 < LEAST_FREQUENCY:
         yield (
-            f"friction: the plate vibrates at {scene.plate.plant.f0:g} Hz, and a squeeze film under a finger is"
-            f" known above {LEAST_FREQUENCY:g} Hz"
+            f"friction: the plate vibrates at {scene.plate.plant.f0:g} Hz, and a squeeze film under a finger"
+            f" is known above {LEAST_FREQUENCY:g} Hz"
         )
     if scene.texture is not None and scene.texture.amplitude < LEAST_AMPLITUDE:
         yield (
-            f"friction: the texture asks for {scene.texture.amplitude:g} um at most, and a squeeze film under a"
-            f" finger is known above {LEAST_AMPLITUDE:g} um"
+            f"friction: the texture asks for {scene.texture.amplitude:g} um at most, and a squeeze film under"
+            f" a finger is known above {LEAST_AMPLITUDE:g} um"
         )
 
 
