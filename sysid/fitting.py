@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -57,12 +58,12 @@ def fit(
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
-    rest, said = decays(best)
-    if rest:
-        given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
-        if told := of_decays(fit(rest, **given), said):
-            return told
+    given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
+    if (told := _of_decays(best, given)) is not None:
+        return told
     found = _concluded(question, states)
+    if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
+        return told
     if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
         again = _concluded(*filtered)
         if again.result is Result.successful:
@@ -70,6 +71,13 @@ def fit(
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
     return _together(question, found) if found.result is Result.successful else found
+
+
+def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
+    """The fit of what is left of the logs without the driven rows that no plate explains; None where there are none, or where
+    what is left tells no tau."""
+    logs, said = decays(best, every)
+    return of_decays(fit(logs, **given), said) if logs else None
 
 
 def _together(question: Question, found: Fit) -> Fit:

@@ -22,7 +22,7 @@ model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing
-           differing term moments terms misfit odd mirrored leaning hurried late conclusion hidden ownership
+           differing term moments terms misfit odd mirrored leaning hurried compressed late conclusion hidden ownership
            decay bench comparison
 reading
 fitting

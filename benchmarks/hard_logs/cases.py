@@ -140,7 +140,7 @@ ROWS_ARE_SPOILT = {
     "baseline that jumps": Case(lambda b: [spoilt(b.step(), lambda y: y + 0.3 * (np.arange(ROWS) > 60))]),
     "hum": Case(lambda b: [spoilt(b.step(), lambda y: y + 0.1 * np.sin(np.arange(ROWS) / 6))]),
     "demodulator that turns": Case(
-        lambda b: [spoilt(b.step(), lambda y: y * np.exp(0.5j * np.linspace(0, 1, ROWS)))], "refused", "drifts|one resonance which stays"),
+        lambda b: [spoilt(b.step(), lambda y: y * np.exp(0.5j * np.linspace(0, 1, ROWS)))], "refused", "drifts|no known effect"),
     "phase that jumps": Case(
         lambda b: [spoilt(b.step(), lambda y: y * np.exp(1j * (np.arange(ROWS) > 60)))], "refused or open", "not noise|cannot tell"),
     "a cell without a number": Case(lambda b: through_csv(b.step(), renamed("100.0", "nan")), "refused", "'nan'"),
@@ -177,7 +177,7 @@ WINDOWS = {
 }  # fmt: skip
 
 THE_PLATE_IS_ANOTHER = {
-    "two peaks": Case(lambda b: [two_peaks(b, 6.0)], "refused", "one resonance"),
+    "two peaks": Case(lambda b: [two_peaks(b, 6.0)], "refused", "no known effect"),
     "two peaks in one": Case(lambda b: [two_peaks(b, 1.0)], "refused", "second resonance"),
     "resonance that softens": Case(lambda b: [duffing(b, 0.5)], "refused", "depend on the amplitude"),
     "resonance that jumps, upwards": Case(lambda b: [duffing(b, 4.0)], "refused or open", "amplitude|one resonance"),
@@ -185,7 +185,7 @@ THE_PLATE_IS_ANOTHER = {
         lambda b: [duffing(b, 4.0, back=True)], "refused or open", "amplitude|one resonance"),
     "sweep too fast, 3 tau": Case(lambda b: [hurried(b, 3.0)], "right or refused", "settled|ring"),
     "sweep too fast, 0.3 tau": Case(lambda b: [hurried(b, 0.3)], "refused", "second resonance|settled|ring|late"),
-    "finger, not recorded": Case(lambda b: [touched(b, recorded=False)], "refused or open", "one resonance which stays"),
+    "finger, not recorded": Case(lambda b: [touched(b, recorded=False)], "refused or open", "no known effect"),
     "two plates, far apart": Case(
         lambda b: [b.sweep(), other(b, f0=PLATE.f0 + 20 * HALF).step()], "refused", "contradicts"),
     "two plates, alike": Case(
@@ -202,8 +202,8 @@ THE_BENCH_IS_ANOTHER = {
     "amplifier with a dead zone": Case(
         lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.0, 0.6)), np.maximum(v - 15.0, 0.0))], "refused", "not proportional to the drive"),
     "amplifier with hysteresis": Case(
-        lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.5, 0.8)), held_back(v, 15.0))], "refused", "not proportional to the drive|one resonance which stays"),
-    "source whose phase jumps": Case(lambda b: [jumping_source(b)], "refused or open", "one resonance|cannot tell|second"),
+        lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.5, 0.8)), held_back(v, 15.0))], "refused", "not proportional to the drive|no known effect"),
+    "source whose phase jumps": Case(lambda b: [jumping_source(b)], "refused or open", "no known effect|cannot tell|second"),
     "gain that changes between logs": Case(lambda b: [b.step(), spoilt(b.sweep(), lambda y: 1.3 * y)], "refused", "G contradicts"),
     "sign of q, sweep": Case(lambda b: [spoilt(b.sweep(), np.conj)], "refused or open", "phase_sign"),
     "sign of q, step and sweep": Case(lambda b: [spoilt(b.step(off=3.0), np.conj), spoilt(b.sweep(), np.conj)], "refused", "phase_sign"),
@@ -211,7 +211,7 @@ THE_BENCH_IS_ANOTHER = {
     "sign of d, sweep": Case(lambda b: [spoilt(b.sweep(), lambda y: -y.conj())], "refused or open", "phase_sign"),
     "d and q swapped, sweep": Case(lambda b: [spoilt(b.sweep(), lambda y: y.imag + 1j * y.real)], "refused or open", "phase_sign"),
     "amplitude and phase called d and q": Case(
-        lambda b: [spoilt(b.sweep(), lambda y: np.abs(y) + 1j * np.degrees(np.angle(y)))], "refused or open", "one resonance|phase_sign|cannot tell"),
+        lambda b: [spoilt(b.sweep(), lambda y: np.abs(y) + 1j * np.degrees(np.angle(y)))], "refused or open", "no known effect|phase_sign|cannot tell"),
 }  # fmt: skip
 
 THE_FILE_IS_WRONG = {

@@ -139,7 +139,7 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
         outputs.check_writable(folder)
         found = measure(lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed)
         if not isinstance(found, CostCurve):
-            print(f"identify: {found.result.value}: {advice(found.result.value, len(found.logs))}", file=sys.stderr)
+            print(f"identify: {found.result.value}: {advice(found.result.value, len(found.fit.logs))}", file=sys.stderr)
             return 1
         from sysid.report import costs, screen
 

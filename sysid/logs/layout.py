@@ -51,7 +51,7 @@ def across(
     for number, text in enumerate(_texts(path, start), line):
         if not text.strip() or text.startswith(dialect.comment or ()):
             continue
-        cells = [cell.strip() for cell in split_line(text, str(dialect.delimiter))]
+        cells = _cells(text, str(dialect.delimiter))
         key, name = tuple(cells[: before - 1]), "".join(cells[before - 1 : before])
         if not name or is_number(name):
             raise LogError(
@@ -105,54 +105,52 @@ def _even(path: str, group: dict[str, tuple[int, list[str]]]) -> None:
 
 
 def tables(path: str, dialect: Dialect) -> list[Table]:
-    """The tables that stand one below the other in a file, with what stands above each. What is no row among
-    rows: LogError."""
+    """The tables that stand one below the other in a file, with what stands above each. What is no row among rows:
+    LogError."""
     found: list[Table] = []
-    above: list[tuple[int, str]] = []
-    rows: list[tuple[str, ...]] = []
-    lines: list[int] = []
-    delimiter, width = "", 0
-
-    def end() -> None:
-        if rows:
-            names, context = _header([text for _, text in above], delimiter, width)
-            if found and not any(names):
-                at, text = next(((at, text) for at, text in reversed(above) if text.strip()), (lines[0], ""))
-                said = f"found {text.strip()!r} among the rows, expected a row of numbers, or the header of another table"
-                raise LogError(f"{path}, line {at}: {said}")
-            found.append(Table(tuple(context), names, tuple(rows), tuple(lines)))
-            above.clear()
-            rows.clear()
-            lines.clear()
-
-    for number, text in enumerate(_texts(path, 0), 1):
-        mark = dialect.delimiter or find_delimiter(text.strip())
-        cells = [cell.strip() for cell in split_line(text, delimiter if rows else mark)]
-        cells = cells[:-1] if rows and len(cells) == width + 1 and not cells[-1] else cells
-        if rows and len(cells) == width and any(map(is_number, cells)):
-            rows.append(tuple(cells))
-            lines.append(number)
+    lines, above, place = _texts(path, 0), [], 0
+    while place < len(lines):
+        delimiter = dialect.delimiter or find_delimiter(lines[place].strip())
+        cells = _cells(lines[place], delimiter)
+        if len(cells) < 2 or not any(cells) or not all(map(is_number, filter(None, cells))):
+            above.append((place + 1, lines[place].strip()))
+            place += 1
             continue
-        if text.strip():
-            end()
-        if not rows and len(cells) > 1 and all(map(is_number, filter(None, cells))) and any(cells):
-            delimiter, width = mark, len(cells)
-            rows.append(tuple(cells))
-            lines.append(number)
-        elif not rows:
-            above.append((number, text))
-    end()
+        rows = _rows(lines, place, delimiter, len(cells))
+        names, context = _header([text for _, text in above if text], delimiter, len(cells))
+        if found and not any(names):
+            number, text = next((pair for pair in reversed(above) if pair[1]), (place + 1, ""))
+            expected = "a row of numbers, or the header of another table"
+            raise LogError(f"{path}, line {number}: found {text!r} among the rows, expected {expected}")
+        found.append(Table(tuple(context), names, tuple(rows.values()), tuple(rows)))
+        above, place = [], max(rows)
     return found
+
+
+def _rows(lines: Sequence[str], place: int, delimiter: str, width: int) -> dict[int, tuple[str, ...]]:
+    """The rows from line `place` (from 0) on, by their numbers (from 1), up to a line that is none, blank ones aside."""
+    found: dict[int, tuple[str, ...]] = {}
+    for number, text in enumerate(lines[place:], place + 1):
+        cells = _cells(text, delimiter)
+        cells = cells[:-1] if len(cells) == width + 1 and not cells[-1] else cells
+        if len(cells) == width and any(map(is_number, cells)):
+            found[number] = tuple(cells)
+        elif text.strip():
+            break
+    return found
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    return [cell.strip() for cell in split_line(text, delimiter)]
 
 
 def _header(above: Sequence[str], delimiter: str, width: int) -> tuple[tuple[str, ...], list[str]]:
     """The names in the last line above a table, where it has as many cells as the rows and no number; and the
     other lines."""
-    filled = [text.strip() for text in above if text.strip()]
-    cells = tuple(cell.strip() for cell in split_line(filled[-1].lstrip("#%! "), delimiter)) if filled else ()
+    cells = tuple(_cells(above[-1].lstrip("#%! "), delimiter)) if above else ()
     if len(cells) != width or any(map(is_number, cells)):
-        return ("",) * width, filled
-    return cells, filled[:-1]
+        return ("",) * width, [*above]
+    return cells, [*above[:-1]]
 
 
 def can_be_joined(found: Sequence[Table]) -> bool:
@@ -249,4 +247,8 @@ def _texts(path: str, start: int) -> list[str]:
         raise LogError(
             f"{path}: found more than {LARGEST >> 20} MiB of a table that does not lie row by row, expected less"
         )
-    return content.decode("utf-8", errors="replace").split("\n")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")  # as of a file that is one row a line
+    return text.split("\n")

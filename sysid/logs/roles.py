@@ -84,6 +84,14 @@ class Columns:
                 return of
         return ""
 
+    @cached_property
+    def is_circuit(self) -> bool:
+        """Whether an analyser wrote the elements of a circuit, Cp beside D say, which are no response as they stand."""
+        stated = [label.unit for label in self.labels if label.unit and label.unit not in ANGLES]
+        return any(
+            units.same_kind(unit, kind) for unit in stated for kind in ("F", "H") if not is_decibel(unit)
+        )
+
     def numbers(self, column: int) -> np.ndarray:
         """Its first numbers, as far as they are any."""
         cells = [row[column] for row in self.head.sample if column < len(row)]
@@ -173,6 +181,8 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "A"))
     if "frequency" in found and not columns.is_signed(found["w"]) and ("w" not in guessed or derivative):
         found["magnitude"] = found.pop("w")
+        phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
+        found |= {"phase": phases[0]} if len(phases) == 1 else {}
     return found
 
 
@@ -204,7 +214,8 @@ def _lone_input(columns: Columns, found: dict[str, int]) -> int | None:
         speed = name != "frequency" or (
             "time" in found and not columns.unit(found.get(name, 0)).endswith("Hz")
         )
-        if name in found and speed and columns.unit(found[name]) and columns.moves(found[name]):
+        told = name != "frequency" or columns.unit(found.get(name, 0))
+        if name in found and speed and told and columns.moves(found[name]):
             return found.pop(name)
     return None
 
@@ -228,9 +239,9 @@ def plausible(columns: Columns, name: str, used: Mapping[str, int]) -> list[int]
 def _may_respond(columns: Columns, index: int) -> bool:
     label, name = columns.labels[index], columns.head.names[index]
     data = bool(label.words) and not NOT_DATA.search(name) and not set(label.words[:1]) & COUNTERS
-    part = any(
-        label.unit and units.same_kind(label.unit, kind) for kind in ("F", "H")
-    )  # an analyser's capacitance
+    part = columns.is_circuit or any(
+        label.unit and units.same_kind(label.unit, kind) for kind in ("ohm", "S")
+    )
     inputs = columns.head.dated(index) or (
         label.unit and (fits("time", label.unit) or label.unit.endswith("Hz"))
     )
@@ -280,13 +291,16 @@ def _response(columns: Columns, found: Mapping[str, list[int]]) -> dict[str, int
             alike = [(a, b) for a, b in both if columns.labels[a].channel == columns.labels[b].channel]
             pair = next(iter(alike or both))
             return {first: pair[0], second: pair[1]}
-    halves = {
-        part: [index for index in found.get(part, ()) if columns.labels[index].part] for part in ("x", "y")
-    }
-    for name, indices in (("w", found.get("w")), ("magnitude", found.get("magnitude")), *halves.items()):
+    sure = {part: [k for k in found.get(part, ()) if _is_half(columns, k)] for part in ("x", "y")}
+    for name, indices in (("w", found.get("w")), ("magnitude", found.get("magnitude")), *sure.items()):
         if indices:
             return {name: indices[0]}
     return {}
+
+
+def _is_half(columns: Columns, index: int) -> bool:
+    """Whether a column is one part of two by more than a letter that means other things elsewhere."""
+    return bool(columns.labels[index].part) or bool(columns.ratio and columns.unit(index))
 
 
 def _by_numbers(columns: Columns) -> dict[str, int]:

@@ -18,7 +18,7 @@ def read_tdms(path: str, kind: str) -> Store:
     nptdms, store = library("nptdms", path, kind, "tdms"), Store(path, kind)
     said: list[str] = []
     try:
-        with _heard(said), warnings.catch_warnings():
+        with _heard(nptdms.log.log_manager.console_handler, said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             for group in nptdms.TdmsFile.read_metadata(path).groups():
                 for channel in group.channels():
@@ -36,17 +36,19 @@ def read_tdms(path: str, kind: str) -> Store:
 
 
 @contextmanager
-def _heard(said: list[str]) -> Iterator[None]:
-    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on the
-    screen."""
-    log, handler = logging.getLogger("nptdms"), logging.Handler(logging.WARNING)
+def _heard(console: logging.Handler, said: list[str]) -> Iterator[None]:
+    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on its console."""
+    log, handler, level = logging.getLogger("nptdms"), logging.Handler(logging.WARNING), console.level
     handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
     propagate, log.propagate = log.propagate, False
-    others, log.handlers = log.handlers, [handler]
+    console.setLevel(logging.CRITICAL + 1)
+    log.addHandler(handler)
     try:
         yield
     finally:
-        log.handlers, log.propagate = others, propagate
+        log.removeHandler(handler)
+        console.setLevel(level)
+        log.propagate = propagate
 
 
 def _enter(store: Store, file: Any) -> None:

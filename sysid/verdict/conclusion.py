@@ -12,11 +12,12 @@ from sysid.model.plant import Plant
 from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
+from sysid.verdict.compressed import compressed
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.hurried import hurried
-from sysid.verdict.immediate import responds_at_once
-from sysid.verdict.late import timed
+from sysid.verdict.immediate import responds_at_once, slopes
+from sysid.verdict.late import SIDES, timed
 from sysid.verdict.leaning import leaning
 from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Found, misfits
@@ -109,12 +110,14 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     if (said := identify.overdamped(best, reference)) is not None:
         return [Said(said, True)], []
     found, unseen = misfits(best, reference, free, at)
-    likely = _likeliest(timed(_likeliest(found), best, reference, free))
+    likely = _likeliest(timed(_likeliest(found, tried=False), best, reference, free))
+    full = {i: compressed(question.minimiser, best, i) for i in {f.log for f in likely if f.name == "saturation" and f.harmful}}
+    likely = [f for f in likely if f.name != "saturation" or full.get(f.log, True)]
     wrong, doubts = _described(best, found, likely, FINGER[0] in free)
     for another in (hurried, leaning) if wrong or doubts else ():
         if said := another(question.minimiser, best, found):
             return [Said(said)], []
-    if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best)):
+    if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best, likely)):
         return [Said(said)], []
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
     if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:
@@ -123,7 +126,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
         wrong, doubts = [Said(said)], []
-    wrong = wrong or [Said(said) for said in responds_at_once(best, reference)]
+    wrong = wrong or [Said(said) for check in (responds_at_once, slopes) for said in check(best, reference)]
     doubts = doubts if wrong else [*doubts, *unseen]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]
@@ -132,10 +135,10 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     return wrong, doubts
 
 
-def _likeliest(found: Sequence[Found]) -> list[Found]:
+def _likeliest(found: Sequence[Found], tried: bool = True) -> list[Found]:
     """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth much less may be a
-    shadow of it. More than two alike explain nothing."""
-    told = [f for f in found if f.explains]
+    shadow of it. More than two alike explain nothing. Whether a delay explains it is not known before it is `tried` in full."""
+    told = [f for f in found if f.explains or not (tried or f.name not in SIDES)]
     alike = [f for f in told if f.worth >= told[0].worth - NEARLY]
     return alike if len({f.name for f in alike}) <= ALTERNATIVES else []
 

@@ -20,15 +20,15 @@ LEAST_ROWS = 20  # of a decay: its tau to a few per cent in noise of a tenth
 LEFT_OUT = "cannot tell, because the rows that are driven are left out; record a step with the bench at rest"
 
 
-def decays(state: State) -> tuple[list[Log], list[str]]:
+def decays(state: State, every: bool = False) -> tuple[list[Log], list[str]]:
     """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each; none if it leaves
-    most of none."""
+    most of none. `every`: of those of which it leaves less as well."""
     logs, said = [], []
     for trial, model in zip(state.trials, state.models, strict=True):
         log = trial.whole or trial.log
         begin = _free_from(trial, log)
-        left = None if begin is None else left_of(trial, model, state.tau)
-        if left is None or not left.mostly:
+        left = None if begin is None or every else left_of(trial, model, state.tau)
+        if begin is None or not (every or (left is not None and left.mostly)):
             logs.append(log)
             continue
         logs.append(taken(log, np.arange(begin, len(log))))

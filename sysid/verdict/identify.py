@@ -27,6 +27,10 @@ SETTLED_AMPLITUDE = (
     " across the resonance"
 )
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
+NO_ENVELOPE = (
+    "cannot tell, because rows differ from their neighbours as from any others, as noise does, or an oscillation that was not"
+    " demodulated; record its amplitude, or wd and wq, or the oscillation as kind: waveform"
+)
 NARROW = 3.0  # errors of their thermometers, by which the logs' temperatures are apart where an interval of k_T holds
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
@@ -197,7 +201,7 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             return "cannot tell, because all rows are of one moment; see whether the time is in the column that was taken for it"
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
-            return hidden
+            return hidden if any(t.resonant or t.driven for t in moving) else NO_ENVELOPE
         if all(_settles_between(t) for t in moving):
             return (
                 f"cannot tell, because rows are {seconds(step)} apart and the response settles between two of them;"

@@ -18,7 +18,7 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
 from sysid.verdict.misfit import Found
 from sysid.verdict.moments import EARLY, FILTERED, LATE
-from sysid.verdict.unexplained import SIGNIFICANT, significance
+from sysid.verdict.unexplained import SIGNIFICANT, shared
 
 THROUGH = 0.03  # of the response
 BEFORE, ROWS, TAUS = 2.0, 6.0, 0.5  # it is looked for from two rows before what is stated to six behind it, or half of tau,
@@ -31,6 +31,7 @@ WATCHED = ("G", "tau", "f0")
 ALIKE = 2.0  # log-likelihood within which delays fit alike: 95 %
 SURE = 10.0  # log-likelihood that a delay is worth when it is no chance, however the noise was taken
 POLES, FILTER = (1, 2, 4), 4  # of a lock-in's filter; rounds in which its time is found with the plant
+LEFT = 0.05  # of the power that neighbouring rows share, which a filter of other poles than those that are tried may leave
 VAGUE, CLEAR = 0.5, 0.01  # of tau, that they span, from which no delay is told, and up to which only the best
 
 
@@ -124,8 +125,8 @@ class _Costs:
         return any(self._described(self._with(_filtered(self.trial, late / n, n), FILTER)) for n in POLES)
 
     def _described(self, state: State) -> bool:
-        trial = state.trials[self.i]
-        return significance(trial.residual(trial.as_recorded(state.models[self.i]))) < SIGNIFICANT
+        left, chance = shared(state.trials[self.i], state.models[self.i])
+        return chance < SIGNIFICANT or left < LEFT * shared(self.trial, self.state.models[self.i])[0]
 
     def _one(self, delay: float) -> float:
         return self._refined(delay).cost

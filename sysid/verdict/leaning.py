@@ -41,7 +41,7 @@ def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     straight = minimiser.minima(_straightened(state.trials, 0.0))[0]
     kappa, lean = _fitted(minimiser, state.trials, tried[k], sizes[1] / sizes[0] - 1)
     gained = straight.cost - lean.cost
-    if gained < SURE or not explained(minimiser, lean, gained, found):
+    if gained < SURE or not explained(minimiser, straight, lean, gained, found):
         return None
     about = f"by about {kappa * top**2:+.3g} Hz at {top:.2g} {state.trials[0].log.response_unit}"
     said = f"the frequency does depend on the amplitude, {about}: the peak leans over, and a sweep jumps where it is steep"

@@ -11,16 +11,16 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial
-from sysid.verdict.misfit import described
+from sysid.verdict.misfit import Found, described
 from sysid.verdict.wording import SAY_SO
 
 SURE = 10.0  # log-likelihood
 
 
-def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> str | None:
+def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State, likely: Sequence[Found]) -> str | None:
     """A sentence on the logs, one transient or all of them, whose conjugates are described along with the others, which they are
-    not themselves; else None."""
-    best, said = together.cost - SURE, None
+    not themselves, and better than by anything that is `likely`; else None."""
+    best, said = together.cost - max([SURE, *(f.worth for f in likely)]), None
     for turned in _tried(trials):
         found = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
         if found.cost < best and described(minimiser, found):

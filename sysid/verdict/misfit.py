@@ -25,7 +25,7 @@ from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import UNNAMED, Term, together
 from sysid.verdict.terms import CURVED, RUNNING, one_way, own, terms, times
-from sysid.verdict.unexplained import left_of
+from sysid.verdict.unexplained import SIGNIFICANT, left_of, shared
 from sysid.verdict.view import View
 from sysid.verdict.wording import OFTEN, UNSAID
 
@@ -98,11 +98,17 @@ def described(minimiser: Minimiser, state: State) -> bool:
     return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
 
 
-def explained(minimiser: Minimiser, anew: State, gained: float, found: Sequence[Found]) -> bool:
+def explained(minimiser: Minimiser, before: State, anew: State, gained: float, found: Sequence[Found]) -> bool:
     """Whether another description of the logs, which is worth `gained`, explains what was `found` beside the first: it is worth
-    more than each of these, and leaves little."""
+    more than each of these, and leaves little, of no log more than chance or a part of what was left of it."""
+    if gained <= max((f.worth for f in found), default=0.0):
+        return False
+    for i, trial in enumerate(anew.trials):
+        power, chance = shared(trial, anew.models[i])
+        if chance > SIGNIFICANT and power > EXPLAINED * shared(before.trials[i], before.models[i])[0]:
+            return False
     left, _ = misfits(anew, minimiser.reference, minimiser.free, None)
-    return gained > max((f.worth for f in found), default=0.0) and all(f.worth <= LEFT * gained for f in left if f.certain)
+    return all(f.worth <= LEFT * gained for f in left if f.certain)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:

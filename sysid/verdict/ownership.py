@@ -9,7 +9,7 @@ read half way between them, and the error spans both, as of two readings that ar
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def _half_way(trial: Trial) -> Iterator[Trial]:
     inputs that run on evenly between them."""
     log = _log(trial)
     columns = {n: c for n in ("drive", "frequency") if (c := getattr(log, n)) is not None}
-    held = {n: np.append(0.5 * (c[1:] + c[:-1]), c[-1]) for n, c in columns.items()}
+    held: dict[str, Any] = {n: np.append(0.5 * (c[1:] + c[:-1]), c[-1]) for n, c in columns.items()}
     yield _read(trial, replace(log, **held))
     if trial.whole is None and "delay_s" not in log.bench:
         time = np.interp(np.arange(FINER * (len(log) - 1)) / FINER, np.arange(len(log)), log.time)

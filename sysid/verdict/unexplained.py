@@ -18,6 +18,7 @@ from sysid.verdict.wording import SAY_SO, stamps_shared
 
 STRUCTURE = 0.02  # of the response: more moves G, tau or f0 out of a 1 % interval
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
+SMOOTH = 0.96  # correlation of neighbouring rows: where a fifth of the residual is noise of its own, the rest is no noise at all
 MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
 LAGS = (1, 2, 3)  # rows, and by chance no more than
@@ -50,7 +51,8 @@ def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> 
     if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], tau)):
         return None
     much = f"{100 * part / size:.2g} % of the response"
-    if not sure and _is_coloured_noise(trial, residual, model):
+    smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
+    if not (sure or smooth) and _is_coloured_noise(trial, residual, model):
         return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
@@ -76,9 +78,12 @@ def _where(trial: Trial, rows: np.ndarray, residual: np.ndarray) -> str:
     return f"from {seconds(trial.log.time[first] - begin)} to {seconds(trial.log.time[last] - begin)} after its first row"
 
 
-def significance(residual: np.ndarray) -> float:
-    """By how many standard deviations of chance neighbouring rows of a residual are alike."""
-    return _structure(residual)[1]
+def shared(trial: Trial, model: np.ndarray) -> tuple[float, float]:
+    """Power that neighbouring rows of a log share beside `model` (n,), and its significance in standard deviations of chance."""
+    rows = np.flatnonzero(trial.there)
+    rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
+    part, chance = _structure(trial.residual(trial.as_recorded(model))[rows])
+    return part**2, chance
 
 
 def _structure(residual: np.ndarray) -> tuple[float, float]:
