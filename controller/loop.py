@@ -109,6 +109,7 @@ class Schedule(NamedTuple):
     acting: Any
     warming: Any
     force: Any
+    contact: Any
     reference: Any
     frequency: Any
     temperature: Any
@@ -146,7 +147,7 @@ class _Run:
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
         end = time[-1] if len(time) else 0.0
         events = [time, time - late, time + loop.latency]
-        events += [p.edges(0.0, end) for name, p in scene.inputs.items() if name in ("temperature", "force")]
+        events += [p.edges(0.0, end) for name, p in scene.inputs.items() if name in ("temperature", "force", "contact")]
         at = np.concatenate(events) / Ts
         whole = np.round(at)
         at = np.where(np.abs(at - whole) < NEAR, whole, at)  # a shared instant is one, whatever rounding made of it
@@ -182,6 +183,7 @@ class _Run:
             acting=ran - acted,
             warming=warming,
             force=inputs["force"],
+            contact=inputs["contact"],
             reference=self._asked(asked["drive"])[latest],
             frequency=asked["frequency"][latest],
             temperature=None if asked["temperature"] is None else asked["temperature"][latest],
@@ -304,7 +306,7 @@ def _pushed(happens: Any, line: Any, value: Any) -> Any:
 
 def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
     offset = 2 * jnp.pi * (reference - command.frequency)
-    inputs = Inputs(command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force)
+    inputs = Inputs(command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force, now.contact)
     for e in effects:
         if hasattr(e, "drive"):
             inputs = e.drive(inputs)

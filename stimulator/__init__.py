@@ -7,21 +7,35 @@ It builds on `sysid` and `controller`, which know nothing of it. Nothing is load
 from importlib import import_module
 
 _HOME = {
+    "CornerForces": "stimulator.forces",
     "Exponential": "stimulator.friction",
+    "Finger": "stimulator.finger",
+    "Intensities": "stimulator.experiment",
     "Material": "stimulator.plate",
     "Mode": "stimulator.modal",
     "Modes": "stimulator.modes",
     "Neighbour": "stimulator.modal",
+    "Observer": "stimulator.observer",
+    "OnMode": "stimulator.finger",
     "Pad": "stimulator.film",
     "PartialLevitation": "stimulator.friction",
     "Patch": "stimulator.plate",
     "Piezo": "stimulator.plate",
     "PlateGeometry": "stimulator.plate",
+    "Prior": "stimulator.experiment",
     "RangeWarning": "stimulator.errors",
     "Reynolds": "stimulator.film",
     "StimulatorError": "stimulator.errors",
+    "Stroke": "stimulator.stroke",
+    "Touch": "stimulator.touch",
+    "TouchScene": "stimulator.touch",
     "film_pressure": "stimulator.film",
+    "neighbours": "stimulator.finger",
     "overpressure": "stimulator.film",
+    "plateau_contrast": "stimulator.contrast",
+    "predicted": "stimulator.experiment",
+    "run_all": "stimulator.touch",
+    "spectral_contrast": "stimulator.contrast",
 }
 __all__ = sorted(_HOME)
 

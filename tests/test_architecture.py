@@ -104,8 +104,7 @@ def test_only_the_command_knows_the_controller():
 
 def test_neither_package_knows_the_stimulator():
     users = {relative(p) for p in MODULES if any(name.split(".")[0] == "stimulator" for name in imported(p))}
-    outside = {user for user in users if not user.startswith("stimulator/")}
-    assert outside <= {"sysid/scene/cli.py"}  # the command `simulate` takes its files too
+    assert all(user.startswith("stimulator/") for user in users)
 
 
 def test_the_stimulator_s_imports_run_one_way():

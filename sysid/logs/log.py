@@ -166,12 +166,14 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     return [_doubted(log) for log in _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))]
 
 
-def write_log(log: Log, path: str | Path, append: bool = False) -> None:
+def write_log(
+    log: Log, path: str | Path, append: bool = False, further: Mapping[str, np.ndarray] | None = None
+) -> None:
     """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
     temperature that was not read from text is stated to be exact).
 
     The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
-    `append`: further rows of the log that the file holds.
+    `append`: more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
     """
     columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
     columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}
@@ -180,7 +182,7 @@ def write_log(log: Log, path: str | Path, append: bool = False) -> None:
     else:
         columns[_label(log.response_unit, "wd")] = log.response.real
         columns[_label(log.response_unit, "wq")] = log.response.imag
-    recorded = {name: values.tolist() for name, values in columns.items() if values is not None}
+    recorded = {name: values.tolist() for name, values in (columns | dict(further or {})).items() if values is not None}
     words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
     if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
         words.setdefault("temperature_std_degC", 0.0)  # nobody read it: what is written of it is no step of a thermometer

@@ -1,15 +1,29 @@
-"""The command `simulate`: CSV logs from scene files.  Exit codes: 0 written; 2 a scene that cannot be; 130 interrupted."""
+"""The command `simulate`: CSV logs from scene files.  Exit codes: 0 written; 2 a scene that cannot be; 130 interrupted.
+
+What a file is, is said by whoever calls `main`: here a scene.
+"""
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
+class Playable(Protocol):
+    """What a file describes, and how its log is written: in pieces, each with the rows (or samples) that are there so far, of
+    `total`. `rate`: raw samples a second instead of rows. Raises SceneError."""
+
+    def total(self, rate: float | None) -> float: ...
+
+    def with_plant(self, plant: Any) -> "Playable": ...
+
+    def write(self, seed: int, path: Path, rate: float | None) -> Iterator[int]: ...
+
+
+def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | None = None) -> int:
+    """Run the command with `argv` (None: the process's own arguments) and return its exit code. `opened` reads a file."""
     command = _parser()
     arguments = command.parse_args(argv)
     if arguments.draw is not None and not arguments.fit:
@@ -17,14 +31,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.logs < 1:
         command.error(f"found --logs {arguments.logs}, expected 1 or more")
     from sysid.report.text import clean
-    from sysid.scene.scene import Scene, SceneError
+    from sysid.scene.scene import SceneError
     from sysid.scene.toml import fitted, listed
 
     if arguments.effects:
         print(listed())
         return 0
     try:
-        scenes = [Scene.from_toml(path) for path in arguments.scenes]
+        scenes = [(opened or SceneFile.opened)(path) for path in arguments.scenes]
         if arguments.fit:
             plant = fitted(Path(arguments.fit), arguments.draw)
             scenes = [scene.with_plant(plant) for scene in scenes]
@@ -64,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _write(scene: Any, seed: int, path: Path, rate: float | None) -> None:
+def _write(scene: Playable, seed: int, path: Path, rate: float | None) -> None:
     """Write one log, or its raw samples at `rate`, piece by piece; it appears under its name when it is whole."""
     from rich.console import Console
     from rich.markup import escape
@@ -75,8 +89,8 @@ def _write(scene: Any, seed: int, path: Path, rate: float | None) -> None:
     part = path.with_suffix(".part")
     try:
         with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as progress:
-            task = progress.add_task(escape(clean(path.name)), total=scene.rows if rate is None else scene.duration * rate)
-            for done in _pieces(scene, seed, part, rate):
+            task = progress.add_task(escape(clean(path.name)), total=scene.total(rate))
+            for done in scene.write(seed, part, rate):
                 progress.update(task, completed=done)
         part.replace(path)
     finally:
@@ -84,20 +98,37 @@ def _write(scene: Any, seed: int, path: Path, rate: float | None) -> None:
             part.unlink(missing_ok=True)
 
 
-def _pieces(scene: Any, seed: int, path: Path, rate: float | None) -> Iterator[int]:
-    """Rows or samples written so far."""
-    if rate is not None:
-        from sysid.scene.carrier import write_waveform
+class SceneFile:
+    """A scene, as `main` plays it."""
 
-        yield from write_waveform(scene, rate, seed, path)
-        return
-    from sysid.logs.log import write_log
+    def __init__(self, scene: Any):
+        self.scene = scene
 
-    done = 0
-    for log in scene.stream(seed):
-        write_log(log, path, append=done > 0)
-        done += len(log)
-        yield done
+    @classmethod
+    def opened(cls, path: str) -> "SceneFile":
+        from sysid.scene.scene import Scene
+
+        return cls(Scene.from_toml(path))
+
+    def total(self, rate: float | None) -> float:
+        return self.scene.rows if rate is None else self.scene.duration * rate
+
+    def with_plant(self, plant: Any) -> "SceneFile":
+        return SceneFile(self.scene.with_plant(plant))
+
+    def write(self, seed: int, path: Path, rate: float | None) -> Iterator[int]:
+        if rate is not None:
+            from sysid.scene.carrier import write_waveform
+
+            yield from write_waveform(self.scene, rate, seed, path)
+            return
+        from sysid.logs.log import write_log
+
+        done = 0
+        for log in self.scene.stream(seed):
+            write_log(log, path, append=done > 0)
+            done += len(log)
+            yield done
 
 
 if __name__ == "__main__":

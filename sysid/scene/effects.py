@@ -27,13 +27,15 @@ T = TypeVar("T")
 
 class Inputs(NamedTuple):
     """What holds over each interval (M,), or at each row: `drive` peak, `omega` rad/s, `offset` = reference - drive frequency
-    rad/s, `warming` degC above the plant's reference temperature and `force` N, None where the scene has none."""
+    rad/s, `warming` degC above the plant's reference temperature, `force` N and `contact`, the mean square of the mode's shape
+    under the finger over its mean on the plate; None where the scene has none."""
 
     drive: Leaf
     omega: Leaf
     offset: Leaf
     warming: Leaf
     force: Leaf
+    contact: Leaf = None
 
 
 class Motion(NamedTuple):
@@ -117,7 +119,8 @@ class PhaseReset:
 @effect("finger_damping", "plate")
 class FingerDamping:
     """A finger adds damping: 1/tau -> (1 + rho(F))/tau with b = G/tau untouched. At 1.5 N the default halves the amplitude, as
-    Ben Messaoud et al. (ACTUATOR 2014, figure 3) measured; the laws between are contact-area laws."""
+    Ben Messaoud et al. (ACTUATOR 2014, figure 3) measured; the laws between are contact-area laws. Where the scene has an
+    input `contact`, rho is that times it: a finger on a nodal line takes less than one beside it."""
 
     rho: float = number(1.0)
     scale: float = number(0.6, "N")
@@ -125,7 +128,8 @@ class FingerDamping:
     law: str = word("saturating", "saturating", "power")
 
     def ratio(self, inputs: Inputs) -> Array:
-        return self.rho * contact(inputs.force, self.law, self.scale, self.exponent)
+        damping = self.rho * contact(inputs.force, self.law, self.scale, self.exponent)
+        return damping if inputs.contact is None else damping * inputs.contact
 
     def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
         damped = 1 + self.ratio(inputs)
@@ -179,12 +183,17 @@ class SelfHeating:
 
 @effect("second_mode", "plate")
 class SecondMode:
-    """A second resonance on the same drive, Z + Z2, from rest. G in units of the scene, tau s, f0 Hz, k_T Hz/degC."""
+    """A further resonance on the same drive, Z + Z2, from rest; a scene may hold several. G in units of the scene, tau s, f0 Hz,
+    k_T Hz/degC. A sensor that is elsewhere than where the response is meant sees `seen` times its motion; `parity` is that
+    across two ceramics in parallel, which cancel an odd resonance."""
 
+    repeats: ClassVar[bool] = True
     G: float = number(0.002, "response/drive")
     tau: float = number(1.5e-3, "s")
     f0: float = number(33500.0, "Hz")
     k_T: float = number(0.0, "Hz/degC")
+    seen: float = number(1.0)
+    parity: str = word("odd", "odd", "even")
 
 
 # --- sense ----------------------------------------------------------------------------------------------------------------
@@ -192,8 +201,8 @@ class SecondMode:
 
 @effect("two_ceramics", "sense")
 class TwoCeramics:
-    """Two ceramics in parallel give the mean of their motions: a second mode that is antisymmetric across them leaks by half
-    their mismatch, Z + (mismatch/2) Z2, and an input resistance leads by atan(1/(omega R C))."""
+    """Two ceramics in parallel give the mean of their motions: a further mode that is odd across them leaks by half their
+    mismatch, Z + (mismatch/2) Z2, an even one whole; and an input resistance leads by atan(1/(omega R C))."""
 
     mismatch: float = number(0.05)
     resistance: float = number(1e6, "ohm")

@@ -232,16 +232,17 @@ def _settled(plant: Plant, chunk: Chunk, effects: tuple, reference: Leaf) -> Arr
 
 
 def _together(responses: list[Array], effects: tuple) -> Array:
-    """What the sensor sees of the resonances: their sum, or less of the second when two ceramics cancel it."""
+    """What the sensor sees of the resonances: their sum, or less of those that two ceramics cancel."""
     first, *rest = responses
-    for response in rest:
-        first = first + _leak(effects) * response
+    for response, share in zip(rest, _shares(effects), strict=True):
+        first = first + share * response
     return first
 
 
-def _leak(effects: tuple) -> Any:
-    """Share of a further resonance that the sensor sees."""
-    return next((e.mismatch / 2 for e in effects if isinstance(e, TwoCeramics)), 1.0)
+def _shares(effects: tuple) -> list[Any]:
+    """Share of each further resonance that the sensor sees."""
+    odd = next((e.mismatch / 2 for e in effects if isinstance(e, TwoCeramics)), 1.0)
+    return [e.seen * (odd if e.parity == "odd" else 1.0) for e in effects if isinstance(e, SecondMode)]
 
 
 def _lanes(steps: Step, mode: Mode, chunk: Chunk) -> tuple[tuple[Array, ...], Mode]:
@@ -380,8 +381,7 @@ def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array,
     decay, lost = jnp.exp(-x), jnp.expm1(-x)
     rest: Any = 0.0
     terms = []
-    for k, (before, steps) in enumerate(found):
-        weight = _leak(effects) if k else 1.0
+    for weight, (before, steps) in zip((1.0, *_shares(effects)), found, strict=True):
         for z, p, target in zip(before, steps.poles, steps.targets, strict=True):
             rest = rest - weight * target
             swing = _sensed(front, weight * (z + target), chunk.inputs._replace(drive=jnp.zeros_like(x)))

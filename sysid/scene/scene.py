@@ -49,8 +49,10 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC) and
-    "force" (N). `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
+    """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC),
+    "force" (N) and "contact" (see `effects.Inputs`).
+
+    `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
     samples behind a lock-in; "auto" is the cheapest envelope, with the largest time step, whose error stays below `tolerance`
     times the largest response.
 
@@ -125,8 +127,8 @@ class Scene:
 def _contradictions(scene: Scene) -> Iterator[str]:
     """What cannot be combined, and why."""
     plant, find = scene.plant, scene.find
-    names = [e.name for e in scene.effects]
-    if double := next((n for n in names if names.count(n) > 1), None):
+    once = [e.name for e in scene.effects if not getattr(e, "repeats", False)]
+    if double := next((n for n in once if once.count(n) > 1), None):
         yield f"found effects.{double} twice, expected it once"
     if plant.G is None or plant.f0 is None:
         yield "found a plant without " + ("G" if plant.G is None else "f0") + ", expected G, tau and f0"
@@ -135,6 +137,11 @@ def _contradictions(scene: Scene) -> Iterator[str]:
             yield f"found no profile of the {name}, expected one"
     if find(FingerDamping) and "force" not in scene.inputs:
         yield "found effects.finger_damping and no force, expected inputs.force_N: a finger damps by its force"
+    if contact := scene.inputs.get("contact"):
+        if not find(FingerDamping):
+            yield "found inputs.contact without effects.finger_damping, expected both: a contact is a share of the damping"
+        if contact.values.min() < 0:
+            yield f"found a contact of {contact.values.min():g}, expected 0 or more: it is the square of a mode's shape"
     if find(FingerDetuning) and not find(FingerDamping):
         yield "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a share of the damping"
     if find(SelfHeating) and plant.k_T is None:

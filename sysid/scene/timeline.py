@@ -13,7 +13,7 @@ from sysid.scene import engine
 from sysid.scene.effects import Delay, FrequencyResolution, Inputs, PhaseReset
 from sysid.scene.scene import MOST_STEPS, Scene
 
-INPUTS = ("drive", "frequency", "temperature", "force")
+INPUTS = ("drive", "frequency", "temperature", "force", "contact")
 LANES = 4 * MOST_STEPS  # intervals of a chunk
 SPARE = 256  # of them, for changes between rows
 Columns = dict[str, np.ndarray | None]
@@ -69,8 +69,8 @@ def chunk(scene: Scene, first: int, count: int) -> tuple[engine.Chunk, Columns]:
 
 
 def inputs_at(scene: Scene, time: np.ndarray, commanded: bool = False, early: float = 0.0) -> Columns:
-    """Drive, frequency, temperature and force at `time`, of what is held those `early` s before; the frequency is the one
-    that the source makes."""
+    """Drive, frequency, temperature, force and contact at `time`, of what is held those `early` s before; the frequency is the
+    one that the source makes."""
     found: dict[str, Any] = dict.fromkeys(INPUTS)
     found |= {name: p.at(time - early if p.held else time) for name, p in scene.inputs.items()}
     resolution = scene.find(FrequencyResolution)
@@ -87,9 +87,9 @@ def inputs_at(scene: Scene, time: np.ndarray, commanded: bool = False, early: fl
 
 def held(scene: Scene, columns: Columns, fill: int) -> Inputs:
     """Inputs as the engine takes them, in rad/s and degC from the references, the last `fill` more times."""
-    drive, frequency, temperature, force = (columns[name] for name in INPUTS)
+    drive, frequency, temperature, *finger = (columns[name] for name in INPUTS)
     warming = None if temperature is None else temperature - scene.plant.reference_temperature
-    held = (drive, 2 * np.pi * frequency, 2 * np.pi * (scene.reference - frequency), warming, force)
+    held = (drive, 2 * np.pi * frequency, 2 * np.pi * (scene.reference - frequency), warming, *finger)
     return Inputs(*(None if v is None else np.pad(v, (0, fill), mode="edge") for v in held))
 
 

@@ -19,29 +19,36 @@ from sysid.model.plant import Plant
 from sysid.scene.effects import EFFECTS, FingerDamping, SelfHeating
 from sysid.scene.profile import Profile
 from sysid.scene.scene import FIDELITIES, Scene, SceneError
+from sysid.scene.timeline import INPUTS
 
 TABLES = ("plant", "log", "inputs", "effects")
 TOP = ("name", "fidelity", "tolerance", "substeps", *TABLES)
-NOUNS = {"voltage": "drive", "duty": "drive"} | {name: name for name in ("drive", "frequency", "temperature", "force")}
+NOUNS = {"voltage": "drive", "duty": "drive"} | {name: name for name in INPUTS}
 PLANT = {"G": "response/drive", "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "reference_temperature": "degC"}
 
 
 def load(path: Path) -> Scene:
     """The scene of a file. Raises SceneError."""
+    return Reader(path, read(path), TOP, TABLES).scene()
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The tables of a file. Raises SceneError."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SceneError(f"{path}: cannot be read: {error}") from None
-    return _Reader(path, document).scene()
 
 
-class _Reader:
-    """One document; `response` and `drive` are the log's own units."""
+class Reader:
+    """One document of keys `top`, of which `tables` are tables; `response` and `drive` are the log's own units.
 
-    def __init__(self, path: Path, document: dict[str, Any]):
+    Each method raises SceneError that names the file and the key."""
+
+    def __init__(self, path: Path, document: dict[str, Any], top: tuple[str, ...], tables: tuple[str, ...]):
         self.path, self.document = path, document
-        self.known("", document, TOP)
-        for name in TABLES:
+        self.known("", document, top)
+        for name in tables:
             if not isinstance(document.get(name, {}), dict):
                 self.refuse(name, document[name], "a table")
         log = document.get("log", {})
@@ -106,7 +113,7 @@ class _Reader:
             quantity = NOUNS[name]
             if quantity in found:
                 self.refuse(f"inputs.{key}", f"the {quantity} twice", "it once")
-            wanted = {"drive": self.units["drive"], "duty": "1"}.get(name if name == "duty" else quantity)
+            wanted = {"drive": self.units["drive"], "duty": "1", "contact": "1"}.get(name if name == "duty" else quantity)
             wanted = wanted or units.INTERNAL[quantity]
             found[quantity] = self.profile(f"inputs.{key}", value, unit or wanted, wanted)
         return found
@@ -165,13 +172,15 @@ class _Reader:
 
     def effects(self, tables: dict[str, Any]) -> tuple:
         found: dict[str, Any] = {}
+        further: list[Any] = []
         for name, table in tables.items():
             key = f"effects.{name}"
             if name not in EFFECTS:
                 self.refuse(key, name, f"one of {', '.join(EFFECTS)}{units.did_you_mean(name, list(EFFECTS))}")
-            if not isinstance(table, dict):
-                self.refuse(key, table, "a table, such as [effects.white_noise]")
-            found[name] = self.effect(key, EFFECTS[name], table)
+            if isinstance(table, list) and getattr(EFFECTS[name], "repeats", False):
+                further += [self.one(f"{key}[{i}]", EFFECTS[name], each) for i, each in enumerate(table)]
+            else:
+                found[name] = self.one(key, EFFECTS[name], table)
         if "finger_detuning" in found and "finger_damping" in found:
             finger: FingerDamping = found["finger_damping"]
             found["finger_detuning"] = dataclasses.replace(found["finger_detuning"], finger=finger)
@@ -180,10 +189,20 @@ class _Reader:
                 self.refuse("effects.self_heating", f"a response in {self.units['response']}", "a length: heat needs a velocity")
             metres = float(units.convert(1.0, self.units["response"], "m"))
             found["self_heating"] = dataclasses.replace(found["self_heating"], **{"metres": metres})
-        return tuple(found.values())
+        return (*found.values(), *further)
 
-    def effect(self, key: str, cls: type, table: dict[str, Any]) -> Any:
-        own = [f for f in dataclasses.fields(cls) if not f.metadata.get("given")]
+    def one(self, key: str, cls: type, table: Any) -> Any:
+        """An effect. Its fields say unit and choices."""
+        found = cls(**self.values(key, cls, table))
+        if cls is SelfHeating and min(found.capacity, found.loss) <= 0:
+            self.refuse(key, table, "a capacity and a loss above zero")
+        return found
+
+    def values(self, key: str, cls: type, table: Any) -> dict[str, Any]:
+        """What a table says of the fields of `cls`, made by `effects.number` and `effects.word`."""
+        if not isinstance(table, dict):
+            self.refuse(key, table, f"a table, such as [{key.partition('[')[0]}]")
+        own = [f for f in dataclasses.fields(cls) if f.metadata and not f.metadata.get("given")]
         self.known(key, table, tuple(f.name for f in own), units_too=True)
         values: dict[str, Any] = {}
         for f in own:
@@ -200,10 +219,7 @@ class _Reader:
                 if not isinstance(table[given], int) or not 1 <= table[given] <= 8:
                     self.refuse(f"{key}.{given}", table[given], "a whole number from 1 to 8")
                 values[f.name] = table[given]
-        found = cls(**values)
-        if cls is SelfHeating and min(found.capacity, found.loss) <= 0:
-            self.refuse(key, table, "a capacity and a loss above zero")
-        return found
+        return values
 
     def number(self, table: str, values: Mapping[str, Any], name: str, unit: str) -> float:
         """The value of `name`, or of `name_unit`, in `unit`."""
@@ -239,6 +255,10 @@ class _Reader:
             if key not in names and not (units_too and any(key.startswith(f"{n}_") for n in names)):
                 where = f"{table}.{key}" if table else key
                 self.refuse(where, "an unknown key", f"one of {', '.join(names)}{units.did_you_mean(key, names)}")
+        for name in names if units_too else ():
+            stated = [k for k in values if k == name or (k.startswith(f"{name}_") and k not in names)]
+            if len(stated) > 1:
+                self.refuse(f"{table}.{name}", " and ".join(stated), "it once")
 
     def refuse(self, key: str, found: Any, expected: str) -> None:
         said = "nothing" if found is None else found if isinstance(found, str) else repr(found)
