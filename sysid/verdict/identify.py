@@ -190,6 +190,8 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             " across the resonance"
         )
     hidden = "cannot tell, because noise hides the transient; record a larger step, or the average of several"
+    if not any(t.resonant or t.driven for t in moving + swept):
+        hidden = NO_ENVELOPE
     if _one_frequency(trials):
         return (
             "cannot tell, because one frequency at a constant drive holds no time constant; record a voltage step or a sweep"
@@ -201,7 +203,7 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             return "cannot tell, because all rows are of one moment; see whether the time is in the column that was taken for it"
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
-            return hidden if any(t.resonant or t.driven for t in moving) else NO_ENVELOPE
+            return hidden
         if all(_settles_between(t) for t in moving):
             return (
                 f"cannot tell, because rows are {seconds(step)} apart and the response settles between two of them;"
