@@ -5,8 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.source import Timer
-
 STEEPEST = 0.95  # of the most that an inverter can make, up to which its duty ratio is computed
 ACCURATE = 1e-4  # of a duty ratio of one, to which it is
 
@@ -83,33 +81,11 @@ class Dds(NamedTuple):
         """The increment at the start."""
         return round(self.start / self.clock * 2**32)
 
+    @property
+    def fraction(self) -> float:
+        """Of the increment at the start, what `base` leaves."""
+        return self.start / self.clock * 2**32 - self.base
+
     def more(self, offset: Any, xp: Any) -> Any:
         """What is added to `base`, a whole number, for a frequency of `offset` Hz above the start."""
-        exact = self.start / self.clock * 2**32 - self.base
-        return xp.floor(offset * (2**32 / self.clock) + (0.5 + exact))
-
-
-class Words(NamedTuple):
-    """The words that a rig takes; None for those it does not have. `limit` is the voltage's. Frequencies are in Hz, and those
-    passed in are counted so that the tracker's start is `start`."""
-
-    limit: float | None
-    start: float
-    dac: Dac | None
-    inverter: Inverter | None
-    timer: Timer | None
-    dds: Dds | None
-
-    def of(self, voltage: Any, frequency: Any, xp: Any) -> dict[str, tuple[int | None, Any]]:
-        """By name: the whole number to be added (None for a real value), and the value."""
-        found: dict[str, tuple[int | None, Any]] = {}
-        if self.dac is not None:
-            found["code"] = (0, self.dac.code(voltage, xp))
-        if self.inverter is not None:
-            found["duty"] = (None, self.inverter.duty(voltage, self.limit))
-        offset = None if frequency is None else frequency - self.start
-        if offset is not None and self.timer is not None:
-            found["ticks"] = (int(self.timer.periods), self.timer.ticks(offset, xp))
-        if offset is not None and self.dds is not None:
-            found["increment"] = (self.dds.base, self.dds.more(offset, xp))
-        return found
+        return xp.floor(offset * (2**32 / self.clock) + (0.5 + self.fraction))

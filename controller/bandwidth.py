@@ -25,7 +25,7 @@ from controller.tracker import SignTracker
 
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
-# The largest K there: with the observer's time constants of `laws`, a disk margin of 0.75 on the paper's plate.
+# The largest K there: with the observer's time constants of `laws`, a disk margin of two thirds on the paper's plate.
 PREDICTED_SHARE, PREDICTED_K = 0.07, 0.52
 OFFERED = 0.002  # to which, relatively, a refusal finds the nearest that can be had
 
@@ -90,13 +90,12 @@ def _suited(asked: Asked) -> None:
 
 
 def _limit(asked: Asked) -> float:
-    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted, PREDICTED_K less the share
-    of it that is not."""
+    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted, PREDICTED_K."""
     samples = asked.delay / asked.T
     if asked.method == "adaptive":
-        K = PREDICTED_K / (1 + samples - asked.latency / asked.T)
+        K = PREDICTED_K
     else:
-        K = samples**samples / (samples + 1) ** (samples + 1)
+        K = math.exp(samples * math.log(max(samples, 1e-300)) - (samples + 1) * math.log1p(samples))  # may be thousands
     # without delay every K has a real pole; 2 leaves 14 % of the error each sample
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
@@ -153,7 +152,7 @@ def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
 
 
 def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
-    return settling(asked.control(bandwidth, lead), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
+    return settling(asked.control(bandwidth, lead), asked.plants, asked.clock, asked.amplitude, asked.plate.f0)
 
 
 def _voltage_bound(asked: Asked) -> float:

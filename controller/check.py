@@ -90,7 +90,8 @@ def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: fl
     row = float(np.median(np.diff(log.time)))
     # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage follows.
     taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
-    kept = taken <= promised + row + controller["sample_time_s"]
+    late = (controller.get("demodulator") or {}).get("delay_s", 0.0)  # by which what is recorded is
+    kept = taken <= promised + row + controller["sample_time_s"] + late
     hint = "a slower plate (a finger?), a voltage at its limit, or more delay than latency_s says"
     return Finding("settled to 5 %", f"{1e3 * taken:.3g} ms", f"at most {1e3 * promised:.3g} ms", kept, hint)
 

@@ -6,11 +6,11 @@ from typing import Any, final
 
 from controller.adaptive import Adaptive
 from controller.bandwidth import Bandwidth, Bound, bandwidth_of, unkept, unpromised
-from controller.demodulator import Demodulator
+from controller.demodulator import SAMPLES, Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.laws import METHODS, SAMPLES, Asked, Method, calibrated, demodulated, guarded, switched
+from controller.laws import METHODS, Asked, Method, calibrated, guarded, switched
 from controller.limits import Limits, amplitude_of, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
@@ -63,6 +63,11 @@ class Loop:
     notes: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()  # sha256
 
+    @property
+    def delay(self) -> float:
+        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and latency."""
+        return self.latency + self.rig.delay(self.f0)
+
 
 def design(
     source: Any,
@@ -76,7 +81,7 @@ def design(
     frequency_window: tuple[float, float] | None = None,
     finger: float | None = None,
     warming: tuple[float, float] | None = None,
-    method: Method = "pi",
+    method: Method | None = None,
     rig: Rig | None = None,
     guard: bool = True,
 ) -> Loop:
@@ -96,9 +101,13 @@ def design(
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
     """
+    rig = rig or Rig()
+    method = method or rig.method or "pi"
     if method not in METHODS:
         raise ValueError(f"found method = {method!r}, expected one of {', '.join(METHODS)}")
-    rig = rig or Rig()
+    if settling_time is None and bandwidth_hz is None:
+        settling_time = rig.settling
+    amplitude = rig.amplitude if amplitude is None else amplitude
     T = positive("sample_time", sample_time if sample_time is not None else rig.sample_time)
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
@@ -132,7 +141,7 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         control=calibrated(safe or law, asked),
         law=law,
         machine=None if safe is None else calibrated(switched(safe, asked), asked),
-        demodulator=demodulated(asked),
+        demodulator=None if plate.f0 is None else asked.rig.demodulator(plate.f0, asked.T),
         method=asked.method,
         G=plate.G,
         tau=plate.tau,

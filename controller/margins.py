@@ -85,12 +85,13 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
         """One step of the observer and its law, without limits."""
-        d, now, *voltages = state
-        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(voltages), (zero,) * sent)
+        d, now, *rest = state
+        past = tuple((v, zero) for v in rest[sent:])
+        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past)
         after, command, _ = free.step(before, 1.0, W, None, np)
-        return (after.d, after.damping, *after.voltages), command.voltage
+        return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
-    settled = (one, damping, *[damping / control.push] * sent)
+    settled = (one, damping, *[damping / control.push] * sent, *[one] * (1 + len(control.late)))
     return differences(adaptive, settled, one + 0j, 1e-5)
 
 

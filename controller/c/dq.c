@@ -104,7 +104,8 @@ static int limits_are_sound(const dq_params *p)
 {
     return p->amplitude > C(0) && finite_real(p->amplitude) && within(p->voltage_lowest, -p->voltage_highest, C(0))
         && p->voltage_highest > C(0) && finite_real(p->voltage_highest) && p->voltage_slew > C(0)
-        && within(p->f0, p->frequency_lowest, p->frequency_highest)
+        && within(p->f0, p->tracker_lowest, p->tracker_highest) && p->tracker_lowest >= p->frequency_lowest
+        && p->tracker_highest <= p->frequency_highest
         && within(p->temperature, p->temperature_lowest, p->temperature_highest);
 }
 
@@ -132,7 +133,7 @@ static int observer_is_sound(const dq_params *p)
     return p->law == DQ_LAW_PI
         || (p->law == DQ_LAW_ADAPTIVE && p->K > C(0) && p->K < C(2) && p->push * p->gain > C(0)
             && within(p->damping, C(1e-9), C(1)) && p->turn > C(0) && share(p->keep_d) && share(p->keep_q) && p->sweep_most > C(0) && p->sent >= 0
-            && p->sent <= DQ_DELAY_MAX);
+            && p->sent <= DQ_DELAY_MAX && p->late >= 0 && p->late <= DQ_DELAY_MAX && share(p->between));
 }
 
 static int guard_is_sound(const dq_params *p)
@@ -148,7 +149,8 @@ static int start_is_sound(const dq_params *p)
 {
     return p->find > C(0) && p->find <= p->amplitude && p->ramp > C(0) && within(p->headroom, C(1), C(1000))
         && count(p->settled) && count(p->lost) && share(p->memory) && p->beside_find > C(0) && p->beside_lock > C(0) && p->beside_run > C(0)
-        && within(p->voltage_least, C(0), C(1)) && p->voltage_most >= C(1) && p->sweep > C(0);
+        && within(p->voltage_least, C(0), C(1)) && p->voltage_most >= C(1)
+        && p->voltage_run >= p->voltage_most && p->sweep > C(0);
 }
 
 static int demodulator_is_sound(const dq_params *p)
@@ -188,8 +190,8 @@ dq_check dq_set(dq_state *s, const dq_params *p)
     s->per_push = C(1) / p->push;
     s->per_model_push = C(1) / p->model_push;
     s->per_half_bandwidth = C(1) / p->tracker_half_bandwidth;
-    s->window_lowest = p->frequency_lowest - p->f0;
-    s->window_highest = p->frequency_highest - p->f0;
+    s->window_lowest = p->tracker_lowest - p->f0;
+    s->window_highest = p->tracker_highest - p->f0;
     return DQ_PARAMS_OK;
 }
 
@@ -319,10 +321,16 @@ static void observe(dq_state *s, const request *asked, reading W, dq_real Z[2])
 {
     const dq_params *p = &s->params;
     const dq_real threshold = p->gate * asked->reference;
-    const dq_real e_d = W.there ? W.d - s->d : C(0), e_q = W.there ? W.q - s->q : C(0);
-    dq_real size, rate;
+    const dq_real *seen_d = &s->past_d[p->late], *seen_q = &s->past_q[p->late];
+    dq_real e_d = C(0), e_q = C(0), size, rate;
     int learns;
 
+    s->past_d[0] = s->d;
+    s->past_q[0] = s->q;
+    if (W.there) {
+        e_d = W.d - (seen_d[0] + p->between * (seen_d[1] - seen_d[0]));
+        e_q = W.q - (seen_q[0] + p->between * (seen_q[1] - seen_q[0]));
+    }
     Z[0] = s->d + (C(1) - p->keep_d * p->keep_d) * e_d;
     Z[1] = s->q + (C(1) - p->keep_q * p->keep_q) * e_q;
     size = Z[0] * Z[0] + Z[1] * Z[1];
@@ -363,8 +371,12 @@ static command adaptive_law(dq_state *s, const request *asked, reading W, dq_rea
     s->temperature = temperature;
     s->resonance = clip(s->resonance, s->window_lowest, s->window_highest);
     frequency = followed(s, asked->frozen);
-    after[0] = Z[0];
-    after[1] = Z[1];
+    for (k = p->late + 1; k > 1; k--) {
+        s->past_d[k] = s->past_d[k - 1];
+        s->past_q[k] = s->past_q[k - 1];
+    }
+    s->past_d[1] = after[0] = Z[0];
+    s->past_q[1] = after[1] = Z[1];
     for (k = p->sent; k > 0; k--) { /* what is on its way, the oldest first */
         predict(p, Z, s->damping, s->resonance - s->frequencies[k - 1], s->voltages[k - 1]);
         if (k == p->sent) {
@@ -519,6 +531,7 @@ static void rest(dq_state *s)
     for (k = 0; k < DQ_DELAY_MAX + 1; k++) {
         s->voltages[k] = C(0);
         s->frequencies[k] = first;
+        s->past_d[k + 1] = s->past_q[k + 1] = C(0);
     }
     s->missing = s->dead = s->stuck = s->above = s->edge = s->turned = s->clips = 0;
     s->expected = s->allowed = s->last_d = s->last_q = s->since_voltage = s->voltage = s->mean_seen_q = s->moves = C(0);
@@ -651,17 +664,19 @@ static int fits(const dq_state *s)
     return least && (makes < most * s->mean_d || s->task != DQ_TASK_REGULATE);
 }
 
-/* Samples in run for which the amplitude has not been what is asked, or the voltage less than any plate needs for it. */
+/* Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it. */
 static int32_t follow_fault(dq_state *s)
 {
     const dq_params *p = &s->params;
     const dq_real slip = s->mean_asked - s->mean_d, room = NEAR * s->mean_asked, turned = p->beside_run * s->mean_d;
     const int beside = (s->mean_q > turned || s->mean_q < -turned) && s->task == DQ_TASK_REGULATE;
     const int slips = slip > room || slip < -room || beside;
-    const int easy = p->gain * s->mean_voltage < p->voltage_least * s->mean_d;
+    const dq_real makes = p->gain * s->mean_voltage;
+    const int hard = makes > p->voltage_run * s->mean_d && s->task == DQ_TASK_REGULATE;
+    const int odd = makes < p->voltage_least * s->mean_d || hard;
     const int judged = s->mode == DQ_MODE_RUN && s->mean_asked > p->find;
 
-    s->off = judged && (slips || easy) ? s->off + 1 : 0;
+    s->off = judged && (slips || odd) ? s->off + 1 : 0;
     if (s->off < p->follows)
         return DQ_FAULT_NONE;
     return slips ? DQ_FAULT_FOLLOW : DQ_FAULT_MODEL;

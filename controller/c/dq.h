@@ -110,6 +110,8 @@ typedef struct {
     dq_real voltage_slew;        /* from one step to the next */
     dq_real frequency_lowest;    /* Hz */
     dq_real frequency_highest;
+    dq_real tracker_lowest; /* Hz: within these, by what the source's steps need */
+    dq_real tracker_highest;
     dq_real temperature_lowest;  /* degC: what is beyond is taken for the end */
     dq_real temperature_highest;
 
@@ -151,6 +153,8 @@ typedef struct {
     dq_real keep_q;
     dq_real sweep_most;   /* Hz that the frequency moves in a step at most */
     int32_t sent;         /* samples that a command is on its way */
+    int32_t late;         /* samples by which a reading is late, whole, and the rest of one */
+    dq_real between;
 
     /* Guard: how long, in steps, and what for. */
     int32_t patience;     /* missing, dead, above, edge, clipped */
@@ -182,6 +186,7 @@ typedef struct {
     dq_real beside_run;
     dq_real voltage_least; /* voltage in lock over that which the untouched plate needs, from and to */
     dq_real voltage_most;
+    dq_real voltage_run; /* and in run, to: a heavy finger */
     dq_real sweep;     /* Hz per step of DQ_TASK_SWEEP */
 
     /* Demodulator. */
@@ -233,6 +238,7 @@ typedef struct {
     int32_t count;
     /* observer */
     dq_real d, q, damping, resonance, voltages[DQ_DELAY_MAX + 1], frequencies[DQ_DELAY_MAX + 1];
+    dq_real past_d[DQ_DELAY_MAX + 2], past_q[DQ_DELAY_MAX + 2]; /* the first: the prediction of this step */
     /* guard */
     int32_t missing, dead, stuck, above, edge, turned, clips;
     dq_real expected, allowed, last_d, last_q, since_voltage, since_frequency, voltage, mean_frequency, mean_seen_q, moves;
