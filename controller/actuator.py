@@ -41,9 +41,14 @@ class Inverter(NamedTuple):
     supply: float
     sine: bool
 
+    @property
+    def most(self) -> float:
+        """The largest voltage that it can make."""
+        return self.supply * (STEEPEST * 4 / math.pi if self.sine else 1.0)
+
     def check(self, limit: float | None) -> None:
         """Raise ValueError for a voltage limit that it cannot make."""
-        most = self.supply * (STEEPEST * 4 / math.pi if self.sine else 1.0)
+        most = self.most
         if limit is None or limit > most * (1 + 1e-9):
             said = "no limit" if limit is None else f"{limit:g}"
             raise ValueError(f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make")

@@ -12,7 +12,7 @@ the posterior spreads: the limit holds for 99 % of it, so that a posterior that 
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -188,6 +188,8 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
             f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its window, is taken for"
             f" a fault; a narrower range, or guard=False, with which nothing is exported"
         )
+    if hindered := _hindered(asked, bandwidth, lead):
+        return hindered
     still = asked._replace(plants=asked.plants.resonant)
     if math.isfinite(_taken(still, bandwidth)):
         least, most = asked.ranged.warming
@@ -211,6 +213,27 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
         f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do not come"
         f" within 5 % of it{limit}; {offer}"
     )
+
+
+def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
+    """The part of the rig without which the plants would settle, and the nearest that can be had; None where it is none."""
+
+    def settles(name: str, value: float | None) -> bool:
+        """With another value of that part."""
+        changed: dict[str, Any] = {name: value}
+        return math.isfinite(_taken(asked._replace(rig=asked.rig._replace(**changed)), bandwidth, lead))
+
+    for name, unit in (("voltage_slew", "a second"), ("timer", "Hz"), ("frequency_step", "Hz")):
+        given = getattr(asked.rig, name)
+        if given is None or not settles(name, None):
+            continue
+        power = 1 if name == "frequency_step" else -1  # a finer step, a faster slew, a faster clock
+        share = _nearest(lambda s, name=name, given=given, power=power: settles(name, given * max(s, 1e-6) ** power))  # type: ignore[misc]
+        return (
+            f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that can be had is"
+            f" {given * max(share, 1e-6) ** power:.4g} {unit}"
+        )
+    return None
 
 
 def _nearest(can: Callable[[float], bool]) -> float:

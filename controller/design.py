@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 from controller.adaptive import Adaptive
@@ -16,6 +17,7 @@ from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
 from controller.rig import Calibrated, Rig
+from controller.suited import checked
 
 
 @final
@@ -42,6 +44,7 @@ class Loop:
     G: float
     tau: float
     f0: float | None
+    k_T: float | None
     sample_time: float
     latency: float
     bandwidth_hz: float
@@ -62,6 +65,19 @@ class Loop:
     reference_temperature: float | None = None
     notes: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()  # sha256
+
+    def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
+        """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over frequency. `path`: a
+        folder into which both are written, step.png and bode.png."""
+        from controller.document import as_dict
+        from sysid.report.plots import bode_of, step_of
+
+        content = as_dict(self)
+        figures = step_of(content), bode_of(content)
+        if path is not None:
+            for name, figure in zip(("step.png", "bode.png"), figures, strict=True):
+                figure.savefig(Path(path) / name)
+        return figures
 
     @property
     def delay(self) -> float:
@@ -113,10 +129,10 @@ def design(
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
     plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming, rig.thermometer)
-    asked = Asked(
-        plate, T, _latency(T, latency if latency is not None else rig.latency, method), limits, rig, method, plants,
-        amplitude_of(plate, limits, amplitude, ranged.finger, plants), ranged,
-    )  # fmt: skip
+    amplitude = amplitude_of(plate, limits, amplitude, ranged.finger, plants)
+    checked(plate, rig, limits, amplitude)
+    late = _latency(T, latency if latency is not None else rig.latency, method)
+    asked = Asked(plate, T, late, limits, rig, method, plants, amplitude, ranged)
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
 
 
@@ -146,6 +162,7 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         G=plate.G,
         tau=plate.tau,
         f0=plate.f0,
+        k_T=plate.k_T,
         sample_time=asked.T,
         latency=asked.latency,
         bandwidth_hz=bandwidth.hz,

@@ -22,7 +22,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
     content = {
         "schema": SCHEMA,
         "plate": loop.plate,
-        "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
+        "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0, "k_T": loop.k_T},
         "reference_temperature_degC": loop.reference_temperature,
         "sample_time_s": loop.sample_time,
         "latency_s": loop.latency,
@@ -123,7 +123,17 @@ def _promise(loop: Loop) -> dict[str, Any]:
     shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response[:4], strict=True)
     step = {said: [float(f"{v:.5g}") for v in values] for said, values in shown}
     step |= {f"V_{level}": [float(f"{v:.5g}") for v in row] for level, row in zip((5, 50, 95), p.response.voltage, strict=True)}
-    return kept | {"step_response": step}
+    return kept | {"step_response": step, "bode": _bode(p.bode)}
+
+
+def _bode(shown: Any) -> dict[str, list[float]] | None:
+    """The loop over frequency, to five digits: |L|, its phase in degrees, and the sensitivity, each at three quantiles."""
+    if shown is None:
+        return None
+    rows = {"frequency_Hz": shown.frequency}
+    rows |= {f"{name}_{q}": row for name, band in zip(("L", "phase_deg", "S"), shown[1:], strict=True)
+             for q, row in zip((5, 50, 95), band, strict=True)}  # fmt: skip
+    return {name: [float(f"{v:.5g}") for v in row] for name, row in rows.items()}
 
 
 def _known(value: float) -> float | None:

@@ -197,9 +197,11 @@ def _macros(loop: Loop, drive: str, response: str) -> dict[str, str]:
         found |= {"DDS_BASE": f"{dds.base}u", "DDS_FRACTION": _real(dds.fraction), "DDS_PER_HZ": _real(2**32 / rig.dds)}
     if rig.timer is not None and loop.f0 is not None:
         found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
-    names = f"time_s,wd_{response},wq_{response},voltage_{drive},frequency_Hz,mode,fault"
-    found |= {"RECORD_HEADER": f'"{names}\\n"', "RECORD_FORMAT": '"%.6f,%.6g,%.6g,%.6g,%.3f,%d,%d\\n"'}
-    return found
+    lines = ["# sampling: instant", *([] if demodulator is None else [f"# delay_s: {demodulator.delay:.6g}"])]
+    lines += [] if loop.plate is None else [f"# plate: {_text(loop.plate, 40)}"]
+    lines.append(f"time_s,wd_{response},wq_{response},voltage_{drive},frequency_Hz")
+    text = "".join(f"{line}\\n" for line in lines)
+    return found | {"RECORD_HEADER": f'"{text}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
 
 
 def _reach(loop: Loop, drive: str, response: str) -> list[str]:

@@ -36,7 +36,7 @@ MEAN = 4.0  # times that the mean of readings follows them within the samples fo
 QUIET, LOUD = 0.1, 0.15
 OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
-# The amplitude may reach CEILING times what is asked for: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
+# The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
 # at most HEADROOM times what the heaviest of the plates needs, so that no wiring makes more than 1.5 times what is asked.
 CEILING, HEADROOM = 1.35, 1.4
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may

@@ -9,7 +9,7 @@ import numpy as np
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.machine import OFF, RUN
-from controller.margins import Margins, margins
+from controller.margins import Bode, Margins, bode, margins
 from controller.tracker import SignTracker
 
 SHARE = 0.005  # of the plants that may miss one promise: of margin and settling together, 1 %
@@ -48,7 +48,7 @@ class Promise(NamedTuple):
     """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was asked for, or of a
     tenth of it) at most; margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of each, the
     5, 50 and 95 % quantiles over the plants; `response`: those of the amplitude itself, until twice the settling time.
-    `startup`: s from enabling what is exported to within 5 % for good; inf without a guard."""
+    `startup`: s from enabling what is exported to within 5 % for good; inf without a guard. `bode`: the loop over frequency."""
 
     settling: float
     overshoot: float
@@ -59,6 +59,7 @@ class Promise(NamedTuple):
     spread: dict[str, tuple[float, float, float]]
     response: Response
     startup: float = math.inf
+    bode: Bode | None = None
 
 
 def promise(
@@ -75,7 +76,8 @@ def promise(
     worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
     spread = {name: _quantiles(values) for name, values in each.items()}
     begun = math.inf if machine is None else startup(machine, law, plants, clock, amplitude, start)
-    return Promise(**worst, spread=spread, response=_shown(W, V, clock.T, worst["settling"]), startup=begun)
+    shown = _shown(W, V, clock.T, worst["settling"])
+    return Promise(**worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay))
 
 
 def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:

@@ -23,6 +23,7 @@ def play(loop, lanes, samples, asked, noise=0.004, late=0.52, **knobs):
     Z, before = np.zeros(count, complex), np.zeros(count, complex)
     voltage, frequency = np.zeros(count), np.full(count, F0)
     rows = {name: np.zeros((samples, count)) for name in ("V", "f", "mode", "fault", "W")}
+    rows["told"] = np.zeros((samples, count), complex)
     knobs = {"enable": True, "reset": False} | knobs
     for k in range(samples):
         there = np.array([k >= lane.at for lane in lanes])
@@ -44,6 +45,6 @@ def play(loop, lanes, samples, asked, noise=0.004, late=0.52, **knobs):
         settled = -G * gains / TAU * voltage / pole
         Z = settled + (Z - settled) * np.exp(pole * T)
         voltage, frequency = command
-        for name, value in zip(rows, (*command, said.mode, said.fault, np.abs(Z)), strict=True):
+        for name, value in zip(rows, (*command, said.mode, said.fault, np.abs(Z), told), strict=True):
             rows[name][k] = value
     return rows

@@ -8,7 +8,7 @@ import pytest
 
 import controller
 from controller import Rig, RigError
-from controller.actuator import Dds, Inverter
+from controller.actuator import Adc, Dac, Dds, Inverter
 from controller.calibration import calibrate
 from controller.source import Timer
 
@@ -124,6 +124,50 @@ def test_a_rig_that_is_wrong(tmp_path, text, said):
     with pytest.raises(RigError) as error:
         Rig.from_toml(tmp_path / "rig.toml")
     assert said in str(error.value)
+
+
+WHOLE = {
+    "a small sensor": (Rig(adc=Adc(12.0, 0.5, 517e3)), r"adc\.full_scale = 0\.5: an amplitude of 2 shows.*full_scale = 2\.7, or"),
+    "a coarse sensor": (Rig(adc=Adc(5.0, 5.0, 517e3)), r"adc\.bits = 5: a count is 0\.312.*nearest that can be had is bits = 8"),
+    "a small converter": (Rig(dac=Dac(12.0, 50.0)), r"dac\.full_scale: it makes 50 at most.*limit is 350.*voltage_limit = 50"),
+    "a weak supply": (Rig(inverter=Inverter(200.0, False)), r"inverter\.supply: it makes 200 at most.*voltage_limit = 200"),
+    "a slow synthesiser": (Rig(dds=40e3), r"dds = 40000 Hz: it cannot make a carrier of 32300 Hz.*dds = 8\.075e\+04 Hz"),
+    "a coarse timer": (
+        Rig(timer=4e6),
+        r"frequencies 26\d\.?\d* Hz apart: half of the plate's bandwidth is 95\.4.*timer = 5\.4\de\+06",
+    ),
+    "a slow sensor": (Rig(adc=Adc(12.0, 5.0, 9e3)), r"adc\.rate = 9000 Hz: a step every 0\.0001 s is less than a sample"),
+    "a drive in steps": (Rig(drive_update=1e5), r"drive_update = 100000 Hz.*is no sine.*1\.292e\+05 Hz"),
+    "a slow slew": (Rig(voltage_slew=3e3), r"voltage_slew = 3000 a second stands in the way.*nearest that can be had is \d"),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_a_rig_that_cannot_do_what_is_asked_is_refused_for_its_own_cause(name):
+    rig, said = WHOLE[name]
+    with pytest.raises(ValueError, match=said):
+        controller.design(PLATE, rig=rig, **GIVEN)
+
+
+def test_a_drive_that_is_held_is_corrected():
+    """Half of the time between two of its samples: at 517 kS/s 11.2 degrees, with which the tracker settled 18.9 Hz off."""
+    loop = controller.design(PLATE, rig=Rig(drive_update=517e3), **GIVEN)
+    turned = math.degrees(np.angle(loop.control.d + 1j * loop.control.q))
+    assert turned == pytest.approx(360 * 32300 * 0.5 / 517e3) == pytest.approx(11.25, abs=0.01)
+    assert math.tan(math.radians(turned)) / (2 * math.pi * TAU) == pytest.approx(18.9, abs=0.1)
+    assert loop.delay == pytest.approx(1e-4 + loop.demodulator.delay + 0.5 / 517e3)
+
+
+def test_a_rig_may_choose_method_amplitude_and_settling(tmp_path):
+    (tmp_path / "rig.toml").write_text('method = "pll"\namplitude_nm = 1500\nsettling_ms = 2\ndrive_update_MHz = 1\n')
+    rig = Rig.from_toml(tmp_path / "rig.toml", "V", "um")
+    loop = controller.design(PLATE, rig=rig, voltage_limit=350.0, frequency_window=(32000.0, 32600.0))
+    assert loop.method == "pll" and loop.amplitude == pytest.approx(1.5) and loop.promise.settling <= 2e-3
+    assert controller.design(PLATE, rig=rig, method="pi", **GIVEN).method == "pi"
+    content = controller.as_dict(loop)
+    assert content["rig"]["drive_update"] == 1e6 and content["rig"]["method"] == "pll"
+    assert content["demodulator"]["delay_s"] == loop.demodulator.delay and content["delay_s"] == loop.delay
+    assert content["start_up"]["find"] == pytest.approx(0.15)
 
 
 def identified(touched=None):
