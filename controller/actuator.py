@@ -1,7 +1,7 @@
 """From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase increment."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,12 +27,6 @@ class Dac(NamedTuple):
 
     bits: float
     full_scale: float
-
-    def code(self, voltage: Any, xp: Any) -> Any:
-        """The nearest code, a whole number within what there is."""
-        most = 2.0 ** (self.bits - 1) - 1
-        near = xp.floor(voltage * ((most + 1) / self.full_scale) + 0.5)
-        return xp.where(near > most, most, xp.where(near < -most, -most, near))
 
 
 class Inverter(NamedTuple):
@@ -66,14 +60,6 @@ class Inverter(NamedTuple):
                 break
         return a
 
-    def duty(self, voltage: Any, limit: float) -> Any:
-        """The duty ratio, -1 to 1, to ACCURATE."""
-        x = voltage * (1.0 / limit)
-        square, found = x * x, 0.0
-        for a in self.series(limit)[::-1]:
-            found = found * square + float(a)
-        return found * x
-
 
 class Dds(NamedTuple):
     """An accumulator of 32 bits that is advanced `clock` times a second; `start` in Hz."""
@@ -90,7 +76,3 @@ class Dds(NamedTuple):
     def fraction(self) -> float:
         """Of the increment at the start, what `base` leaves."""
         return self.start / self.clock * 2**32 - self.base
-
-    def more(self, offset: Any, xp: Any) -> Any:
-        """What is added to `base`, a whole number, for a frequency of `offset` Hz above the start."""
-        return xp.floor(offset * (2**32 / self.clock) + (0.5 + self.fraction))

@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.actuator import Dds
 from controller.adaptive import Adaptive
+from controller.demodulator import Demodulator
 from controller.design import Loop
 from controller.machine import Machine
 from controller.rig import Calibrated
@@ -19,7 +20,6 @@ from controller.tracker import PLL, SignTracker
 
 Precision = Literal["single", "double"]
 KINDS = {"single": np.float32, "double": np.float64}
-NONE_SENT = {"sent": 0, "late": 0, "between": 0.0}
 LONGEST = 8  # samples on their way, for which the source has room as it is
 
 
@@ -75,69 +75,61 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
         raise ValueError("found a loop without its guard, expected one with it: what is exported drives a bench")
     outer = typed(loop.machine, KINDS[precision])
     sensor = (outer.d, outer.q) if isinstance(outer, Calibrated) else (1.0, 0.0)
-    machine: Machine = outer.control if isinstance(outer, Calibrated) else outer
-    guard, law = machine.control, machine.control.control
-    plate: dict[str, Any] = {"layout": 1, "gain": machine.gain, "f0": machine.f0, "sensor_d": sensor[0], "sensor_q": sensor[1]}
-    low, high = machine.temperatures or (machine.temperature, machine.temperature)
-    limits = {"amplitude": machine.amplitude, "voltage_lowest": machine.voltages[0], "voltage_highest": machine.voltages[1]}
-    limits |= {"voltage_slew": law.slew if isinstance(law, Adaptive) else law.amplitude.slew}
-    limits |= {"frequency_lowest": guard.lowest, "frequency_highest": guard.highest}
-    limits |= {"tracker_lowest": machine.window[0], "tracker_highest": machine.window[1]}
-    limits |= {"temperature_lowest": low, "temperature_highest": high}
-    whole = plate | limits | _amplitude_loop(law) | _tracker(law, machine) | _observer(law) | _guarded(machine) | _start(machine)
-    demodulator = None if loop.demodulator is None else typed(loop.demodulator, KINDS[precision])
-    share, scale, most, patience = (0.0, 1.0, NO_LIMIT, 1.0)
-    if demodulator is not None:
-        share, scale, most, patience = demodulator.share, demodulator.scale, demodulator.most, demodulator.patience
-    whole |= {"demodulator_share": share, "demodulator_scale": scale, "sample_most": most, "sample_patience": int(patience)}
-    return whole
+    m: Machine = outer.control if isinstance(outer, Calibrated) else outer
+    g, law = m.control, m.control.control
+    found = {"layout": 1, "gain": m.gain, "f0": m.f0, "sensor_d": sensor[0], "sensor_q": sensor[1], "amplitude": m.amplitude}
+    found |= _named("voltage", m.voltages, "lowest highest") | {"voltage_slew": getattr(law, "amplitude", law).slew}
+    found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named("tracker", m.window, "lowest highest")
+    found |= _named("temperature", m.temperatures or (m.temperature,) * 2, "lowest highest") | _amplitude_loop(law)
+    found |= _tracker(law if isinstance(law, Adaptive) else law.tracker, m.temperature) | _observer(law)
+    counts = {"patience": g.patience, "repeats": g.repeats, "doubts": g.doubts, "follows": m.follows, "swings": m.swings}
+    found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
+    found |= {"swing": m.swing, "ceiling": g.ceiling, "ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet}
+    found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
+    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "settled": int(m.patience), "lost": int(m.limit)}
+    found |= {"memory": m.memory} | _named("beside", m.beside, "find lock run") | _named("voltage", m.fits, "least most run")
+    d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
+    found |= {"sweep": m.sweep, "demodulator_share": d.share, "demodulator_scale": d.scale, "sample_most": d.most}
+    return found | {"sample_patience": int(d.patience)}
+
+
+def _named(prefix: str, values: tuple, names: str) -> dict[str, Any]:
+    """Fields prefix_name."""
+    return {f"{prefix}_{name}": value for name, value in zip(names.split(), values, strict=True)}
 
 
 def _amplitude_loop(law: Any) -> dict[str, Any]:
-    pi = None if isinstance(law, Adaptive) else law.amplitude
-    model = None if pi is None else pi.model
-    gains = (1.0 * np.sign(law.push), 0.0) if pi is None else (pi.Kp, pi.Ki_Ts)
-    found = {"law": int(pi is None), "kp": gains[0], "ki": gains[1], "model_delay": -1 if model is None else len(model.line) - 2}
-    keep, push, latest = (0.0, 1.0, 1.0) if model is None else (model.keep, model.push, model.latest)
-    return found | {"model_keep": keep, "model_push": push, "model_latest": latest}
+    adaptive = isinstance(law, Adaptive)
+    gains = (1.0 * np.sign(law.push), 0.0) if adaptive else (law.amplitude.Kp, law.amplitude.Ki_Ts)
+    model = None if adaptive else law.amplitude.model
+    found = {"law": int(adaptive), "kp": gains[0], "ki": gains[1], "model_delay": -1 if model is None else len(model.line) - 2}
+    values = (0.0, 1.0, 1.0) if model is None else (model.keep, model.push, model.latest)
+    return found | _named("model", values, "keep push latest")
 
 
-def _tracker(law: Any, machine: Machine) -> dict[str, Any]:
-    t = law if isinstance(law, Adaptive) else law.tracker
+def _tracker(t: Any, temperature: float) -> dict[str, Any]:
+    """Of what follows the resonance, a tracker or an observer; None: nothing does."""
+
+    def of(thing: Any, name: str, otherwise: float = 0.0) -> Any:
+        return getattr(thing, name, None) or otherwise
+
     kind = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
-    found = {"tracker": kind, "every": int(getattr(t, "every", 1.0)), "tracker_gain": getattr(t, "gain", getattr(t, "size", 0.0))}
-    found |= {"tracker_share": getattr(t, "share", 0.0), "tracker_lead": getattr(t, "lead", 0.0)}
-    found |= {"tracker_half_bandwidth": getattr(t, "half_bandwidth", 1.0), "tracker_max_step": getattr(t, "max_step", 0.0)}
-    found |= {"tracker_most": getattr(t, "most", 0.0), "gate": getattr(t, "gate", 0.0)}
-    found |= {"k_T": getattr(t, "k_T", None) or 0.0, "temperature": machine.temperature}
-    source = getattr(t, "source", None)
-    found |= {"source": 0 if source is None else 1 if isinstance(source, Multiples) else 2}
-    found |= {"source_step": getattr(source, "step", 0.0), "source_first": getattr(source, "first", 0.0)}
-    found |= {"source_periods": getattr(source, "periods", 0.0), "source_centre": getattr(source, "centre", 0.0)}
-    return found | {"dead_band": getattr(t, "dead_band", 0.0)}
+    found = {"tracker": kind, "every": int(of(t, "every", 1.0)), "tracker_gain": of(t, "gain") or of(t, "size")}
+    found |= {f"tracker_{name}": of(t, name) for name in ("share", "lead")}
+    found |= {"tracker_half_bandwidth": of(t, "half_bandwidth", 1.0), "tracker_max_step": of(t, "max_step")}
+    found |= {"tracker_most": of(t, "most"), "gate": of(t, "gate"), "k_T": of(t, "k_T"), "temperature": temperature}
+    source = of(t, "source", 0.0)
+    found |= {"source": 0 if not source else 1 if isinstance(source, Multiples) else 2}
+    found |= {f"source_{name}": of(source, name) for name in ("step", "first", "periods", "centre")}
+    return found | {"dead_band": of(t, "dead_band")}
 
 
 def _observer(law: Any) -> dict[str, Any]:
+    names = ("K", "push", "damping", "turn", "keep_d", "keep_q", "sweep_most")
     if not isinstance(law, Adaptive):
-        return dict.fromkeys(("K", "push", "damping", "turn", "keep_d", "keep_q", "sweep_most"), 1.0) | NONE_SENT
-    found = {"K": law.K, "push": law.push, "damping": law.damping, "turn": law.turn, "keep_d": law.keep[0], "keep_q": law.keep[1]}
-    return found | {"sweep_most": law.sweep, "sent": len(law.delay), "late": len(law.late), "between": law.between}
-
-
-def _guarded(machine: Machine) -> dict[str, Any]:
-    g = machine.control
-    counts = {"patience": g.patience, "repeats": g.repeats, "doubts": g.doubts, "follows": machine.follows}
-    counts |= {"swings": machine.swings, "swing_time": machine.swing_time}
-    found = {name: int(min(n, 2**24)) for name, n in counts.items()} | {"swing": machine.swing, "ceiling": g.ceiling}
-    found |= {"ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet, "guard_gain": g.gain}
-    found |= {"guard_decay": g.decay, "guard_edge": g.edge, "guard_turn": g.turn}
-    return found | {"guard_memory": g.memory}
-
-
-def _start(m: Machine) -> dict[str, Any]:
-    found = {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "settled": int(m.patience), "lost": int(m.limit)}
-    found |= {"memory": m.memory, "beside_find": m.beside[0], "beside_lock": m.beside[1], "beside_run": m.beside[2]}
-    return found | {"voltage_least": m.fits[0], "voltage_most": m.fits[1], "voltage_run": m.fits[2], "sweep": m.sweep}
+        return dict.fromkeys(names, 1.0) | {"sent": 0, "late": 0, "between": 0.0}
+    values = (law.K, law.push, law.damping, law.turn, *law.keep, law.sweep)
+    return dict(zip(names, values, strict=True)) | {"sent": len(law.delay), "late": len(law.late), "between": law.between}
 
 
 PLATE = """\
