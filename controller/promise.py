@@ -1,11 +1,13 @@
 """The promise of a design: margins and step responses over the plants that it must serve, with the controller that runs."""
 
+import cmath
 import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller import scalar
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.machine import OFF, RUN
@@ -88,14 +90,16 @@ def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, sta
 def startup(machine: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
     """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not come to run."""
     few = plants.every(math.ceil(len(plants.rate) / STARTED))
-    most = int(min(6 * LONGEST, 4 * machine.limit))
+    if amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
+        return math.inf
+    most = int(min(3 * LONGEST, 4 * machine.limit))
     rows, last = [], 0
     for k, (W, _, said) in enumerate(played(machine, law, few, clock, amplitude, start, most)):
         rows.append(W)
         last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
         if k > last + 4 * machine.patience:
             break
-    taken, _ = judged(np.array(rows), clock.T, amplitude)
+    taken, _ = judged(np.reshape(rows, (len(rows), -1)), clock.T, amplitude)
     return _worst(np.where(said.mode == RUN, taken, np.inf) + np.zeros_like(few.rate), -1)
 
 
@@ -138,22 +142,28 @@ def played(
     T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
     part = min(max(clock.latency - late * T, 0.0), T)
     back, between = divmod(clock.late / T, 1.0)
-    Z = np.zeros(len(plants.rate), complex)
-    still = (np.zeros_like(plants.rate), np.zeros_like(plants.rate))
+    xp: Any = np
+    rate, push, detuning = plants.rate, plants.push, plants.detuning
+    Z: Any = np.zeros(len(rate), complex)
+    still: Any = (0.0 * rate, 0.0 * rate)
+    temperature = _told(law, plants)
+    if len(rate) == 1:  # plain numbers are ten times as fast as arrays of one
+        xp, rate, push, detuning, Z, still = scalar, rate.item(), push.item(), detuning.item(), 0j, (0.0, 0.0)
+        temperature = None if temperature is None else temperature.item()
     line = [still] * (late + 1)  # commands that were given, the latest first
     seen = [Z] * (int(back) + 2)
-    state, temperature = control.init(), _told(law, plants)
+    state = control.init()
     for _ in range(count):
         seen = [Z, *seen[:-1]]
         told = seen[-2] + between * (seen[-1] - seen[-2])
-        state, command, said = control.step(state, amplitude, told, temperature, np)
+        state, command, said = control.step(state, amplitude, told, temperature, xp)
         yield np.abs(Z), command.voltage, said
         f = 0.0 if command.frequency is None or start is None else command.frequency - start
         line.insert(0, (command.voltage, f + still[0]))
         for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
-            pole = -plants.rate + 2j * np.pi * (plants.detuning - offset)
-            settled = -plants.push * voltage / pole
-            Z = settled + (Z - settled) * np.exp(pole * duration)
+            pole = -rate + 2j * np.pi * (detuning - offset)
+            settled = -push * voltage / pole
+            Z = settled + (Z - settled) * (np.exp(pole * duration) if xp is np else cmath.exp(pole * duration))
         line.pop()
 
 

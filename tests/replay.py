@@ -1,7 +1,11 @@
 """The exported C compiled and fed with a binary log, and the same steps in Python arrays."""
 
+import atexit
 import shutil
 import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -70,9 +74,22 @@ def compiled(loop, folder, precision, main, *flags, compiler=None):
         pytest.skip("no C compiler")
     controller.export_c(loop, folder / "dq_pi.h", precision)
     (folder / "main.c").write_text(main)
-    command = [compiler, *PLAIN, *WARNINGS, *flags, "main.c", "dq_pi.c", "-o", "main"]  # no library but C's
+    plain = tuple(flag for flag in flags if not flag.startswith("-D"))
+    law = _law((folder / "dq_pi.h").read_text(), (folder / "dq_pi.c").read_text(), compiler, plain)
+    command = [compiler, *PLAIN, *WARNINGS, *flags, "main.c", law, "-o", "main"]  # no library but C's
     subprocess.run(command, cwd=folder, check=True)
     return folder / "main"
+
+
+@cache
+def _law(header, source, compiler, flags):
+    """The object of a law, which is the same for every plate: compiled once."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "dq_pi.h").write_text(header)
+    (folder / "dq_pi.c").write_text(source)
+    subprocess.run([compiler, *PLAIN, *WARNINGS, *flags, "-c", "dq_pi.c"], cwd=folder, check=True)
+    return folder / "dq_pi.o"
 
 
 def run(program, data):

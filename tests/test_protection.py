@@ -95,7 +95,7 @@ def test_an_input_that_is_not_finite_is_held_and_counted(bad):
 
 def test_a_quiet_sensor_at_rest_is_not_dead():
     """Reference zero, noise below a tenth of a bit: what is left of the drive is less than the sensor can show."""
-    loop = designed(rig=controller.Rig(adc=controller.rig.Adc(12.0, 2.5, 517e3)))
+    loop = designed(rig=controller.Rig(adc=controller.rig.Adc(12.0, 2.75, 517e3)))
     asked = lambda k: ASKED if k < AT else 0.0  # noqa: E731
     found = play(
         loop,
