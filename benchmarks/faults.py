@@ -51,7 +51,7 @@ def bench(control, f0, tau, spoil, samples, switched=True, timer=None, noise=0.0
         settled = -0.02 / TAU * voltage / pole
         W = settled + (W - settled) * np.exp(pole * T)
         voltage, frequency = command
-        found = (said.mode, said.fault, np.abs(W), state.control.turned) if switched else (0 * W.real, 0 * W.real, np.abs(W), 0 * W.real)
+        found = (said.mode, said.fault, np.abs(W), state.control.suspected.turned) if switched else (0 * W.real, 0 * W.real, np.abs(W), 0 * W.real)
         rows.append((voltage, frequency, *found))
     return np.array(rows).transpose(1, 0, 2)
 

@@ -44,7 +44,7 @@ def fresh(posterior, count: int) -> tuple[list[Scene], Ensemble]:
 def kept(loop, scenes: list[Scene], plants: Ensemble) -> str:
     traces = controller.closed_loops(loop, scenes, reference=ASKED["amplitude"])
     taken = np.array([controller.settling_time(t.time, t.W, ASKED["amplitude"]) for t in traces])
-    found, p = margins(loop.law, plants, T, loop.latency), loop.promise
+    found, p = margins(loop.law, plants, T, loop.delay), loop.promise
     late = taken > p.settling + 1e-9
     thin = (found.gain < p.gain) | (np.rad2deg(found.phase) < p.phase) | (found.disk < p.disk) | (found.delay < p.delay)
     said = f"{1e3 * p.settling:.2f} ms | {p.gain:.2f}, {p.phase:.0f}°, {p.disk:.2f}, {1e3 * p.delay:.2f} ms"

@@ -1,11 +1,9 @@
 """From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase increment."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-
-from controller.source import Timer
 
 STEEPEST = 0.95  # of the most that an inverter can make, up to which its duty ratio is computed
 ACCURATE = 1e-4  # of a duty ratio of one, to which it is
@@ -30,12 +28,6 @@ class Dac(NamedTuple):
     bits: float
     full_scale: float
 
-    def code(self, voltage: Any, xp: Any) -> Any:
-        """The nearest code, a whole number within what there is."""
-        most = 2.0 ** (self.bits - 1) - 1
-        near = xp.floor(voltage * ((most + 1) / self.full_scale) + 0.5)
-        return xp.where(near > most, most, xp.where(near < -most, -most, near))
-
 
 class Inverter(NamedTuple):
     """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty ratio is turned."""
@@ -43,9 +35,14 @@ class Inverter(NamedTuple):
     supply: float
     sine: bool
 
+    @property
+    def most(self) -> float:
+        """The largest voltage that it can make."""
+        return self.supply * (STEEPEST * 4 / math.pi if self.sine else 1.0)
+
     def check(self, limit: float | None) -> None:
         """Raise ValueError for a voltage limit that it cannot make."""
-        most = self.supply * (STEEPEST * 4 / math.pi if self.sine else 1.0)
+        most = self.most
         if limit is None or limit > most * (1 + 1e-9):
             said = "no limit" if limit is None else f"{limit:g}"
             raise ValueError(f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make")
@@ -63,14 +60,6 @@ class Inverter(NamedTuple):
                 break
         return a
 
-    def duty(self, voltage: Any, limit: float) -> Any:
-        """The duty ratio, -1 to 1, to ACCURATE."""
-        x = voltage * (1.0 / limit)
-        square, found = x * x, 0.0
-        for a in self.series(limit)[::-1]:
-            found = found * square + float(a)
-        return found * x
-
 
 class Dds(NamedTuple):
     """An accumulator of 32 bits that is advanced `clock` times a second; `start` in Hz."""
@@ -83,33 +72,7 @@ class Dds(NamedTuple):
         """The increment at the start."""
         return round(self.start / self.clock * 2**32)
 
-    def more(self, offset: Any, xp: Any) -> Any:
-        """What is added to `base`, a whole number, for a frequency of `offset` Hz above the start."""
-        exact = self.start / self.clock * 2**32 - self.base
-        return xp.floor(offset * (2**32 / self.clock) + (0.5 + exact))
-
-
-class Words(NamedTuple):
-    """The words that a rig takes; None for those it does not have. `limit` is the voltage's. Frequencies are in Hz, and those
-    passed in are counted so that the tracker's start is `start`."""
-
-    limit: float | None
-    start: float
-    dac: Dac | None
-    inverter: Inverter | None
-    timer: Timer | None
-    dds: Dds | None
-
-    def of(self, voltage: Any, frequency: Any, xp: Any) -> dict[str, tuple[int | None, Any]]:
-        """By name: the whole number to be added (None for a real value), and the value."""
-        found: dict[str, tuple[int | None, Any]] = {}
-        if self.dac is not None:
-            found["code"] = (0, self.dac.code(voltage, xp))
-        if self.inverter is not None:
-            found["duty"] = (None, self.inverter.duty(voltage, self.limit))
-        offset = None if frequency is None else frequency - self.start
-        if offset is not None and self.timer is not None:
-            found["ticks"] = (int(self.timer.periods), self.timer.ticks(offset, xp))
-        if offset is not None and self.dds is not None:
-            found["increment"] = (self.dds.base, self.dds.more(offset, xp))
-        return found
+    @property
+    def fraction(self) -> float:
+        """Of the increment at the start, what `base` leaves."""
+        return self.start / self.clock * 2**32 - self.base

@@ -11,13 +11,15 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
+from controller.pi import within
 from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
+from controller.source import begun as first
 
 
 class AdaptiveState(NamedTuple):
     """Prediction (d, q) of this sample; `damping` = T/tau; the `resonance`, and the commands on their way (the latest first):
-    `voltages`, and `frequencies` in Hz above the start."""
+    `voltages`, and `frequencies` in Hz above the start; the estimates of Z at `past` samples (the latest first)."""
 
     d: Any
     q: Any
@@ -26,6 +28,7 @@ class AdaptiveState(NamedTuple):
     temperature: Any
     voltages: tuple
     frequencies: tuple
+    past: tuple
 
 
 class AdaptiveInfo(NamedTuple):
@@ -43,7 +46,8 @@ class Adaptive(NamedTuple):
 
     `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time constant)
     along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect
-    `len(delay)` whole samples after they were asked for. Voltage, slew limits and window, source and temperature as in `PI` and
+    `len(delay)` whole samples after they were asked for; readings are late by `len(late)` samples and `between` of one, on a
+    straight line between two. Voltage, slew limits and window, source and temperature as in `PI` and
     `Tracker`; `sweep` is the most that the frequency moves in a sample. The pole is held unless reference > 0 and
     |Z| > gate * reference.
     """
@@ -55,6 +59,8 @@ class Adaptive(NamedTuple):
     K: float
     keep: tuple[float, float]
     delay: tuple[float, ...] = (0.0,)  # one zero for each sample of latency: what is on its way at the beginning
+    late: tuple[float, ...] = ()
+    between: float = 0.0
     lowest_voltage: float = -NO_LIMIT
     highest_voltage: float = NO_LIMIT
     slew: float = NO_LIMIT
@@ -67,25 +73,28 @@ class Adaptive(NamedTuple):
     k_T: float | None = None
     temperature: float = 24.0
 
-    def init(self) -> AdaptiveState:
-        """At rest at the start frequency, with the plate as it was identified."""
-        still = (0.0, *self.delay)
-        first = tuple(zero + self._first for zero in still)
-        return AdaptiveState(0.0, 0.0, self.damping, 0.0, self.temperature, still, first)
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> AdaptiveState:
+        """At rest, `begun` Hz above the start frequency, with the plate as it was identified."""
+        still, offset = (0.0, *self.delay), first(self.source, begun, xp)
+        return AdaptiveState(
+            0.0, 0.0, self.damping, begun, self.temperature, still, tuple(zero + offset for zero in still),
+            ((0.0, 0.0), *((zero, zero) for zero in self.late)),
+        )  # fmt: skip
 
-    def rest(self) -> Command:
+    def rest(self, begun: Any = 0.0, xp: Any = scalar) -> Command:
         """What is driven before the first sample has taken effect."""
-        return Command(0.0, self.start + self._first)
+        return Command(0.0, self.start + first(self.source, begun, xp))
 
-    @property
-    def _first(self) -> float:
-        return 0.0 if self.source is None else self.source.first
+    def learned(self, state: AdaptiveState) -> Any:
+        """The resonance, Hz above the start, at the temperature of the start."""
+        return state.resonance if self.k_T is None else state.resonance - self.k_T * (state.temperature - self.temperature)
 
     def step(
-        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
-    ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of K in, what to
-        drive with out.
+        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
+        most: Any = NO_LIMIT, frozen: Any = None,
+    ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:  # fmt: skip
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of K, the most voltage
+        and whether the frequency is `frozen` in, what to drive with out.
 
         A missing measurement (not finite) is not zero: the prediction stands in for it.
         """
@@ -94,6 +103,7 @@ class Adaptive(NamedTuple):
         resonance, temperature = self._warmed(state, resonance, temperature, xp)
         resonance = clip(resonance, self.lowest - self.start, self.highest - self.start, xp)
         frequency = self._frequency(state, resonance, xp)
+        frequency = frequency if frozen is None else xp.where(frozen, state.frequencies[0], frequency)
         ahead, after = (d, q), (d, q)
         for k in range(len(state.voltages) - 1, 0, -1):  # what is on its way, the oldest first
             ahead = self._moved(ahead, damping, resonance - state.frequencies[k - 1], state.voltages[k - 1])
@@ -102,13 +112,14 @@ class Adaptive(NamedTuple):
         held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
         wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (1.0 / self.push)
         last = state.voltages[0]
-        voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), self.lowest_voltage, self.highest_voltage, xp)
+        lowest, highest = within(self.lowest_voltage, self.highest_voltage, most, xp)
+        voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), lowest, highest, xp)
         voltage = xp.where(xp.isfinite(reference), voltage, last)
         if len(state.voltages) == 1:  # no latency: this command acts at once
             after = self._moved((d, q), damping, resonance - frequency, voltage)
         state = AdaptiveState(
             *after, damping, resonance, temperature,
-            (voltage, *state.voltages[:-1]), (frequency, *state.frequencies[:-1]),
+            (voltage, *state.voltages[:-1]), (frequency, *state.frequencies[:-1]), ((d, q), *state.past[:-1]),
         )  # fmt: skip
         missing, saturated = xp.logical_not(there), there & (voltage != wanted)
         said = AdaptiveInfo(missing, saturated, self.damping / damping, self.start + resonance)
@@ -117,7 +128,9 @@ class Adaptive(NamedTuple):
     def _observed(self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
         """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e / Z."""
         keep_d, keep_q = self.keep
-        e_d, e_q = xp.where(there, W.real - state.d, 0.0), xp.where(there, W.imag - state.q, 0.0)
+        seen, before = ((state.d, state.q), *state.past)[-2:]
+        e_d = xp.where(there, W.real - (seen[0] + self.between * (before[0] - seen[0])), 0.0)
+        e_q = xp.where(there, W.imag - (seen[1] + self.between * (before[1] - seen[1])), 0.0)
         d, q = state.d + (1.0 - keep_d * keep_d) * e_d, state.q + (1.0 - keep_q * keep_q) * e_q
         size, threshold = d * d + q * q, self.gate * reference
         learns = there & (reference > 0.0) & (size > threshold * threshold)

@@ -12,7 +12,7 @@ the posterior spreads: the limit holds for 99 % of it, so that a posterior that 
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from controller.tracker import SignTracker
 
 CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
-# The largest K there: with the observer's time constants of `laws`, a disk margin of 0.75 on the paper's plate.
+# The largest K there: with the observer's time constants of `laws`, a disk margin of two thirds on the paper's plate.
 PREDICTED_SHARE, PREDICTED_K = 0.07, 0.52
 OFFERED = 0.002  # to which, relatively, a refusal finds the nearest that can be had
 
@@ -90,13 +90,12 @@ def _suited(asked: Asked) -> None:
 
 
 def _limit(asked: Asked) -> float:
-    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted, PREDICTED_K less the share
-    of it that is not."""
+    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted, PREDICTED_K."""
     samples = asked.delay / asked.T
     if asked.method == "adaptive":
-        K = PREDICTED_K / (1 + samples - asked.latency / asked.T)
+        K = PREDICTED_K
     else:
-        K = samples**samples / (samples + 1) ** (samples + 1)
+        K = math.exp(samples * math.log(max(samples, 1e-300)) - (samples + 1) * math.log1p(samples))  # may be thousands
     # without delay every K has a real pole; 2 leaves 14 % of the error each sample
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
@@ -153,7 +152,7 @@ def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
 
 
 def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
-    return settling(asked.control(bandwidth, lead), asked.plants, asked.T, asked.delay, asked.amplitude, asked.plate.f0)
+    return settling(asked.control(bandwidth, lead), asked.plants, asked.clock, asked.amplitude, asked.plate.f0)
 
 
 def _voltage_bound(asked: Asked) -> float:
@@ -189,6 +188,8 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
             f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its window, is taken for"
             f" a fault; a narrower range, or guard=False, with which nothing is exported"
         )
+    if hindered := _hindered(asked, bandwidth, lead):
+        return hindered
     still = asked._replace(plants=asked.plants.resonant)
     if math.isfinite(_taken(still, bandwidth)):
         least, most = asked.ranged.warming
@@ -212,6 +213,27 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
         f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do not come"
         f" within 5 % of it{limit}; {offer}"
     )
+
+
+def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
+    """The part of the rig without which the plants would settle, and the nearest that can be had; None where it is none."""
+
+    def settles(name: str, value: float | None) -> bool:
+        """With another value of that part."""
+        changed: dict[str, Any] = {name: value}
+        return math.isfinite(_taken(asked._replace(rig=asked.rig._replace(**changed)), bandwidth, lead))
+
+    for name, unit in (("voltage_slew", "a second"), ("timer", "Hz"), ("frequency_step", "Hz")):
+        given = getattr(asked.rig, name)
+        if given is None or not settles(name, None):
+            continue
+        power = 1 if name == "frequency_step" else -1  # a finer step, a faster slew, a faster clock
+        share = _nearest(lambda s, name=name, given=given, power=power: settles(name, given * max(s, 1e-6) ** power))  # type: ignore[misc]
+        return (
+            f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that can be had is"
+            f" {given * max(share, 1e-6) ** power:.4g} {unit}"
+        )
+    return None
 
 
 def _nearest(can: Callable[[float], bool]) -> float:

@@ -3,22 +3,29 @@
 The record begins before the amplitude is asked for, and holds it to its end: time, Wd and Wq, the voltage and the frequency.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sysid.logs.header import stated
 from sysid.logs.log import Log, LogError
 
 BAND = 0.05  # about the last amplitude, within which it counts as settled
 LAST = 0.2  # share of the rows that are its end
+ROWS = 9  # of which the median is little disturbed by noise
 NOISE = 4.0  # standard deviations of a row about the end, for which noise may carry it beyond a promise
 # A voltage that has risen: above what the loop makes of the noise, which is at rest what it is at the end, and above a share of
 # the largest. From rest the voltage goes at once to the steady one and beyond, so that half of that has risen, however noisy.
 FLICKER, SHARE, RISEN = 5.0, 0.05, 0.5
 NEAR_STEADY = 0.1  # relative, for the voltage at the end
 TRACKED = 0.1  # of the half bandwidth, for the frequency's distance from the resonance
+TURNED = 0.25  # of it, for the frequency's distance from f0: 14 degrees of a sensor that is turned, or 2 degC
+# The delay is read to a tenth of a sample, with a finger's damping, where the plate's equation leaves 3 % of the amplitude; half
+# a sample more than was designed for is called missing.
+FINE, DAMPINGS, TOLD, MORE = 10, (0.0, 0.25, 0.5, 1.0, 2.0), 0.03, 0.5
 
 
 class Finding(NamedTuple):
@@ -44,6 +51,7 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
             f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude that was asked for"
         )
     found = [_settling(controller, log, W, target, noise, begin), _overshoot(controller, W[begin:], target, noise)]
+    found += [_delay(controller, log, begin, target)]
     found += [_voltage(controller, V, target, float(np.median(V[end:])))]
     if controller["plant"]["f0"] is not None and controller["tracker"]:
         found += _frequency(controller, log, end)
@@ -82,7 +90,9 @@ def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
 
 
 def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float, noise: float, begin: int) -> Finding | None:
-    promised = controller["promise"]["settling_s"]
+    started = _switched_on(controller, log, W, target)
+    begin = begin if started is None else started
+    promised = controller["promise"]["settling_s" if started is None else "startup_s"]
     if promised is None:
         return None
     outside = np.flatnonzero(np.abs(W[begin:] - target) > BAND * target + NOISE * noise)
@@ -90,9 +100,52 @@ def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: fl
     row = float(np.median(np.diff(log.time)))
     # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage follows.
     taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
-    kept = taken <= promised + row + controller["sample_time_s"]
-    hint = "a slower plate (a finger?), a voltage at its limit, or more delay than latency_s says"
-    return Finding("settled to 5 %", f"{1e3 * taken:.3g} ms", f"at most {1e3 * promised:.3g} ms", kept, hint)
+    late = (controller.get("demodulator") or {}).get("delay_s", 0.0)  # by which what is recorded is
+    kept = taken <= promised + row + controller["sample_time_s"] + late
+    hint = "a slower plate (a finger?), a voltage at its limit, or more delay than was designed for"
+    what = "settled to 5 %" if started is None else "switched on, to 5 %"
+    return Finding(what, f"{1e3 * taken:.3g} ms", f"at most {1e3 * promised:.3g} ms", kept, hint)
+
+
+def _switched_on(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float) -> int | None:
+    """The row at which the loop was switched on, where the record is of that: at first it holds the small amplitude with which it
+    looks. Before, the voltage is zero, whatever the noise."""
+    start = controller.get("start_up")
+    if start is None or target < 2 * start["find"]:
+        return None
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(W, ROWS), axis=1)
+    there = int(np.argmax(smooth > 0.5 * start["find"]))
+    looks = (log.time >= log.time[there]) & (log.time <= log.time[there] + 0.5 * start["settled_s"])
+    resting = np.flatnonzero(np.abs(log.drive[: there + ROWS]) < 0.1 * start["find"] / abs(controller["plant"]["G"]))
+    holds = abs(float(np.median(W[looks])) / start["find"] - 1) < 0.5
+    return int(resting[-1]) if len(resting) and holds else None
+
+
+def _delay(controller: Mapping[str, Any], log: Log, begin: int, target: float) -> Finding | None:
+    """From a command to the reading that shows it: the lateness, gain and damping with which the plate's own equation, driven
+    with the recorded voltage, comes nearest to Wd. None where the record does not tell."""
+    expected, T, tau = controller.get("delay_s"), controller["sample_time_s"], controller["plant"]["tau"]
+    row = float(np.median(np.diff(log.time)))
+    rows = slice(begin, begin + int(6 * tau / row) + 20)
+    V, Wd = np.real(log.drive[rows]), log.response.real[rows]
+    if expected is None or abs(row / T - 1) > 0.01 or len(Wd) < 20:
+        return None
+    fine = np.repeat(V, FINE)  # the command holds from row to row
+    best, lates = [], range(int(expected / T) * FINE + 5 * FINE)
+    for damping in DAMPINGS:
+        keep = math.exp(-T / FINE * (1 + damping) / tau)
+        W = lfilter([1 - keep], [1.0, -keep], fine)
+        for late in lates:
+            shape = np.concatenate([np.zeros(late + 1), W])[: len(W) : FINE]
+            gain = float(shape @ Wd) / max(float(shape @ shape), 1e-300)
+            best.append((float(np.sum((Wd - gain * shape) ** 2)), late))
+    left, late = min(best)
+    if math.sqrt(left / len(Wd)) > TOLD * target or np.ptp(V) < TOLD * np.max(np.abs(V)):
+        return None
+    found = late * T / FINE
+    kept = found <= expected + MORE * T
+    hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency in the rig file"
+    return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
 
 
 def _overshoot(controller: Mapping[str, Any], W: np.ndarray, target: float, noise: float) -> Finding | None:
@@ -103,6 +156,21 @@ def _overshoot(controller: Mapping[str, Any], W: np.ndarray, target: float, nois
     kept = most <= promised + 0.01 + NOISE * noise / target
     hint = "more delay in the loop than latency_s says, or a sensor with another gain"
     return Finding("overshoot", f"{100 * most:.2g} %", f"at most {100 * promised:.2g} %, and noise", kept, hint)
+
+
+def _beside(controller: Mapping[str, Any], log: Log, end: int, hb: float) -> Finding:
+    """The frequency at the end beside the plate's own: by Wq/Wd alone a sensor that is turned is not seen."""
+    k_T, (low, high) = controller["plant"].get("k_T"), controller["range"]["warming_degC"]
+    at = controller["reference_temperature_degC"]
+    if log.temperature is not None and k_T is not None and at is not None:
+        low = high = float(np.median(log.temperature[end:])) - at
+    ends = sorted((k_T or 0.0) * warm for warm in (low, high))
+    beside = float(np.median(log.frequency[end:])) - controller["plant"]["f0"]
+    over = beside - min(max(beside, ends[0]), ends[1])
+    turned = math.degrees(math.atan(over / hb))
+    hint = f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than that of the logs"
+    expected = f"{ends[0] - TURNED * hb:+.3g} to {ends[1] + TURNED * hb:+.3g} Hz"
+    return Finding("frequency less f0", f"{beside:+.4g} Hz", expected, abs(over) <= TURNED * hb, hint)
 
 
 def _voltage(controller: Mapping[str, Any], V: np.ndarray, target: float, steady: float) -> Finding:
@@ -131,6 +199,7 @@ def _frequency(controller: Mapping[str, Any], log: Log, end: int) -> list[Findin
     ]
     if log.frequency is None:
         return found
+    found.append(_beside(controller, log, end, hb))
     low, high = controller["frequency_window_Hz"] or (0.0, np.inf)
     inside = bool(np.all((log.frequency >= low) & (log.frequency <= high)))
     seen = f"{np.min(log.frequency):.7g} to {np.max(log.frequency):.7g} Hz"

@@ -19,6 +19,7 @@ class Stage(NamedTuple):
     name: str
     do: str
     expect: str
+    inputs: str = ""  # of dq_step, with enable = 1, after it was 0
 
 
 def sheet(controller: Mapping[str, Any]) -> list[Stage]:
@@ -27,6 +28,12 @@ def sheet(controller: Mapping[str, Any]) -> list[Stage]:
     possible = [_demodulator(at), _sign_of_q(at), _slow_loop(at, controller), _tracker(at, controller), _full(at, controller)]
     possible += [_touch(at, controller["voltage_limit"]), _fault(controller["guard"])]
     return [stage for stage in possible if stage is not None]
+
+
+def _set(task: str, **inputs: float) -> str:
+    """What the exported step is told."""
+    said = {"share": 1.0, "offset": 0.0} | inputs
+    return ", ".join([f"task = DQ_TASK_{task}", *(f"{name} = {value:.5g}" for name, value in said.items())])
 
 
 class _Point(NamedTuple):
@@ -55,7 +62,7 @@ class _Point(NamedTuple):
 def _demodulator(at: _Point) -> Stage:
     where = "at the resonance" if at.f0 is None else f"at {at.f0:.8g} Hz"
     expect = f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is small beside it"
-    return Stage("demodulator", f"open loop: {at.low:.4g} {at.drive} {where}", expect)
+    return Stage("demodulator", f"open loop: {at.low:.4g} {at.drive} {where}", expect, _set("OPEN_LOOP", voltage=at.low))
 
 
 def _sign_of_q(at: _Point) -> Stage | None:
@@ -66,13 +73,13 @@ def _sign_of_q(at: _Point) -> Stage | None:
         f"Wd and Wq both at {at.small / 2:.4g} {at.response}; a negative Wq has the other sign. Each degree of rotation"
         f" makes the tracker settle {at.half_bandwidth * math.tan(math.radians(1)):.3g} Hz beside the resonance"
     )
-    return Stage("sign of q", do, expect)
+    return Stage("sign of q", do, expect, _set("OPEN_LOOP", voltage=at.low, offset=-at.half_bandwidth))
 
 
 def _slow_loop(at: _Point, controller: Mapping[str, Any]) -> Stage:
     do = f"gains divided by {SLOWER:g}, tracker off, ask for {at.small:.4g} {at.response}"
     expect = f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at the end"
-    return Stage("slow loop", do, expect)
+    return Stage("slow loop", do, expect, _set("AMPLITUDE", reference=at.small, share=1 / SLOWER))
 
 
 def _tracker(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
@@ -81,7 +88,8 @@ def _tracker(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
         return None
     taken = _updates(tracker, at.half_bandwidth) * tracker["period_s"] + SETTLED * at.tau
     expect = f"f within {0.1 * at.half_bandwidth:.2g} Hz of the resonance in {1e3 * taken:.3g} ms"
-    return Stage("tracker", f"tracker on, begun at {at.f0 + at.half_bandwidth:.8g} Hz, at the same amplitude", expect)
+    do = f"tracker on, begun at {at.f0 + at.half_bandwidth:.8g} Hz, at the same amplitude"
+    return Stage("tracker", do, expect, _set("REGULATE", reference=at.small, offset=at.half_bandwidth))
 
 
 def _full(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
@@ -92,7 +100,8 @@ def _full(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
         f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end; an overshoot of"
         f" {100 * promise['overshoot']:.2g} % at most, beside the noise"
     )
-    return Stage("full", f"the gains as they are, ask for {at.amplitude:.4g} {at.response}", expect)
+    do = f"the gains as they are, in run ask for {at.amplitude:.4g} {at.response}"
+    return Stage("full", do, expect, _set("REGULATE", reference=at.amplitude))
 
 
 def _touch(at: _Point, limit: float | None) -> Stage:

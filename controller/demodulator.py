@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller import scalar
-from controller.scalar import Full, Span
+from controller.scalar import NO_LIMIT
 
 IMAGE = 1e-3  # of |W|, that is left of the image at twice the carrier
 ORDER = 4  # poles: for this image within a fifth of the delay that the best number, seven, would have
-EXAMPLE = 256
+SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
 LEAST = 0.05  # 1 - cos(2 omega): nearer to its alias the image cannot be told from W
 # sin and cos of u pi/4, |u| <= 1, by their series: right to 3.2e-7 and 2.5e-8.
 SINE = tuple((-1.0) ** k * (math.pi / 4) ** (2 * k + 1) / math.factorial(2 * k + 1) for k in range(4))
@@ -56,23 +56,28 @@ class Pole(NamedTuple):
 
 
 class DemodulatorState(NamedTuple):
-    """The filters, the first in front; and how many samples have been missing in a row."""
+    """The filters, the first in front; how many samples have been missing in a row; and for how many more it is remembered that
+    one was `clipped`."""
 
     poles: tuple[Pole, ...]
     missed: Any
+    clipped: Any
 
 
 class Demodulator(NamedTuple):
     """`scale`: response per unit of a sample. A missing (not finite) sample leaves the filters as they are; after `patience` of
-    them in a row Wd and Wq are missing, until the next valid sample."""
+    them in a row Wd and Wq are missing, until the next valid sample. One of `most` or more is clipped, which is remembered as
+    long. `rate` in Hz."""
 
     share: float
     scale: float
     patience: float
+    rate: float
+    most: float = NO_LIMIT
     order: int = ORDER
 
     @classmethod
-    def of(cls, rate: float, carrier: float, patience: float, scale: float = 1.0) -> "Demodulator":
+    def of(cls, rate: float, carrier: float, patience: float, scale: float = 1.0, most: float = NO_LIMIT) -> "Demodulator":
         """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises ValueError."""
         apart = 1.0 - math.cos(4 * math.pi * carrier / rate)
         if apart < LEAST:
@@ -83,21 +88,16 @@ class Demodulator(NamedTuple):
         # |H|^2 = s^2 / (s^2 + 2 (1 - s) apart) = g^2, solved for the share s.
         g = IMAGE ** (2 / ORDER)
         half = g * apart / (1 - g)
-        return cls(math.sqrt(half * half + 2 * half) - half, scale, patience)
+        return cls(math.sqrt(half * half + 2 * half) - half, scale, patience, rate, most)
 
     @property
     def delay(self) -> float:
-        """Group delay in samples."""
-        return self.order * (1 - self.share) / self.share
+        """Group delay in s."""
+        return self.order * (1 - self.share) / self.share / self.rate
 
     def init(self) -> DemodulatorState:
         """At rest."""
-        return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0)
-
-    def span(self, full: Full) -> DemodulatorState:
-        """Where the numbers of the state lie."""
-        W = Span(-full.response, full.response)
-        return DemodulatorState((Pole(W, W),) * self.order, Span(0.0, 2 * self.patience))
+        return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0, 0.0)
 
     def step(self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar) -> tuple[DemodulatorState, Any, Any]:
         """One sample, taken at `turn` of the drive: the next state, Wd and Wq."""
@@ -109,16 +109,9 @@ class Demodulator(NamedTuple):
             d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
             poles.append(Pole(xp.where(there, d, pole.d), xp.where(there, q, pole.q)))
         missed = xp.where(there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed))
-        gone = missed >= self.patience
+        less = xp.where(state.clipped > 0.0, state.clipped - 1.0, 0.0)
+        clipped = xp.where((sample >= self.most) | (sample <= -self.most), self.patience, less)
+        gone, clipped = missed >= self.patience, xp.where(there, clipped, state.clipped)
         last = poles[-1]
         said = xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)
-        return DemodulatorState(tuple(poles), missed), *said
-
-
-def example(counts: bool, periods: float) -> tuple[np.ndarray, int]:
-    """Samples (n,) of a settled response 0.8 - 0.6j, of 1000 where they are `counts`, and by how much the accumulator advances
-    from one to the next; `periods` of the carrier lie between two."""
-    advance = round(periods * 2**32) % 2**32
-    p = 2 * np.pi * (np.arange(EXAMPLE) * advance % 2**32) / 2**32
-    w = -0.8 * np.cos(p) - 0.6 * np.sin(p)
-    return np.round(1000 * w) if counts else np.round(w, 6), advance
+        return DemodulatorState(tuple(poles), missed, clipped), *said

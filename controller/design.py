@@ -2,20 +2,22 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 from controller.adaptive import Adaptive
 from controller.bandwidth import Bandwidth, Bound, bandwidth_of, unkept, unpromised
-from controller.demodulator import Demodulator
+from controller.demodulator import SAMPLES, Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.laws import METHODS, SAMPLES, Asked, Method, calibrated, demodulated, guarded, switched
+from controller.laws import METHODS, Asked, Method, calibrated, guarded, switched
 from controller.limits import Limits, amplitude_of, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
 from controller.rig import Calibrated, Rig
+from controller.suited import checked
 
 
 @final
@@ -42,6 +44,7 @@ class Loop:
     G: float
     tau: float
     f0: float | None
+    k_T: float | None
     sample_time: float
     latency: float
     bandwidth_hz: float
@@ -63,6 +66,24 @@ class Loop:
     notes: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()  # sha256
 
+    def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
+        """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over frequency. `path`: a
+        folder into which both are written, step.png and bode.png."""
+        from controller.document import as_dict
+        from sysid.report.plots import bode_of, step_of
+
+        content = as_dict(self)
+        figures = step_of(content), bode_of(content)
+        if path is not None:
+            for name, figure in zip(("step.png", "bode.png"), figures, strict=True):
+                figure.savefig(Path(path) / name)
+        return figures
+
+    @property
+    def delay(self) -> float:
+        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and latency."""
+        return self.latency + self.rig.delay(self.f0)
+
 
 def design(
     source: Any,
@@ -76,7 +97,7 @@ def design(
     frequency_window: tuple[float, float] | None = None,
     finger: float | None = None,
     warming: tuple[float, float] | None = None,
-    method: Method = "pi",
+    method: Method | None = None,
     rig: Rig | None = None,
     guard: bool = True,
 ) -> Loop:
@@ -96,18 +117,22 @@ def design(
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
     the nearest that can.
     """
+    rig = rig or Rig()
+    method = method or rig.method or "pi"
     if method not in METHODS:
         raise ValueError(f"found method = {method!r}, expected one of {', '.join(METHODS)}")
-    rig = rig or Rig()
+    if settling_time is None and bandwidth_hz is None:
+        settling_time = rig.settling
+    amplitude = rig.amplitude if amplitude is None else amplitude
     T = positive("sample_time", sample_time if sample_time is not None else rig.sample_time)
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
     plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming, rig.thermometer)
-    asked = Asked(
-        plate, T, _latency(T, latency if latency is not None else rig.latency, method), limits, rig, method, plants,
-        amplitude_of(plate, limits, amplitude, ranged.finger, plants), ranged,
-    )  # fmt: skip
+    amplitude = amplitude_of(plate, limits, amplitude, ranged.finger, plants)
+    checked(plate, rig, limits, amplitude)
+    late = _latency(T, latency if latency is not None else rig.latency, method)
+    asked = Asked(plate, T, late, limits, rig, method, plants, amplitude, ranged)
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
 
 
@@ -132,11 +157,12 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         control=calibrated(safe or law, asked),
         law=law,
         machine=None if safe is None else calibrated(switched(safe, asked), asked),
-        demodulator=demodulated(asked),
+        demodulator=None if plate.f0 is None else asked.rig.demodulator(plate.f0, asked.T),
         method=asked.method,
         G=plate.G,
         tau=plate.tau,
         f0=plate.f0,
+        k_T=plate.k_T,
         sample_time=asked.T,
         latency=asked.latency,
         bandwidth_hz=bandwidth.hz,

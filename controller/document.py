@@ -22,10 +22,11 @@ def as_dict(loop: Loop) -> dict[str, Any]:
     content = {
         "schema": SCHEMA,
         "plate": loop.plate,
-        "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0},
+        "plant": {"G": loop.G, "tau": loop.tau, "f0": loop.f0, "k_T": loop.k_T},
         "reference_temperature_degC": loop.reference_temperature,
         "sample_time_s": loop.sample_time,
         "latency_s": loop.latency,
+        "delay_s": loop.delay,
         "bandwidth_Hz": loop.bandwidth_hz,
         "bandwidth_limit_Hz": loop.bandwidth_limit_hz,
         "bandwidth_bound": loop.bandwidth_bound,
@@ -39,6 +40,9 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         "range": _range(loop),
         "promise": _promise(loop),
         "guard": _guard(loop),
+        "rig": _rig(loop.rig),
+        "demodulator": _demodulator(loop),
+        "start_up": _start_up(loop),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
     }
@@ -74,6 +78,28 @@ def _feed_forward(loop: Loop) -> dict[str, Any] | None:
     return {"keep": model.keep, "push": model.push, "latest": model.latest, "remembered": len(model.line)}
 
 
+def _demodulator(loop: Loop) -> dict[str, float] | None:
+    """How it is sampled; None without f0."""
+    d = loop.demodulator
+    return None if d is None else {"rate_Hz": d.rate, "share": d.share, "poles": d.order, "delay_s": d.delay, "scale": d.scale}
+
+
+def _start_up(loop: Loop) -> dict[str, float] | None:
+    """The machine's numbers; None without one."""
+    machine = loop.machine.control if isinstance(loop.machine, Calibrated) else loop.machine
+    if machine is None:
+        return None
+    found = {"find": machine.find, "ramp_per_s": machine.ramp / loop.sample_time, "headroom": machine.headroom}
+    return found | {"settled_s": machine.patience * loop.sample_time, "lost_s": machine.limit * loop.sample_time}
+
+
+def _rig(value: Any) -> Any:
+    """A rig, and what it is made of, by names; nothing for what it does not have."""
+    if hasattr(value, "_fields"):
+        return {name: _rig(v) for name, v in zip(value._fields, value, strict=True) if v is not None}
+    return value
+
+
 def _tracker(loop: Loop) -> dict[str, float] | None:
     law = loop.law
     t = law if isinstance(law, Adaptive) else law.tracker
@@ -92,9 +118,22 @@ def _promise(loop: Loop) -> dict[str, Any]:
     names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin", "phase": "phase_margin_deg"}
     names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
     kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
+    kept["startup_s"] = _known(p.startup)
     kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
-    shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response, strict=True)
-    return kept | {"step_response": {said: [float(f"{v:.5g}") for v in values] for said, values in shown}}
+    shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response[:4], strict=True)
+    step = {said: [float(f"{v:.5g}") for v in values] for said, values in shown}
+    step |= {f"V_{level}": [float(f"{v:.5g}") for v in row] for level, row in zip((5, 50, 95), p.response.voltage, strict=True)}
+    return kept | {"step_response": step, "bode": _bode(p.bode)}
+
+
+def _bode(shown: Any) -> dict[str, list[float]] | None:
+    """The loop over frequency, to five digits: |L|, its phase in degrees, and the sensitivity, each at three quantiles."""
+    if shown is None:
+        return None
+    rows = {"frequency_Hz": shown.frequency}
+    rows |= {f"{name}_{q}": row for name, band in zip(("L", "phase_deg", "S"), shown[1:], strict=True)
+             for q, row in zip((5, 50, 95), band, strict=True)}  # fmt: skip
+    return {name: [float(f"{v:.5g}") for v in row] for name, row in rows.items()}
 
 
 def _known(value: float) -> float | None:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.pi import PI, PIInfo, PIState
-from controller.scalar import Full
+from controller.scalar import NO_LIMIT, either
 from controller.tracker import PLL, SignTracker, Tracker, TrackerInfo, TrackerState
 
 
@@ -35,27 +35,31 @@ class DQ(NamedTuple):
     amplitude: PI
     tracker: Tracker | SignTracker | PLL | None
 
-    def init(self) -> DQState:
-        """At rest, at the tracker's start frequency."""
-        return DQState(self.amplitude.init(), None if self.tracker is None else self.tracker.init())
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> DQState:
+        """At rest, `begun` Hz above the tracker's start frequency."""
+        return DQState(self.amplitude.init(), None if self.tracker is None else self.tracker.init(begun, xp))
 
-    def rest(self) -> Command:
+    def learned(self, state: DQState) -> Any:
+        """The resonance, Hz above the start, at the temperature of the start; zero without a tracker."""
+        return 0.0 if self.tracker is None else self.tracker.learned(state.tracker)
+
+    def rest(self, begun: Any = 0.0, xp: Any = scalar) -> Command:
         """What is driven before the first sample has taken effect."""
-        return Command(0.0, None if self.tracker is None else self.tracker.start + self.tracker.init().offset)
-
-    def span(self, full: Full) -> DQState:
-        """Where the numbers of the state lie."""
-        return DQState(self.amplitude.span(full), None if self.tracker is None else self.tracker.span(full))
+        return Command(0.0, None if self.tracker is None else self.tracker.start + self.tracker.init(begun, xp).offset)
 
     def step(
-        self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0
-    ) -> tuple[DQState, Command, DQInfo]:
-        """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC) and a share of the PI's
-        gains. Out: what to drive with."""
-        amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share)
+        self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
+        most: Any = NO_LIMIT, frozen: Any = None,
+    ) -> tuple[DQState, Command, DQInfo]:  # fmt: skip
+        """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of the PI's
+        gains, the most voltage, and whether the tracker is `frozen`. Out: what to drive with."""
+        amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share, most)
         if self.tracker is None:
             return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)
         # The voltage that made this W is the last one: under a negative one the sign of Wq is turned.
         braked = state.amplitude.output < 0.0
         tracker, frequency, moved = self.tracker.step(state.tracker, reference, W, temperature, braked, xp)
+        if frozen is not None:
+            tracker = either(frozen, state.tracker, tracker, xp)
+            frequency = self.tracker.start + tracker.offset
         return DQState(amplitude, tracker), Command(voltage, frequency), DQInfo(said, moved)

@@ -43,6 +43,10 @@ class Ensemble(NamedTuple):
         shift = drawn("f0") - (means.get("f0") or 0.0) + drawn("k_T") * warm
         return cls(drawn("G") / drawn("tau"), (1.0 + finger * u) / drawn("tau"), shift, warm if thermometer else None)
 
+    def every(self, step: int) -> "Ensemble":
+        """Each `step`-th of the plants."""
+        return Ensemble(*(None if v is None else v[::step] for v in self))
+
     @property
     def resonant(self) -> "Ensemble":
         """The same plants, driven at resonance."""

@@ -1,214 +1,241 @@
-"""A Loop as C99, a header and its source: the steps' own operations, recorded, so that C and Python compute the same bits."""
+"""A Loop as C: the law (`controller/c/`), the same for every plate, and a header of the plate's own parameters."""
 
 import re
-from collections import Counter
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from controller import ctext
-from controller.demodulator import IMAGE, Turn, example
+from controller.actuator import Dds
+from controller.adaptive import Adaptive
+from controller.demodulator import Demodulator
 from controller.design import Loop
-from controller.guard import FAULTS
-from controller.laws import SAMPLES
-from controller.machine import MODES
-from controller.recording import BITS, Precision, Recorded, measures_temperature, record, record_demodulator, sampled
-from controller.scalar import nan
+from controller.machine import Machine
+from controller.rig import Calibrated
+from controller.scalar import NO_LIMIT, typed
+from controller.source import Multiples, Timer
+from controller.tracker import PLL, SignTracker
 
-TYPES = {"double": "double", "single": "float", "q31": "int32_t", "q15": "int16_t"}
-WHOLE = {"fault": "int32_t", "mode": "int32_t", "code": "int32_t", "ticks": "uint32_t", "increment": "uint32_t"}
+Precision = Literal["single", "double"]
+KINDS = {"single": np.float32, "double": np.float64}
+LONGEST = 8  # samples on their way, for which the source has room as it is
 
 
-def export_c(loop: Loop, path: str | Path, precision: Precision | None = None) -> None:
-    """Write the header at `path` and the source beside it, of the same name with .c.
+def export_c(loop: Loop, path: str | Path, precision: Precision | None = None, prefix: str = "dq") -> None:
+    """Write the law as a header at `path` and a source beside it, of the same name with .c, and the plate's parameters as a third
+    file, NAME_plate.h.
 
-    `precision`: "double", "single", or fixed point in words of 32 or 16 bits, "q31" and "q15"; None: as the rig says, else
-    double. Of the loop's texts only units, the plate's name and hashes go out, and of those only letters, digits and / ^ . - so
-    that no text from a log can end a comment. Notes stay in the JSON. Raises ValueError for what cannot be exported: a loop
-    without its guard, fixed point without the limits that scale it, or of the method "adaptive".
+    `precision`: "single" or "double"; None: as the rig says, else single. `prefix` stands before all names: two programs' laws,
+    or a law in two precisions, can then be linked together; several plates share one law. Of the loop's texts only units, the
+    plate's name and hashes go out, and of those only letters, digits and / ^ . - so that no text from a log can end a comment.
+    Notes stay in the JSON. Raises ValueError for what cannot be exported: a loop without its guard.
     """
     path = Path(path)
     if path.suffix == ".c" or not re.fullmatch(r"[A-Za-z0-9_.+-]+", path.name):
         raise ValueError(f"found {path.name!r}, expected the name of a header that C can include, such as dq_pi.h")
-    header, source = texts(loop, path.name, precision)
-    path.write_text(header, encoding="ascii", newline="\n")
-    path.with_suffix(".c").write_text(source, encoding="ascii", newline="\n")
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", prefix):
+        raise ValueError(f"found the prefix {prefix!r}, expected small letters, digits and _, a letter first")
+    for target, text in zip(
+        (path, path.with_suffix(".c"), plate_header(path)), texts(loop, path.name, precision, prefix), strict=True
+    ):
+        target.write_text(text, encoding="ascii", newline="\n")
 
 
-def texts(loop: Loop, name: str, precision: Precision | None = None) -> tuple[str, str]:
-    """Header, called `name`, and source."""
+def plate_header(path: Path) -> Path:
+    """Where the plate's parameters go, beside the header of the law."""
+    return path.with_name(f"{path.stem}_plate{path.suffix}")
+
+
+def texts(loop: Loop, name: str, precision: Precision | None = None, prefix: str = "dq") -> tuple[str, str, str]:
+    """Header of the law, called `name`, its source, and the header of the plate."""
     precision = precision or loop.rig.arithmetic
-    step = record(loop, precision)
-    measured = measures_temperature(loop)
-    number, bits = ("dq_word", BITS[precision]) if BITS[precision] else ("dq_real", None)
+    if precision not in KINDS:
+        raise ValueError(f"found precision {precision!r}, expected one of {', '.join(map(repr, KINDS))}")
+    values = parameters(loop, precision)
+    law = files("controller") / "c"
+    header, source = ((law / f"dq.{end}").read_text(encoding="ascii") for end in ("h", "c"))
+    header = header.replace("#define DQ_DOUBLE 0", f"#define DQ_DOUBLE {int(precision == 'double')}")
+    room = max(LONGEST, values["model_delay"], values["sent"], values["late"])
+    header = header.replace(f"#define DQ_DELAY_MAX {LONGEST}", f"#define DQ_DELAY_MAX {room}")
+    header = re.sub(r"\bDQ_H\b", _guard(name), header)
+    source = source.replace('#include "dq.h"', f'#include "{name}"')
+    return tuple(_renamed(text, prefix) for text in (header, source, _plate(loop, name, values)))  # type: ignore[return-value]
+
+
+def _renamed(text: str, prefix: str) -> str:
+    """Its names with another prefix than dq and DQ; the names of files stay."""
+    return re.sub(r"\bdq_(?!pi\b|pi_)", f"{prefix}_", re.sub(r"\bDQ_", f"{prefix.upper()}_", text)) if prefix != "dq" else text
+
+
+def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
+    """The fields of dq_params by name, in their order: an int, or a number of that precision."""
+    if loop.machine is None:
+        raise ValueError("found a loop without its guard, expected one with it: what is exported drives a bench")
+    outer = typed(loop.machine, KINDS[precision])
+    sensor = (outer.d, outer.q) if isinstance(outer, Calibrated) else (1.0, 0.0)
+    m: Machine = outer.control if isinstance(outer, Calibrated) else outer
+    g, law = m.control, m.control.control
+    found = {"layout": 1, "gain": m.gain, "f0": m.f0, "sensor_d": sensor[0], "sensor_q": sensor[1], "amplitude": m.amplitude}
+    found |= _named("voltage", m.voltages, "lowest highest") | {"voltage_slew": getattr(law, "amplitude", law).slew}
+    found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named("tracker", m.window, "lowest highest")
+    found |= _named("temperature", m.temperatures or (m.temperature,) * 2, "lowest highest") | _amplitude_loop(law)
+    found |= _tracker(law if isinstance(law, Adaptive) else law.tracker, m.temperature) | _observer(law)
+    counts = {"patience": g.patience, "repeats": g.repeats, "doubts": g.doubts, "follows": m.follows, "swings": m.swings}
+    found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
+    found |= {"swing": m.swing, "ceiling": g.ceiling, "ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet}
+    found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
+    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "settled": int(m.patience), "lost": int(m.limit)}
+    found |= {"memory": m.memory} | _named("beside", m.beside, "find lock run") | _named("voltage", m.fits, "least most run")
+    d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
+    found |= {"sweep": m.sweep, "demodulator_share": d.share, "demodulator_scale": d.scale, "sample_most": d.most}
+    return found | {"sample_patience": int(d.patience)}
+
+
+def _named(prefix: str, values: tuple, names: str) -> dict[str, Any]:
+    """Fields prefix_name."""
+    return {f"{prefix}_{name}": value for name, value in zip(names.split(), values, strict=True)}
+
+
+def _amplitude_loop(law: Any) -> dict[str, Any]:
+    adaptive = isinstance(law, Adaptive)
+    gains = (1.0 * np.sign(law.push), 0.0) if adaptive else (law.amplitude.Kp, law.amplitude.Ki_Ts)
+    model = None if adaptive else law.amplitude.model
+    found = {"law": int(adaptive), "kp": gains[0], "ki": gains[1], "model_delay": -1 if model is None else len(model.line) - 2}
+    values = (0.0, 1.0, 1.0) if model is None else (model.keep, model.push, model.latest)
+    return found | _named("model", values, "keep push latest")
+
+
+def _tracker(t: Any, temperature: float) -> dict[str, Any]:
+    """Of what follows the resonance, a tracker or an observer; None: nothing does."""
+
+    def of(thing: Any, name: str, otherwise: float = 0.0) -> Any:
+        return getattr(thing, name, None) or otherwise
+
+    kind = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
+    found = {"tracker": kind, "every": int(of(t, "every", 1.0)), "tracker_gain": of(t, "gain") or of(t, "size")}
+    found |= {f"tracker_{name}": of(t, name) for name in ("share", "lead")}
+    found |= {"tracker_half_bandwidth": of(t, "half_bandwidth", 1.0), "tracker_max_step": of(t, "max_step")}
+    found |= {"tracker_most": of(t, "most"), "gate": of(t, "gate"), "k_T": of(t, "k_T"), "temperature": temperature}
+    source = of(t, "source", 0.0)
+    found |= {"source": 0 if not source else 1 if isinstance(source, Multiples) else 2}
+    found |= {f"source_{name}": of(source, name) for name in ("step", "first", "periods", "centre")}
+    return found | {"dead_band": of(t, "dead_band")}
+
+
+def _observer(law: Any) -> dict[str, Any]:
+    names = ("K", "push", "damping", "turn", "keep_d", "keep_q", "sweep_most")
+    if not isinstance(law, Adaptive):
+        return dict.fromkeys(names, 1.0) | {"sent": 0, "late": 0, "between": 0.0}
+    values = (law.K, law.push, law.damping, law.turn, *law.keep, law.sweep)
+    return dict(zip(names, values, strict=True)) | {"sent": len(law.delay), "late": len(law.late), "between": law.between}
+
+
+PLATE = """\
+/* Parameters of one identified plate, for the law in {law}. Generated by sysid {version}: do not edit, but copy and dq_set.
+ * Free to use as the law is: MIT licence.
+ *
+ * {stamp}
+ *
+ * Before a fault has ended the drive, whatever the wiring (largest voltage; amplitude at resonance, of the untouched plate):
+{reach} */
+#ifndef {guard}
+#define {guard}
+
+#include "{law}"
+
+{macros}
+
+#define DQ_PLATE_PARAMS {{ \\
+{values} \\
+}}
+
+#endif
+"""
+
+
+def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
     drive, response = (_text(unit) for unit in (loop.drive_unit or "drive-unit", loop.response_unit or "response-unit"))
-    says = {"reference": f"wanted amplitude in {response}, peak", "share": "of the bandwidth, 0 to 1"}
-    says |= {"wd": f"as the sensor shows it, in {response}, peak", "wq": "the same"}
-    says |= {"temperature": "of the plate, degC"} if measured else {}
-    gives = {"voltage": f"{drive}, peak; negative: turned by half a carrier period", "duty": "duty ratio"}
-    gives["frequency"] = f"Hz above {loop.f0:.12g}" if bits and loop.f0 else "Hz"
-    gives |= {"fault": _listed((*FAULTS, "lost")), "mode": _listed(MODES), "code": "of the converter for the peak voltage"}
-    gives |= {"ticks": "of the timer in a period of the carrier", "increment": "of the accumulator of 32 bits"}
-    demodulator = record_demodulator(loop, precision) if loop.demodulator is not None else None
-    parts = _demodulator(loop, demodulator, precision, number) if demodulator is not None else ("", "")
-    header = ctext.HEADER.format(
-        stamp="\n * ".join(_stamp(loop, drive, response)),
-        use=_use(loop),
-        sample_time=f"{loop.sample_time:.9g}",
-        operations=_counted(step.counts),
-        arithmetic=ctext.FIXED_NOTES.format(sign=bits - 1) if bits else ctext.FLOAT_NOTES,
-        guard=_guard(name),
-        type=TYPES[precision],
-        number=number,
-        missing=ctext.FIXED_MISSING.format(top=2 ** (bits - 1) - 1) if bits else "",
-        fields=_fields(number, step.state),
-        inputs="\n".join(
-            [f"    {number} {name}; /* {said}{_point(step, name)} */" for name, said in says.items()]
-            + ["    int enable; /* not zero: on */", "    int reset; /* not zero: ends a fault */"]
-        ),
-        outputs="\n".join(
-            f"    {WHOLE.get(name, number)} {name}; /* {gives[name]}{'' if name in WHOLE else _point(step, name)} */"
-            for name in step.output
-        ),
-        demodulator=parts[0],
-    )
-    lines = [line for part in (step, demodulator) if part is not None for line in part.lines]
-    source = ctext.SOURCE.format(
-        header=name,
-        helpers=_helpers(precision, "\n".join(lines)),
-        init=_assigned({name: first for name, (first, _) in step.state.items()}),
-        lines=_indented(step.lines),
-        after=_assigned({name: then for name, (_, then) in step.state.items()}),
-        out="\n".join(f"    out.{name} = {_given(name, text, base)};" for name, (text, base) in step.output.items()),
-        demodulator=parts[1],
-    )
-    return header, source
-
-
-def _demodulator(loop: Loop, step: Recorded, precision: Precision, number: str) -> tuple[str, str]:
-    """What it adds to header and source."""
-    demodulator, bits = sampled(loop, precision), BITS[precision]
-    counts = bits is not None or loop.rig.adc is not None
-    rate = SAMPLES * loop.f0 if loop.rig.adc is None else loop.rig.adc.rate
-    samples, advance = example(counts, loop.f0 / rate)
-    sample_type = number if bits or not counts else "dq_real"
-    turn = f"({number})((int32_t)(turn & 0x3fffffffu) * 2 - 1073741824)"
-    if bits is None:
-        turn += f" * {'9.31322574615478516e-10' + ('' if precision == 'double' else 'f')}"
-    elif bits == 16:
-        turn = "(dq_word)((int32_t)((turn & 0x3fffffffu) >> 15) - 16384)"
-    wd, wq = expected(loop, step, precision)
-    wanted = {"out.wd": wd, "out.wq": wq}
-    near = " && ".join(f"{name} == {v}" if bits else _within(name, v, precision) for name, v in wanted.items())
-    unit = f"in counts of {demodulator.scale:.6g}" if counts else "in the response's unit"
-    missing = "DQ_MISSING where there is none" if bits else "not finite where there is none"
-    shown = [str(int(v)) if bits else _real(v, precision) for v in samples]
-    header = ctext.DEMODULATOR_H.format(
-        fields=_fields(number, step.state), number=number, sample=f"{unit}, {missing}", rate=f"{rate:.9g}",
-        sample_type=sample_type, operations=_counted(step.counts), image=IMAGE,
-        delay=demodulator.delay / rate, count=len(samples),
-        coarse=", and to a few units of a word" if bits else "",
+    rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
+    macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop, drive, response).items()]
+    return PLATE.format(
+        law=name, version=_version(), stamp="\n * ".join(_stamp(loop, drive, response)),
+        reach="".join(f" *   {line}\n" for line in _reach(loop, drive, response)),
+        guard=_guard(plate_header(Path(name)).name), macros="\n".join(macros), values=" \\\n".join(rows),
     )  # fmt: skip
-    source = ctext.DEMODULATOR_C.format(
-        init=_assigned({name: first for name, (first, _) in step.state.items()}),
-        sample_type=sample_type, number=number, turn=turn, lines=_indented(step.lines),
-        after=_assigned({name: then for name, (_, then) in step.state.items()}),
-        out="\n".join(f"    out.{name} = {text};" for name, (text, _) in step.output.items()),
-        samples="\n".join("        " + ", ".join(shown[k : k + 8]) + "," for k in range(0, len(shown), 8)),
-        phase=0, advance=advance, near=near,
-    )  # fmt: skip
-    return header, source
 
 
-def expected(loop: Loop, step: Recorded, precision: Precision) -> tuple[Any, Any]:
-    """Wd and Wq that the demodulator makes, in Python, of the samples of the self-test: words in fixed point."""
-    demodulator = sampled(loop, precision)
-    rate = SAMPLES * loop.f0 if loop.rig.adc is None else loop.rig.adc.rate
-    samples, advance = example(BITS[precision] is not None or loop.rig.adc is not None, loop.f0 / rate)
-    phases = (np.arange(len(samples)) * advance) & 0xFFFFFFFF
-    if step.twin is None:
-        state, d, q = demodulator.init(), nan, nan
-        for sample, phase in zip(samples.tolist(), phases, strict=True):
-            u, odd, half = Turn.of(phase)
-            state, d, q = demodulator.step(state, sample, Turn(float(u), bool(odd), bool(half)))
-        return d, q
-    words: dict[str, Any] = dict(step.twin.first)
-    out: dict[str, Any] = {}
-    for sample, phase in zip(samples.astype(int).tolist(), phases, strict=True):
-        words, out = step.twin.step(words, **turned(step.twin, sample, phase))
-    return int(out["wd"]), int(out["wq"])
+def _macros(loop: Loop, drive: str, response: str) -> dict[str, str]:
+    """Limits, scales and times, for the code around the law."""
+    T, demodulator = loop.sample_time, loop.demodulator
+    found = {"SAMPLE_TIME": _real(T), "LATENCY": _real(loop.latency), "DELAY": _real(loop.delay)}
+    if loop.limits.voltage is not None:
+        found |= {"VOLTAGE_LIMIT": _real(loop.limits.voltage)}
+    found |= {"AMPLITUDE": _real(loop.amplitude), "GAIN": _real(loop.G), "TAU": _real(loop.tau)}
+    if loop.f0 is not None:
+        found |= {"F0": _real(loop.f0)}
+    if demodulator is not None:
+        found |= {"SAMPLE_RATE": _real(demodulator.rate), "SAMPLE_SCALE": _real(demodulator.scale)}
+    rig = loop.rig
+    if rig.dac is not None:
+        found |= {"DAC_BITS": str(int(rig.dac.bits)), "DAC_FULL_SCALE": _real(rig.dac.full_scale)}
+    if rig.inverter is not None:
+        rig.inverter.check(loop.limits.voltage)
+        series = [_real(a) for a in rig.inverter.series(loop.limits.voltage)]
+        found |= {"DUTY_TERMS": str(len(series)), "DUTY": "{" + ", ".join(series) + "}"}
+    if rig.dds is not None and loop.f0 is not None:
+        dds = Dds(rig.dds, loop.f0)
+        found |= {"DDS_BASE": f"{dds.base}u", "DDS_FRACTION": _real(dds.fraction), "DDS_PER_HZ": _real(2**32 / rig.dds)}
+    if rig.timer is not None and loop.f0 is not None:
+        found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
+    lines = ["# sampling: instant", *([] if demodulator is None else [f"# delay_s: {demodulator.delay:.6g}"])]
+    lines += [] if loop.plate is None else [f"# plate: {_text(loop.plate, 40)}"]
+    lines.append(f"time_s,wd_{response},wq_{response},voltage_{drive},frequency_Hz")
+    text = "".join(f"{line}\\n" for line in lines)
+    return found | {"RECORD_HEADER": f'"{text}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
 
 
-def turned(twin: Any, sample: Any, phase: Any) -> dict[str, Any]:
-    """The inputs of a demodulator's twin for a sample, or an array of them, at a phase, as C makes them."""
-    u, odd, half = Turn.of(phase)
-    return {"sample": sample, "u": np.floor(np.ldexp(u, twin.points["u"])).astype(np.int64), "odd": odd, "half": half}
+def _reach(loop: Loop, drive: str, response: str) -> list[str]:
+    """For each phase: the largest voltage and amplitude, and how long until a fault."""
+    machine = loop.machine.control if isinstance(loop.machine, Calibrated) else loop.machine
+    guard, T, limit = machine.control, loop.sample_time, machine.voltages[1]
+    gain = abs(loop.G)
+
+    def line(what: str, volts: float, ends: str) -> str:
+        if volts >= NO_LIMIT / 2:
+            return f"{what}: no limit of the voltage was stated; {ends}"
+        return f"{what}: {volts:.4g} {drive}, {gain * volts:.4g} {response}; {ends}"
+
+    capped = [min(limit, machine.headroom * a / gain) for a in (machine.find, machine.amplitude)]
+    seen, follows = 1e3 * T * guard.patience, 1e3 * T * machine.follows
+    return [
+        line(
+            "find", capped[0], f"lost after {1e3 * T * machine.limit:.4g} ms; missing, dead, above, edge, clipped {seen:.3g} ms"
+        ),
+        line("soft start and lock", capped[1], f"lost or model after {1e3 * T * machine.limit:.4g} ms; the others as in find"),
+        line(
+            "run", limit, f"missing, dead, above, edge, clipped {seen:.3g} ms; stuck {1e3 * T * guard.repeats:.3g} ms after the"
+        ),
+        f"     drive has moved; reversed {1e3 * T * guard.doubts:.3g} ms; follow and model {follows:.3g} ms; oscillates at most"
+        f" {1e3 * T * machine.swings * machine.swing_time:.3g} ms",
+    ]
 
 
-def _within(name: str, value: float, precision: Precision) -> str:
-    """A comparison that a fused multiply-add passes and a wrong sign does not."""
-    room = max(abs(value), 1e-30) * (1e-9 if precision == "double" else 1e-4)
-    low, high = (_real(value + sign * room, precision) for sign in (-1, 1))
-    return f"{name} > {low} && {name} < {high}"
+def _c(value: Any) -> str:
+    return str(int(value)) if isinstance(value, int) else f"(dq_real){_real(float(value))}"
 
 
-def _real(value: float, precision: Precision) -> str:
-    text = f"{value:.17g}" if precision == "double" else f"{np.float32(value):.9g}"
-    return (text if re.search("[.e]", text) else text + ".0") + ("" if precision == "double" else "f")
+def _real(value: float) -> str:
+    text = f"{float(value):.17g}"
+    return text if re.search("[.e]", text) else text + ".0"
 
 
-def _given(name: str, text: str, base: int | None) -> str:
-    if base is None:
-        return text
-    whole = f"(int32_t){text}"
-    return whole if WHOLE[name] == "int32_t" else f"{base}u + (uint32_t){whole}"
-
-
-def _helpers(precision: Precision, lines: str) -> str:
-    """Those that the lines call."""
-    bits = BITS[precision]
-    if bits:
-        used = [(ctext.FIT, "dq_fit("), (ctext.RATIO, "dq_ratio("), (ctext.FIXED_FLOOR, "dq_floor(")]
-        called = "".join(text for text, call in used if call in lines)
-        return ctext.FIXED.format(wide=f"int{2 * bits}_t", called=called)
-    whole, integer, one = ("4503599627370496.0", "int64_t", "1.0") if precision == "double" else ("8388608.0f", "int32_t", "1.0f")
-    floor = ctext.FLOOR.format(whole=whole, integer=integer, one=one) if "dq_floor(" in lines else ""
-    return ctext.FLOATING.format(floor=floor)
-
-
-def _fields(number: str, state: dict[str, Any]) -> str:
-    return "\n".join(f"    {number} {name};" for name in state)
-
-
-def _assigned(values: dict[str, str]) -> str:
-    return "\n".join(f"    s->{name} = {value};" for name, value in values.items())
-
-
-def _indented(lines: list[str]) -> str:
-    return "\n".join(f"    {line}" for line in lines)
-
-
-def _point(step: Recorded, name: str) -> str:
-    return "" if step.twin is None else f"; k = {step.twin.points[name]}"
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(f"{i} {name}" for i, name in enumerate(names))
-
-
-def _counted(counts: Counter[str]) -> str:
-    names = {"+": "additions", "-": "additions", "*": "multiplications", "/": "divisions", "load": "loads", "floor": "floors"}
-    found: Counter[str] = Counter()
-    for operation, n in counts.items():
-        plain = operation in ("select", "logic", "test", "<", ">", "<=", ">=", "==", "!=")
-        found["comparisons and selections" if plain else names.get(operation, operation)] += n
-    return ", ".join(f"{n} {name}" for name, n in sorted(found.items()))
-
-
-def _use(loop: Loop) -> str:
-    first = "Call dq_init once, then dq_step with the demodulated response; it returns what to drive with."
-    return first if loop.demodulator is None else f"{first} dq_demodulate\n * gives the response from samples of the sensor."
+def _version() -> str:
+    try:
+        return _text(version("sysid"))
+    except PackageNotFoundError:
+        return "of a checkout"
 
 
 def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
@@ -216,6 +243,7 @@ def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
     named = "" if loop.plate is None else f"{_text(loop.plate, 40)}, "
     lines = [f"plate: {named}G {loop.G:.6g} {response} per {drive}, tau {loop.tau:.6g} s"]
     lines[0] += "" if loop.f0 is None else f", f0 {loop.f0:.8g} Hz"
+    lines.append(f"method {loop.method}, a step every {loop.sample_time:.9g} s")
     if loop.reference_temperature is not None:
         low, high = (loop.reference_temperature + w for w in loop.warming)
         lines.append(f"temperature: {low:.4g} to {high:.4g} degC")
@@ -226,6 +254,8 @@ def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
     lines.append(f"amplitude: {loop.amplitude:.6g} {response} at most")
     force = "" if loop.force is None else f"force: 0 to {loop.force:.4g} N; "
     lines.append(f"{force}finger: damping up to {loop.finger:.4g} of the plate's own")
+    if loop.demodulator is not None:
+        lines.append(f"sensor: {loop.demodulator.rate:.9g} samples a second, W late by {loop.demodulator.delay:.3g} s")
     return lines + [f"log sha256 {_text(digest, 64)}" for digest in loop.logs]
 
 

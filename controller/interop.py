@@ -16,7 +16,7 @@ from controller.margins import linearised
 
 class Systems(NamedTuple):
     """Discrete systems of one sample time: `controller`, from the amplitude's error to the voltage; `plant`, from the voltage,
-    with the latency, to Wd at resonance. `controller * plant` is the open loop."""
+    with the whole delay, to Wd at resonance. `controller * plant` is the open loop."""
 
     controller: Any
     plant: Any
@@ -41,8 +41,8 @@ def loop_systems(loop: Loop) -> Systems:
     T = loop.sample_time
     A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau])))
     law = control.ss(A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller")
-    whole = math.floor(loop.latency / T + 1e-9)
-    part = max(loop.latency - whole * T, 0.0)
+    whole = math.floor(loop.delay / T + 1e-9)
+    part = max(loop.delay - whole * T, 0.0)
     alpha, late = math.exp(-T / loop.tau), math.exp(-(T - part) / loop.tau)
     # A command that takes effect within a sample acts on this one by its last part, on the next by its first.
     within = part > 1e-9 * T

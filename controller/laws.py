@@ -6,7 +6,6 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from controller.adaptive import Adaptive
-from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
@@ -14,8 +13,8 @@ from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
 from controller.pi import PI, Model
 from controller.plate import Plate
-from controller.promise import Promise, promise
-from controller.rig import Calibrated, Rig
+from controller.promise import Clock, Promise, promise
+from controller.rig import Calibrated, Rig, Sensor
 from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
 
@@ -35,8 +34,20 @@ MEAN = 4.0  # times that the mean of readings follows them within the samples fo
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
 # back is twice as far.
 QUIET, LOUD = 0.1, 0.15
-SAMPLES = 16  # of the sensor in a period of the carrier, where no rig says otherwise
 OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+
+# The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
+# at most HEADROOM times what the heaviest of the plates needs, so that no wiring makes more than 1.5 times what is asked.
+CEILING, HEADROOM = 1.35, 1.4
+FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
+HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
+FOLLOW_AFTER, FOLLOWS = 0.1, 20.0  # s, and time constants, for which a loop in run may be off, or at the end of its voltage
+# Of its limit, the swing of a voltage that oscillates: a reading's noise of 5 % makes it move by 0.1 rms. SWINGS turns, of half a
+# period of a loop at its margin, 2 d + 1 samples with d of delay; LONGER than that they are no oscillation.
+SWING, SWINGS, LONGER = 0.3, 40.0, 2.0
+QUIET_UNITS, QUIET_SHARE = 2.0, 1e-3  # a sensor is not dead where less than so many of its units, or of the amplitude, is driven
+SWEEPS = 20.0  # time constants in which a sweep passes over half a bandwidth: settled
+SENSIBLE = (-60.0, 200.0)  # degC, where neither a range nor a window is stated
 
 Method = Literal["pi", "paper", "pll", "adaptive"]
 METHODS = get_args(Method)
@@ -96,10 +107,10 @@ class Asked(NamedTuple):
         if self.method == "adaptive":
             return self._adaptive(bandwidth)
         plate, T = self.plate, self.T
-        lowest, highest = self._voltages()
+        lowest, highest = self.voltages()
         K = -math.expm1(-2 * math.pi * bandwidth * T)
         Kp = K / (plate.G * -math.expm1(-T / plate.tau))
-        model = Model.of(plate.G, plate.tau, T, self.delay, (lowest, highest)) if lead else None
+        model = Model.of(plate.G, plate.tau, T, self.delay) if lead else None
         pi = PI(Kp, K / plate.G, lowest, highest, self.rig.slew(T), model)
         return DQ(pi, None if plate.f0 is None else self._tracker(plate.f0))
 
@@ -107,9 +118,21 @@ class Asked(NamedTuple):
         """What the controller does with each of the plants: margins, and how it settles, behind its guard."""
         # Readings without noise repeat themselves to the last bit, and no sensor is stuck.
         sound = None if guard is None else guard._replace(repeats=NO_LIMIT)
-        return promise(law, self.plants, self.T, self.delay, self.amplitude, self.plate.f0, sound)
+        started = None if guard is None else switched(guard._replace(repeats=NO_LIMIT), self)
+        return promise(law, self.plants, self.clock, self.amplitude, self.plate.f0, sound, started)
 
-    def _voltages(self) -> tuple[float, float]:
+    @property
+    def clock(self) -> Clock:
+        """Sample time and delays."""
+        return Clock(self.T, self.latency, self.delay - self.latency)
+
+    @property
+    def reference_temperature(self) -> float:
+        """degC, at which f0 is the resonance."""
+        return float(getattr(self.plate.fit, "reference_temperature", None) or 24.0)
+
+    def voltages(self) -> tuple[float, float]:
+        """The lowest and the highest."""
         limit = self.limits.voltage
         free = PI(1.0, 1.0)
         return (free.lowest if self.rig.bipolar else 0.0, free.highest) if limit is None else (-limit * self.rig.bipolar, limit)
@@ -134,7 +157,7 @@ class Asked(NamedTuple):
         k_T = self.plate.k_T if self.rig.thermometer else None
         if self.rig.thermometer and k_T is None:
             raise ValueError("no temperature feed-forward: k_T is not determined; record a sweep at another temperature")
-        at = float(getattr(self.plate.fit, "reference_temperature", None) or 24.0)
+        at = self.reference_temperature
         step = 0.0 if source is None else source.step
         # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within the window.
         given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step}
@@ -144,41 +167,43 @@ class Asked(NamedTuple):
         plate, T = self.plate, self.T
         if plate.f0 is None:
             raise ValueError(f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without")
-        lowest, highest = self._voltages()
+        lowest, highest = self.voltages()
+        late = self.clock.late / T
         heard, fast = OBSERVER[0], max(OBSERVER[1], self.delay)  # a damping seen before its answer comes eats the margin
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
         slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast))
         return Adaptive(
             plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0, -math.expm1(-2 * math.pi * bandwidth * T),
-            (fast, slow), (0.0,) * round(self.latency / T), lowest, highest, self.rig.slew(T), **self._frequency(),
+            (fast, slow), (0.0,) * round(self.latency / T), (0.0,) * int(late), late % 1.0,
+            lowest, highest, self.rig.slew(T), **self._frequency(),
         )  # fmt: skip
 
 
 def calibrated(control: Any, asked: Asked) -> Any:
-    """The controller behind the correction of the loop's own sensor."""
+    """The controller behind the correction of the loop's own sensor, and of a drive that is held."""
     rig, plate = asked.rig, asked.plate
-    if rig.sensor is None:
+    if rig.sensor is None and not rig.hold:
         return control
-    if rig.sensor.delay and plate.f0 is None:
+    sensor = rig.sensor or Sensor()
+    if (sensor.delay or rig.hold) and plate.f0 is None:
         raise ValueError(f"the sensor's delay cannot be corrected: f0 is not determined: {plate.why}")
-    correction = rig.sensor.correction(plate.f0 or 0.0)
+    correction = sensor.correction(plate.f0 or 0.0, rig.hold)
     return Calibrated(control, correction.real, correction.imag)
 
 
 def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
-    """The controller in its guard: faults after 5 ms, or `Asked.patience`; the largest amplitude is 1.2 times what the voltage
-    limit makes of the untouched plate."""
+    """The controller in its guard: faults after 5 ms, or `Asked.patience`."""
     plate, limits, T = asked.plate, asked.limits, asked.T
-    gain = abs(plate.G)
-    limit = PI(1.0, 1.0).highest if limits.voltage is None else limits.voltage
-    ceiling = limit if limits.voltage is None else 1.2 * gain * limit
-    window = limits.frequency or (0.0, PI(1.0, 1.0).highest)
+    limit = NO_LIMIT if limits.voltage is None else limits.voltage
+    window = limits.frequency or (0.0, NO_LIMIT)
     repeats = float(math.ceil(max(STUCK_AFTER / T, ANSWERS * plate.tau / T, asked.patience)))
     period = max(asked.period, T)
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     decay = -math.expm1(-T / plate.tau)
+    adc, gain = asked.rig.adc, 1.0 if asked.rig.sensor is None else asked.rig.sensor.gain
     return Guard(
-        control, limit, ceiling, gain / (1.0 + asked.ranged.finger), decay, *window, asked.patience, repeats,
+        control, limit, abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING, CEILING * BEGIN * asked.amplitude,
+        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *window, asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
         doubts=float(math.ceil(DOUBTS * period / T)),
@@ -187,17 +212,38 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
 
 def switched(control: Guard, asked: Asked) -> Machine:
     """The machine that switches the guarded controller on."""
-    amplitude, samples = asked.amplitude, asked.plate.tau / asked.T
-    beside = {} if asked.plate.f0 is not None else {"beside": (ANY, ANY)}
-    limit = float(math.ceil(max(WAIT / asked.T, 100 * samples, TRIES * asked.patience)))
-    ramp, memory = amplitude / (RAMP * samples), min(MEAN / asked.patience, 1.0)
-    return Machine(control, amplitude, BEGIN * amplitude, ramp, asked.patience, limit, memory, **beside)
+    plate, T, amplitude, samples = asked.plate, asked.T, asked.amplitude, asked.plate.tau / asked.T
+    tracks = plate.f0 is not None
+    limit = float(math.ceil(max(WAIT / T, 100 * samples, TRIES * asked.patience)))
+    ratio = abs(plate.G) * asked.plants.rate / np.abs(asked.plants.push)  # voltage over that of the plate of the design
+    most, law = float(np.max(ratio)), control.control
+    follower = law if isinstance(law, Adaptive) else law.tracker
+    half_bandwidth = 1 / (2 * math.pi * plate.tau)
+    return Machine(
+        control, amplitude, BEGIN * amplitude, amplitude / (RAMP * samples), asked.patience, limit,
+        min(MEAN / asked.patience, 1.0), plate.G, plate.f0 or 0.0, asked.voltages(),
+        (follower.lowest, follower.highest) if tracks else (0.0, NO_LIMIT),
+        _temperatures(asked) if asked.rig.thermometer and tracks else None, asked.reference_temperature,
+        headroom=HEADROOM * most,
+        **({} if tracks else {"beside": (ANY, ANY, NO_LIMIT)}),
+        fits=(
+            (1 - FITS) * float(np.min(ratio)),
+            (1 + FITS) * most if tracks else NO_LIMIT,
+            (1 + FITS) * max(most, 1 + HEAVY) if tracks else NO_LIMIT,
+        ),
+        follows=float(math.ceil(max(FOLLOW_AFTER / T, FOLLOWS * samples, 4 * asked.patience))),
+        swings=SWINGS, swing=SWING, swing_time=float(math.ceil(LONGER * (2 * asked.delay / T + 1))),
+        sweep=half_bandwidth / (SWEEPS * samples),
+    )  # fmt: skip
 
 
-def demodulated(asked: Asked) -> Demodulator | None:
-    """The demodulator; Wd and Wq are missing when all samples of a controller step are."""
-    if asked.plate.f0 is None:
-        return None
-    adc = asked.rig.adc
-    rate = SAMPLES * asked.plate.f0 if adc is None else adc.rate
-    return Demodulator.of(rate, asked.plate.f0, max(1.0, math.ceil(rate * asked.T)), 1.0 if adc is None else adc.unit)
+def _temperatures(asked: Asked) -> tuple[float, float]:
+    """What a thermometer may say: the range of the design, else those whose resonance lies in the frequency window."""
+    at, k_T, window = asked.reference_temperature, asked.plate.k_T, asked.limits.frequency
+    low, high = asked.ranged.warming
+    if (low, high) != (0.0, 0.0):
+        return at + low, at + high
+    if not k_T or window is None:
+        return SENSIBLE
+    first, last = sorted(at + (edge - (asked.plate.f0 or 0.0)) / k_T for edge in window)
+    return max(first, SENSIBLE[0]), min(last, SENSIBLE[1])

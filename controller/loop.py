@@ -3,7 +3,8 @@
 Time is cut where something happens: where the sensor is sampled, a command takes effect, or an input of the scene changes. Over
 each piece the plate moves exactly as it does in an open-loop scene of the same effects (`sysid.scene.engine`). The controller
 runs every `sample_time`; what it is told is the sensor's reading of then (or of the sensor's delay before), what it asks for
-takes effect `latency` later, and holds.
+takes effect `latency` later, and holds. The loop's own demodulator makes its readings late besides: they lie on straight lines
+between those of two samples.
 """
 
 import os
@@ -85,7 +86,9 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
     """The traces of `runs`, filled up to `size` of them."""
     filled = runs + runs[:1] * (size - len(runs))
     with jax.enable_x64(True):
-        given = [(r.loop.control, r.scene.plant, r.scene.effects, r.scene.reference, r.loop.sample_time) for r in filled]
+        given = [
+            (r.loop.control, r.scene.plant, r.scene.effects, r.scene.reference, r.loop.sample_time, r.lag[1]) for r in filled
+        ]
         if len({jax.tree.structure(g) for g in given}) > 1:
             raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
         numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
@@ -137,6 +140,7 @@ class _Run:
     marks: tuple[np.ndarray, np.ndarray, np.ndarray]  # samples run, readings taken, commands in force, counted up to each knot
     early: int  # readings from before the scene began
     depths: tuple[int, int]  # readings and commands that are on their way at most
+    lag: tuple[int, float]  # whole samples, and the rest of one, by which the demodulator is late
     seed: int = 0
 
     @classmethod
@@ -159,10 +163,12 @@ class _Run:
         instants = np.split(at[: 3 * n], 3)
         marks = [np.searchsorted(i, knots, side="right") for i in instants]
         ran, read, acted = marks
-        depths = int(np.max(read - ran)) + 1, int(np.max(ran - acted)) + 1
+        demodulator = getattr(loop, "demodulator", None)
+        back, between = divmod(0.0 if demodulator is None else demodulator.delay / Ts, 1.0)
+        depths = int(np.max(read - ran)) + int(back) + 2, int(np.max(ran - acted)) + 1
         sample = np.searchsorted(knots, instants[0])
         early = int(np.searchsorted(instants[1], 0.0))
-        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths)
+        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths, (int(back), between))
 
     def schedule(self, count: int) -> Schedule:
         """The pieces, filled up to `count` with some in which nothing happens."""
@@ -179,7 +185,7 @@ class _Run:
             reads=np.diff(read, prepend=self.early) > 0,
             runs=np.diff(ran, prepend=0) > 0,
             latest=latest,
-            reading=read - ran,
+            reading=read - ran + self.lag[0],
             acting=ran - acted,
             warming=warming,
             force=inputs["force"],
@@ -235,7 +241,7 @@ class _Carry(NamedTuple):
 @partial(jax.jit, static_argnames="shape")
 def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     """(M, runs) of motion, measurement and command at the beginning of each piece."""
-    control, plant, effects, reference, sample_time = numbers
+    control, plant, effects, reference, sample_time, between = numbers
     first = jax.tree.map(lambda v: v[0], schedule)
     carry = jax.vmap(partial(_begin, shape=shape))(control, plant, effects, reference, first)
     noise = jax.vmap(partial(_noise, samples=shape.samples))(effects, seeds, sample_time)
@@ -243,7 +249,7 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
 
     def body(carry, now):
         """One piece, of all runs side by side."""
-        return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference)
+        return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference, between)
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
 
@@ -280,12 +286,15 @@ def _at_rest(plant: Any, effects: tuple) -> engine.State:
     return engine.start(plant, quiet, jax.random.key(0))
 
 
-def _piece(carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, *, rung: str) -> tuple:
+def _piece(
+    carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, between: Any, *, rung: str
+) -> tuple:
     """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
     effect; then the piece."""
     now, noise = happening
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
-    measured = _recorded(effects, readings[now.reading], noise)
+    told, before = readings[now.reading], readings[now.reading + 1]
+    measured = _recorded(effects, told + between * (before - told), noise)
     state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
     frequency = now.frequency if command.frequency is None else command.frequency
     state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)

@@ -3,41 +3,84 @@
     off    no voltage; when enabled, with an amplitude asked for: find
     find   a small amplitude, until the tracker has brought Wq below half of Wd and the amplitude is within a half of it
     soft   the amplitude asked of the loop rises to the wanted one
-    lock   until the amplitude is within a tenth, and Wq/Wd within a fifth, for a while
+    lock   until the amplitude is within a tenth, Wq/Wd within a fifth, and the voltage what the plate needs, for a while
     run    the loop alone
-    fault  no voltage, whatever is asked; only a reset leads to off
+    fault  no voltage, whatever is asked; only a reset while enable is low leads to off
 
-These conditions are judged by the mean of the latest readings, as half of a single reading of the small amplitude may be noise.
+Until it runs the voltage stays below `headroom` times what the untouched plate needs for what is asked. These conditions are
+judged by means of the latest readings and commands, as half of a single reading of the small amplitude may be noise. Beside the
+faults of the guard there are
 
-Beside the faults of the guard there is `lost`: the resonance was not found, or the loop did not lock, in time.
+    7 lost         the resonance was not found, or the loop did not lock, in time
+    9 follow       in run the amplitude is off by a tenth, or |W| by as much more than Wd, for `follows` samples
+   10 model        the voltage is not the one that the plate needs: in lock until it is lost, in run for `follows` samples, where
+                   it is less than for the plate alone, or more than for a heavy finger
+   11 oscillates   the voltage turned `swings` times about its mean by `swing` of its limit, within `swing_time` samples each
+
+For commissioning there are tasks: the amplitude loop without its tracker, a stated voltage and frequency, and a sweep.
 """
 
 from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
-from controller.guard import FAULTS
-from controller.scalar import Full, Span, clip, seen
+from controller.guard import CODES
+from controller.scalar import NO_LIMIT, clip, either, seen
 
-OFF, FIND, SOFT, LOCK, RUN, FAULT = (float(k) for k in range(6))
-MODES = ("off", "find", "soft start", "lock", "run", "fault")
-LOST = float(len(FAULTS))
-ROUGH, NEAR = 0.5, 0.1  # of the amplitude that is asked, by which it may be off to leave find and lock
-ANY = 1e3  # |Wq|/Wd that is no condition
+OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
+MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
+TASKS = ("regulate", "amplitude", "open loop", "sweep")  # as dq_task in C
+ROUGH, NEAR = 0.5, 0.1  # of the amplitude that is asked, by which it may be off to leave find; to leave lock, and in run
+DETUNED = 1.25  # voltage over that at resonance, where |Wq| is half of Wd
+ANY = 1e3  # |Wq|/Wd, or a ratio of voltages, that is no condition
+
+
+class Held(NamedTuple):
+    """The last good inputs, and how many were not finite or out of range."""
+
+    reference: Any
+    share: Any
+    temperature: Any
+    voltage: Any
+    offset: Any
+    task: Any
+    count: Any
+
+
+class Means(NamedTuple):
+    """Of the latest readings Wd and Wq, of the voltage, and of the amplitude that was asked."""
+
+    d: Any
+    q: Any
+    voltage: Any
+    asked: Any
+
+
+class Counts(NamedTuple):
+    """Samples for which it has been `near`, has `waited` in this mode, has been `off` in run; how often the voltage has `swung`,
+    how long ago last (`since`), and to which `side`."""
+
+    near: Any
+    waited: Any
+    off: Any
+    swung: Any
+    since: Any
+    side: Any
 
 
 class MachineState(NamedTuple):
-    """The loop's own state; the `mode`, a number of MODES; the latched `fault`; samples for which it has been `near`, and has
-    `waited` in this mode; the amplitude that was last `asked` of the loop; means of `d` = Wd and `q` = Wq."""
+    """The loop's own state; the `mode`, a number of MODES; the latched `fault`; inputs that are `held`, `means` and `counts`; the
+    amplitude that was last `asked` of the loop; the resonance as it was `learned`, and how far a sweep is, Hz above f0."""
 
     control: Any
     mode: Any
     fault: Any
-    near: Any
-    waited: Any
+    held: Held
+    means: Means
+    counts: Counts
     asked: Any
-    d: Any
-    q: Any
+    learned: Any
+    swept: Any
 
 
 class MachineInfo(NamedTuple):
@@ -51,8 +94,9 @@ class MachineInfo(NamedTuple):
 class Machine(NamedTuple):
     """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the amplitude to begin
     with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must be near before it goes on; `limit`:
-    samples after which it is lost. `memory`: weight of the latest reading in a mean. `beside`: the largest |Wq|/Wd to leave find
-    and lock; ANY where there is no tracker."""
+    samples after which it is lost. `memory`: weight of the latest in a mean. `beside`: the largest |Wq|/Wd to leave find, to
+    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `fits`: its voltage over what `gain` says,
+    from and to, and to in run. `voltages`, `window` (Hz) and `temperatures` (degC; None: no thermometer): ranges of inputs."""
 
     control: Any
     amplitude: float
@@ -61,91 +105,181 @@ class Machine(NamedTuple):
     patience: float
     limit: float
     memory: float
-    beside: tuple[float, float] = (0.5, 0.2)
+    gain: float
+    f0: float
+    voltages: tuple[float, float]
+    window: tuple[float, float]
+    temperatures: tuple[float, float] | None = None
+    temperature: float = 24.0
+    headroom: float = 1.4
+    beside: tuple[float, float, float] = (0.5, 0.2, 0.46)
+    fits: tuple[float, float, float] = (0.9, 1.1, 2.75)
+    follows: float = 1000.0
+    swings: float = 40.0
+    swing: float = 0.3
+    swing_time: float = 8.0
+    sweep: float = 1.0
 
     def init(self) -> MachineState:
         """Off, without a fault."""
-        return MachineState(self.control.init(), OFF, *(0.0,) * 6)
+        held = Held(0.0, 1.0, self.temperature, *(0.0,) * 4)
+        means, counts = Means(*(0.0,) * 4), Counts(*(0.0,) * 6)
+        return MachineState(self.control.init(), OFF, 0.0, held, means, counts, 0.0, 0.0, 0.0)
 
     def rest(self) -> Command:
         """As the loop's own."""
         return self.control.rest()
 
-    def span(self, full: Full) -> MachineState:
-        """Where the numbers of the state lie."""
-        waits = Span(0.0, 2 * self.patience), Span(0.0, 2 * self.limit)
-        W = Span(-full.response, full.response)
-        return MachineState(self.control.span(full), Span(0.0, FAULT), Span(0.0, LOST), *waits, Span(0.0, self.amplitude), W, W)
-
     def step(
-        self,
-        state: MachineState,
-        reference: Any,
-        W: Any,
-        temperature: Any = None,
-        xp: Any = scalar,
-        share: Any = 1.0,
-        enable: Any = True,
-        reset: Any = False,
-    ) -> tuple[MachineState, Command, MachineInfo]:
+        self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
+        enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0, clipped: Any = False,
+    ) -> tuple[MachineState, Command, MachineInfo]:  # fmt: skip
         """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of the bandwidth;
-        `enable`; and `reset`, which ends a fault."""
-        wanted = xp.where(xp.isfinite(reference), clip(reference, 0.0, self.amplitude, xp), state.asked)
-        asked = self._asked(state, wanted, xp)
+        `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS; the `voltage` of an open loop, and
+        its `offset` from f0, Hz, which is also where a tracker begins."""
         was = state.mode
-        drives = enable & (was > OFF) & (was < FAULT)
-        control, command, said = self.control.step(state.control, asked, W, temperature, xp, clip(share, 0.0, 1.0, xp))
-        fault = xp.where(state.fault > 0.0, state.fault, xp.where(drives, said.fault, 0.0))
-        there = seen(0.0, W, xp)
-        d = xp.where(there, state.d + self.memory * (W.real - state.d), state.d)
-        q = xp.where(there, state.q + self.memory * (W.imag - state.q), state.q)
-        near = xp.where(there & self._near(was, asked, d, q, xp), state.near + 1.0, 0.0)
-        waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
-        waited = xp.where(waits, state.waited + 1.0, 0.0)
-        fault = xp.where((fault == 0.0) & drives & (waited >= self.limit), LOST, fault)
-        mode = self._mode(was, wanted, asked, near, xp)
-        mode = xp.where(enable, mode, OFF)
-        mode = xp.where(fault > 0.0, FAULT, mode)
-        mode, fault = xp.where(reset, OFF, mode), xp.where(reset, 0.0, fault)
+        held = self._held(state, (reference, share, temperature, voltage, offset), task, xp)
+        opened = (was == OPEN) | (was == SWEEP)
+        on = enable & (was > OFF) & (was != FAULT)
+        frozen = held.task > 0.0
+        asked = self._asked(state, held, opened, xp)
+        capped = self.headroom * asked / abs(self.gain)
+        most = xp.where((was >= FIND) & (was <= LOCK), capped, NO_LIMIT)
+        stated, swept = self._stated(state, held, xp)
+        control, command, said = self.control.step(
+            state.control, asked, W, held.temperature if self.temperatures is not None else None, xp, held.share, most, frozen,
+            clipped, (opened, *stated),
+        )  # fmt: skip
+        means = self._means(state.means, W, xp.where(on, asked, 0.0), xp.where(on, command.voltage, 0.0), xp)
+        counts, found = self._judged(state, held, means, asked, command.voltage, most, xp)
+        found = xp.where(said.fault > 0.0, said.fault, found)
+        counts = either(on, counts, Counts(*(0.0,) * 4, state.counts.since, state.counts.side), xp)
+        fault = xp.where(state.fault > 0.0, state.fault, xp.where(on, found, 0.0))
+        mode = self._mode(state, held, counts, asked, enable, reset, xp)
+        mode = xp.where((fault > 0.0) & (was != FAULT), FAULT, mode)
+        fault = xp.where(mode == OFF, 0.0, fault)
         moved = mode != was
-        near, waited = xp.where(moved, 0.0, near), xp.where(moved, 0.0, waited)
-        on = (mode > OFF) & (mode < FAULT) & drives
-        voltage = xp.where(on, command.voltage, 0.0)
-        control = _either(on, control, self.control.init(), xp)
-        after = MachineState(control, mode, fault, near, waited, xp.where(on, asked, 0.0), d, q)
-        frequency = command.frequency
-        frequency = None if frequency is None else xp.where(on, frequency, self.rest().frequency)
-        return after, Command(voltage, frequency), MachineInfo(fault, mode, said)
+        near, waited, off = (xp.where(moved, 0.0, n) for n in counts[:3])
+        on = on & (mode > OFF) & (mode != FAULT)
+        learned = xp.where(on & (was == RUN), self.control.learned(control), state.learned)
+        learned = xp.where(mode == FAULT, 0.0, learned)
+        begun = clip(xp.where(frozen, 0.0, learned) + held.offset, *self._window, xp)
+        resting = self.control.rest(begun, xp).frequency
+        frequency = None if resting is None else xp.where(on, command.frequency, resting)
+        after = MachineState(
+            either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means,
+            counts._replace(near=near, waited=waited, off=off), xp.where(on, asked, 0.0), learned,
+            xp.where(on, swept, held.offset),
+        )  # fmt: skip
+        return after, Command(xp.where(on, command.voltage, 0.0), frequency), MachineInfo(fault, mode, said)
 
-    def _asked(self, state: MachineState, wanted: Any, xp: Any) -> Any:
-        """The amplitude that is asked of the loop."""
+    @property
+    def _window(self) -> tuple[float, float]:
+        return self.window[0] - self.f0, self.window[1] - self.f0
+
+    def _held(self, state: MachineState, given: tuple, task: Any, xp: Any) -> Held:
+        """Each input within its range; the last good one where it is not finite; what differs is counted."""
+        was, found, count = state.held, [], state.held.count
+        ranges = ((0.0, self.amplitude), (0.0, 1.0), self.temperatures, self.voltages, self._window)
+        for last, value, span in zip(was[:5], given, ranges, strict=True):
+            if span is not None and value is not None:
+                last = xp.where(xp.isfinite(value), clip(value, *span, xp), last)
+                count = xp.where(last == value, count, count + 1.0)
+            found.append(last)
+        known = (task >= 0.0) & (task <= len(TASKS) - 1.0)
+        task = xp.where(known & (state.mode == OFF), task, was.task)
+        return Held._make((*found, task, xp.where(known, count, count + 1.0)))
+
+    def _asked(self, state: MachineState, held: Held, opened: Any, xp: Any) -> Any:
+        """The amplitude that is asked of the loop; of an open loop what its voltage makes."""
+        wanted, drives = held.reference, self.gain * held.voltage
         find = xp.where(wanted < self.find, wanted, self.find)
         risen = state.asked + self.ramp
         soft = xp.where(risen > wanted, wanted, risen)
         low = xp.where(state.mode == SOFT, soft, find)
-        return xp.where(state.mode > SOFT, wanted, low)
+        asked = xp.where(state.mode > SOFT, wanted, low)
+        return xp.where(opened, xp.where(drives < 0.0, -drives, drives), asked)
 
-    def _near(self, mode: Any, asked: Any, d: Any, q: Any, xp: Any) -> Any:
+    def _stated(self, state: MachineState, held: Held, xp: Any) -> tuple[tuple[Any, Any], Any]:
+        """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far it is afterwards."""
+        upwards, end = held.offset < 0.0, -held.offset
+        over = xp.where(upwards, state.swept > end, state.swept < end)
+        sweeps = state.mode == SWEEP
+        offset = xp.where(sweeps, state.swept, held.offset)
+        voltage = xp.where(sweeps & over, 0.0, held.voltage)
+        further = xp.where(upwards, state.swept + self.sweep, state.swept - self.sweep)
+        return (voltage, self.f0 + offset), xp.where(sweeps & xp.logical_not(over), further, state.swept)
+
+    def _means(self, was: Means, W: Any, asked: Any, voltage: Any, xp: Any) -> Means:
+        there = seen(0.0, W, xp)
+        d = xp.where(there, was.d + self.memory * (W.real - was.d), was.d)
+        q = xp.where(there, was.q + self.memory * (W.imag - was.q), was.q)
+        V = was.voltage + self.memory * (voltage - was.voltage)
+        return Means(d, q, V, was.asked + self.memory * (asked - was.asked))
+
+    def _judged(
+        self, state: MachineState, held: Held, means: Means, asked: Any, voltage: Any, most: Any, xp: Any
+    ) -> tuple[Counts, Any]:
+        """The counts of this sample, and the machine's own fault."""
+        was = state.mode
+        close, suits = self._near(was, held, means, asked, xp), self._fits(was, held, means, xp)
+        near = xp.where(close & suits, state.counts.near + 1.0, 0.0)
+        waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
+        waited = xp.where(waits, state.counts.waited + 1.0, 0.0)
+        off, follow = self._off(state, held, means, xp)
+        swung, since, side = self._swung(state, means, voltage, most, xp)
+        found = xp.where(swung >= self.swings, CODES["oscillates"], 0.0)
+        found = xp.where(off >= self.follows, follow, found)
+        late = xp.where(close & xp.logical_not(suits), CODES["model"], CODES["lost"])
+        return Counts(near, waited, off, swung, since, side), xp.where(waited >= self.limit, late, found)
+
+    def _near(self, mode: Any, held: Held, means: Means, asked: Any, xp: Any) -> Any:
         """Whether the mean reading is near to what is asked; half as strict while the resonance is looked for."""
         rough = mode == FIND
         off = asked * xp.where(rough, ROUGH, NEAR)
-        turned, error = d * xp.where(rough, *self.beside), d - asked
-        return (asked > 0.0) & (error < off) & (error > -off) & (q < turned) & (q > -turned)
+        turned, error = means.d * xp.where(rough, *self.beside[:2]), means.d - asked
+        beside = ((means.q < turned) & (means.q > -turned)) | (held.task > 0.0)
+        return (asked > 0.0) & (error < off) & (error > -off) & beside
 
-    def _mode(self, was: Any, wanted: Any, asked: Any, near: Any, xp: Any) -> Any:
-        """What comes after `was`."""
-        done = near >= self.patience
-        mode = xp.where((was == OFF) & (wanted > 0.0), FIND, was)
+    def _fits(self, mode: Any, held: Held, means: Means, xp: Any) -> Any:
+        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows."""
+        least, most, _ = self.fits
+        makes, finds = self.gain * means.voltage, mode == FIND
+        most = xp.where(finds, DETUNED * most, most)
+        return (finds | (makes > least * means.d)) & ((makes < most * means.d) | (held.task > 0.0))
+
+    def _off(self, state: MachineState, held: Held, means: Means, xp: Any) -> tuple[Any, Any]:
+        """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it; and
+        the fault that this is."""
+        slip, room, turned = means.asked - means.d, NEAR * means.asked, self.beside[2] * means.d
+        beside = ((means.q > turned) | (means.q < -turned)) & (held.task == 0.0)
+        slips = (slip > room) | (slip < -room) | beside
+        makes = self.gain * means.voltage
+        odd = (makes < self.fits[0] * means.d) | ((makes > self.fits[2] * means.d) & (held.task == 0.0))
+        judged = (state.mode == RUN) & (means.asked > self.find)
+        off = xp.where(judged & (slips | odd), state.counts.off + 1.0, 0.0)
+        return off, xp.where(slips, CODES["follow"], CODES["model"])
+
+    def _swung(self, state: MachineState, means: Means, voltage: Any, most: Any, xp: Any) -> tuple[Any, Any, Any]:
+        """Turns of the voltage about its mean, one soon after the other."""
+        was, highest = state.counts, self.voltages[1]
+        far, beside = self.swing * xp.where(most < highest, most, highest), voltage - means.voltage
+        side = xp.where(beside > far, 1.0, xp.where(beside < -far, -1.0, 0.0))
+        judged = (state.mode == LOCK) | (state.mode == RUN)
+        turned = side * was.side < 0.0
+        swung = xp.where(turned, was.swung + 1.0, xp.where(was.since >= self.swing_time, 0.0, was.swung))
+        since = xp.where(turned, 0.0, xp.where(was.since < self.swing_time, was.since + 1.0, was.since))
+        return xp.where(judged, swung, 0.0), since, xp.where(side == 0.0, was.side, side)
+
+    def _mode(self, state: MachineState, held: Held, counts: Counts, asked: Any, enable: Any, reset: Any, xp: Any) -> Any:
+        """What comes after this mode, without a fault."""
+        was, wanted = state.mode, held.reference
+        done = counts.near >= self.patience
+        begun = xp.where(held.task > 1.0, xp.where(held.task > 2.0, SWEEP, OPEN), xp.where(wanted > 0.0, FIND, OFF))
+        mode = xp.where(was == OFF, begun, was)
         mode = xp.where((was == FIND) & done, SOFT, mode)
         mode = xp.where((was == SOFT) & (asked >= wanted), LOCK, mode)
-        return xp.where((was == LOCK) & done, RUN, mode)
-
-
-def _either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
-    """Of two states of one form, number by number; None is no number."""
-    if yes is None:
-        return None
-    if isinstance(yes, tuple):
-        items = [_either(condition, a, b, xp) for a, b in zip(yes, no, strict=True)]
-        return type(yes)(*items) if hasattr(yes, "_fields") else tuple(items)
-    return xp.where(condition, yes, no)
+        mode = xp.where((was == LOCK) & done, RUN, mode)
+        off = xp.logical_not(enable)
+        ends = xp.where(was == FAULT, off & reset, off)
+        return xp.where(ends, OFF, mode)

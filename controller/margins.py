@@ -19,6 +19,7 @@ from controller.pi import PIState
 from controller.scalar import NO_LIMIT
 
 POINTS = 400  # frequencies
+SHOWN = 40  # of a picture
 
 
 class Margins(NamedTuple):
@@ -38,6 +39,25 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
     angle = np.geomspace(min(low, 1e-3), np.pi, POINTS)
     L = response(control, plants, sample_time, angle) * plant(plants, sample_time, delay, np.exp(1j * angle))
     return _read(L, angle, sample_time)
+
+
+class Bode(NamedTuple):
+    """`frequency` (m,) Hz; the 5, 50 and 95 % quantiles (3, m) over the plants of |L|, of the phase of L in degrees, and of the
+    `sensitivity` |1 / (1 + L)|."""
+
+    frequency: np.ndarray
+    size: np.ndarray
+    phase: np.ndarray
+    sensitivity: np.ndarray
+
+
+def bode(control: Any, plants: Ensemble, sample_time: float, delay: float) -> Bode:
+    """The loop at SHOWN frequencies up to the Nyquist frequency, with bands over the plants."""
+    angle = np.geomspace(0.1 * float(np.min(plants.rate)) * sample_time, np.pi, SHOWN)
+    L = response(control, plants, sample_time, angle) * plant(plants, sample_time, delay, np.exp(1j * angle))
+    phase = np.rad2deg(np.unwrap(np.angle(L), axis=1))
+    bands = (np.quantile(v, [0.05, 0.5, 0.95], axis=0) for v in (np.abs(L), phase, np.abs(1 / (1 + L))))
+    return Bode(angle / (2 * np.pi * sample_time), *bands)
 
 
 def plant(plants: Ensemble, T: float, delay: float, z: np.ndarray) -> np.ndarray:
@@ -85,12 +105,13 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
     def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
         """One step of the observer and its law, without limits."""
-        d, now, *voltages = state
-        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(voltages), (zero,) * sent)
+        d, now, *rest = state
+        past = tuple((v, zero) for v in rest[sent:])
+        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past)
         after, command, _ = free.step(before, 1.0, W, None, np)
-        return (after.d, after.damping, *after.voltages), command.voltage
+        return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
-    settled = (one, damping, *[damping / control.push] * sent)
+    settled = (one, damping, *[damping / control.push] * sent, *[one] * (1 + len(control.late)))
     return differences(adaptive, settled, one + 0j, 1e-5)
 
 

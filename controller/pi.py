@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from controller import scalar
-from controller.scalar import NO_LIMIT, Full, Span, clip, seen
+from controller.scalar import NO_LIMIT, clip, seen
 
 
 class PIState(NamedTuple):
@@ -25,36 +25,29 @@ class PIInfo(NamedTuple):
 class Model(NamedTuple):
     """The plate as it was identified, brought to the reference in the time that the voltage allows:
 
-        U = clip(reference - keep M, least, most) / push,   M <- keep M + push U,   keep = e^{-T/tau},  push = G (1 - keep),
+        U = clip((reference - keep M) / push),   M <- keep M + push U,   keep = e^{-T/tau},  push = G (1 - keep),
 
-    `least` and `most` being push times the voltage's limits. U at its limit until it is there is the time-optimal course of a
-    first-order plant. `latest`: share of the younger of the last two amplitudes in `line` (zeros, as many as are remembered)
-    that together are the amplitude a delay ago; None: the last alone.
+    the clip being that of the voltage. U at its limit until it is there is the time-optimal course of a first-order plant.
+    `latest`: share of the younger of the last two amplitudes in `line` (zeros, as many as are remembered) that together are
+    the amplitude a delay ago.
     Source: two degrees of freedom, Astrom and Hagglund, Advanced PID Control, 2006, section 5.3.
     """
 
     keep: float
     push: float
-    least: float
-    most: float
-    latest: float | None
+    latest: float
     line: tuple[float, ...]
 
     @classmethod
-    def of(cls, G: float, tau: float, T: float, delay: float, voltages: tuple[float, float]) -> "Model":
-        """Of a plate sampled every T s, driven between two voltages, whose answer is seen `delay` s after a command."""
+    def of(cls, G: float, tau: float, T: float, delay: float) -> "Model":
+        """Of a plate sampled every T s, whose answer is seen `delay` s after a command."""
         keep, late = math.exp(-T / tau), math.floor(delay / T + 1e-9)
-        push, rest = G * (1.0 - keep), max(delay / T - late, 0.0)
-        least, most = sorted(push * v for v in voltages)
-        if rest < 1e-9:
-            return cls(keep, push, least, most, None, (0.0,) * (late + 1))
+        rest = max(delay / T - late, 0.0)
         latest = math.expm1((rest - 1.0) * T / tau) / math.expm1(-T / tau)
-        return cls(keep, push, least, most, latest, (0.0,) * (late + 2))
+        return cls(keep, G * (1.0 - keep), latest if rest >= 1e-9 else 1.0, (0.0,) * (late + 2))
 
     def expected(self, line: tuple) -> Any:
         """What the sensor shows of it now."""
-        if self.latest is None:
-            return line[-1]
         return self.latest * line[-2] + (1.0 - self.latest) * line[-1]
 
 
@@ -84,36 +77,37 @@ class PI(NamedTuple):
         """At rest: no voltage."""
         return PIState(0.0, 0.0, () if self.model is None else self.model.line)
 
-    def span(self, full: Full) -> PIState:
-        """The integral is a mean of outputs, less those of the model: I <- (1 - anti_windup) I + anti_windup (V - U)."""
-        volts = Span(max(self.lowest, -full.voltage), min(self.highest, full.voltage))
-        if self.model is None:
-            return PIState(volts, volts)
-        most, width = abs(self.model.push) / (1.0 - self.model.keep) * full.voltage, volts.high - volts.low
-        return PIState(Span(-width, width), volts, tuple(Span(-most, most) for _ in self.model.line))
-
-    def step(self, state: PIState, reference: Any, W: Any, xp: Any = scalar, share: Any = 1.0) -> tuple[PIState, Any, PIInfo]:
+    def step(
+        self, state: PIState, reference: Any, W: Any, xp: Any = scalar, share: Any = 1.0, most: Any = NO_LIMIT
+    ) -> tuple[PIState, Any, PIInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive unit) out.
 
-        `share` multiplies both gains: the closed loop is slower by as much, and so is the model, by the loop's own K.
-        A missing measurement (not finite) is not zero: output, integral and model are held, and `info.missing` says so.
+        `share` multiplies both gains: the closed loop is slower by as much, and so is the model, by the loop's own K. `most` is
+        a limit of the voltage for this sample, beside its own. A missing measurement (not finite) is not zero: output, integral
+        and model are held, and `info.missing` says so.
         """
         there = seen(reference, W, xp)
-        aim, held, model = self._aimed(state, reference, share, xp)
+        lowest, highest = within(self.lowest, self.highest, most, xp)
+        aim, held, model = self._aimed(state, reference, share, lowest, highest, xp)
         error = share * (aim - W.real)
         wanted = self.Kp * error + held
-        output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), self.lowest, self.highest, xp)
+        output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), lowest, highest, xp)
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup
         model = tuple(xp.where(there, new, old) for new, old in zip(model, state.model, strict=True))
         after = PIState(xp.where(there, integral, state.integral), xp.where(there, output, state.output), model)
         return after, after.output, PIInfo(xp.logical_not(there), there & (output != wanted))
 
-    def _aimed(self, state: PIState, reference: Any, share: Any, xp: Any) -> tuple[Any, Any, tuple]:
+    def _aimed(self, state: PIState, reference: Any, share: Any, lowest: Any, highest: Any, xp: Any) -> tuple[Any, Any, tuple]:
         """The amplitude that Wd should have now, the voltage without an error of it, U + I, and the model a sample later."""
         if self.model is None:
             return reference, state.integral, ()
         keep, push, now = self.model.keep, self.model.push, state.model[0]
         part = xp.where(share < 1.0, share * (self.Kp * push), 1.0)
-        driven = clip(part * (reference - now) + (1.0 - keep) * now, self.model.least, self.model.most, xp)
-        held = state.integral + driven * (1.0 / push)
-        return self.model.expected(state.model), held, (keep * now + driven, *state.model[:-1])
+        driven = clip((part * (reference - now) + (1.0 - keep) * now) * (1.0 / push), lowest, highest, xp)
+        return self.model.expected(state.model), state.integral + driven, (keep * now + push * driven, *state.model[:-1])
+
+
+def within(lowest: Any, highest: Any, most: Any, xp: Any) -> tuple[Any, Any]:
+    """A range of voltages that includes zero, cut to +-most."""
+    highest = xp.where(most < highest, most, highest)
+    return xp.where(lowest < -highest, -highest, lowest), highest

@@ -1,34 +1,56 @@
 """The promise of a design: margins and step responses over the plants that it must serve, with the controller that runs."""
 
+import cmath
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from controller import scalar
 from controller.dq import DQ
 from controller.ensemble import Ensemble
-from controller.margins import Margins, margins
+from controller.machine import OFF, RUN
+from controller.margins import Bode, Margins, bode, margins
 from controller.tracker import SignTracker
 
 SHARE = 0.005  # of the plants that may miss one promise: of margin and settling together, 1 %
 BAND = 0.05  # within which the amplitude counts as settled
 SHOWN = 50  # points of a step response
 LONGEST = 4000  # samples that are looked at
+SMALL = 0.1  # of the amplitude: a step for which the voltage has no limit
+STARTED = 50  # plants that are switched on
+
+
+class Clock(NamedTuple):
+    """Times in s: of a sample; from it to when its command takes effect, `latency`; by which its reading is `late`."""
+
+    T: float
+    latency: float
+    late: float = 0.0
+
+    @property
+    def delay(self) -> float:
+        """From a motion of the plate to the command that answers it."""
+        return self.latency + self.late
 
 
 class Response(NamedTuple):
-    """|W| from rest at `time` (m,), s: the 5, 50 and 95 % quantiles over the plants, each (m,)."""
+    """|W| from rest at `time` (m,), s: the 5, 50 and 95 % quantiles over the plants, each (m,); of the
+    `voltage` too (3, m)."""
 
     time: np.ndarray
     low: np.ndarray
     middle: np.ndarray
     high: np.ndarray
+    voltage: np.ndarray
 
 
 class Promise(NamedTuple):
-    """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was asked for) at most;
-    margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of each, the 5, 50 and 95 %
-    quantiles over the plants; `response`: those of the amplitude itself, until twice the settling time."""
+    """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was asked for, or of a
+    tenth of it) at most; margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of each, the
+    5, 50 and 95 % quantiles over the plants; `response`: those of the amplitude itself, until twice the settling time.
+    `startup`: s from enabling what is exported to within 5 % for good; inf without a guard. `bode`: the loop over frequency."""
 
     settling: float
     overshoot: float
@@ -38,25 +60,47 @@ class Promise(NamedTuple):
     delay: float
     spread: dict[str, tuple[float, float, float]]
     response: Response
+    startup: float = math.inf
+    bode: Bode | None = None
 
 
 def promise(
-    law: Any, plants: Ensemble, sample_time: float, latency: float, amplitude: float, start: float | None, guard: Any = None
+    law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, guard: Any = None, machine: Any = None
 ) -> Promise:
     """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without one. With the `guard`
-    of the law a plate whose drive it ends does not settle."""
-    found = margins(law, plants, sample_time, latency)
-    W = rises(law, plants, sample_time, latency, amplitude, start, guard)
-    settling, overshoot = judged(W, sample_time, amplitude)
+    of the law a plate whose drive it ends does not settle; the `machine` around it is what is switched on."""
+    found = margins(law, plants, clock.T, clock.delay)
+    W, V = rises(law, plants, clock, amplitude, start, guard)
+    settling, overshoot = judged(W, clock.T, amplitude)
+    small = SMALL * amplitude
+    overshoot = np.maximum(overshoot, judged(rises(law, plants, clock, small, start)[0], clock.T, small)[1])
     each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
     worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
     spread = {name: _quantiles(values) for name, values in each.items()}
-    return Promise(**worst, spread=spread, response=_shown(W, sample_time, worst["settling"]))
+    begun = math.inf if machine is None else startup(machine, law, plants, clock, amplitude, start)
+    shown = _shown(W, V, clock.T, worst["settling"])
+    return Promise(**worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay))
 
 
-def settling(control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None) -> float:
+def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
     """The settling time that is promised, alone."""
-    return _worst(steps(control, plants, T, latency, amplitude, start)[0], -1)
+    return _worst(steps(control, plants, clock, amplitude, start)[0], -1)
+
+
+def startup(machine: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
+    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not come to run."""
+    few = plants.every(math.ceil(len(plants.rate) / STARTED))
+    if amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
+        return math.inf
+    most = int(min(3 * LONGEST, 4 * machine.limit))
+    rows, last = [], 0
+    for k, (W, _, said) in enumerate(played(machine, law, few, clock, amplitude, start, most)):
+        rows.append(W)
+        last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
+        if k > last + 4 * machine.patience:
+            break
+    taken, _ = judged(np.reshape(rows, (len(rows), -1)), clock.T, amplitude)
+    return _worst(np.where(said.mode == RUN, taken, np.inf) + np.zeros_like(few.rate), -1)
 
 
 def margins_by_name(found: Margins) -> dict[str, np.ndarray]:
@@ -74,39 +118,53 @@ def _quantiles(values: np.ndarray) -> tuple[float, float, float]:
     return float(ordered[round(0.05 * last)]), float(ordered[round(0.5 * last)]), float(ordered[round(0.95 * last)])
 
 
-def steps(
-    control: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None
-) -> tuple[np.ndarray, np.ndarray]:
+def steps(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to `amplitude`."""
-    return judged(rises(control, plants, T, latency, amplitude, start), T, amplitude)
+    return judged(rises(control, plants, clock, amplitude, start)[0], clock.T, amplitude)
 
 
 def rises(
-    law: Any, plants: Ensemble, T: float, latency: float, amplitude: float, start: float | None, guard: Any = None
-) -> np.ndarray:
-    """|W| (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the law.
+    law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, guard: Any = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """|W| and V (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the law."""
+    count = min(samples(law, plants, clock.T), LONGEST)
+    rows = np.empty((2, count, len(plants.rate)))
+    for k, (W, V, _) in enumerate(played(guard or law, law, plants, clock, amplitude, start, count)):
+        rows[0, k], rows[1, k] = W, V
+    return rows[0], rows[1]
 
-    The slow envelope of each plant, exact under held inputs; a command takes effect `latency` s after its sample.
-    """
-    late = int(np.floor(latency / T + 1e-9))
-    part = min(max(latency - late * T, 0.0), T)
-    Z = np.zeros(len(plants.rate), complex)
-    still = (np.zeros_like(plants.rate), np.zeros_like(plants.rate))
-    line = [still] * (late + 1)  # commands that were given, the latest first
-    control = guard or law
-    state, rows = control.init(), np.empty((min(samples(law, plants, T), LONGEST), len(Z)))
+
+def played(
+    control: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, count: int
+) -> Iterator[tuple[np.ndarray, Any, Any]]:
+    """|W|, V and what is said at each of `count` samples: the slow envelope of each plant, exact under held inputs. A command
+    takes effect a latency after its sample; between two samples a late reading lies on a straight line."""
+    T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
+    part = min(max(clock.latency - late * T, 0.0), T)
+    back, between = divmod(clock.late / T, 1.0)
+    xp: Any = np
+    rate, push, detuning = plants.rate, plants.push, plants.detuning
+    Z: Any = np.zeros(len(rate), complex)
+    still: Any = (0.0 * rate, 0.0 * rate)
     temperature = _told(law, plants)
-    for row in rows:
-        row[:] = np.abs(Z)
-        state, command, _ = control.step(state, amplitude, Z, temperature, np)
+    if len(rate) == 1:  # plain numbers are ten times as fast as arrays of one
+        xp, rate, push, detuning, Z, still = scalar, rate.item(), push.item(), detuning.item(), 0j, (0.0, 0.0)
+        temperature = None if temperature is None else temperature.item()
+    line = [still] * (late + 1)  # commands that were given, the latest first
+    seen = [Z] * (int(back) + 2)
+    state = control.init()
+    for _ in range(count):
+        seen = [Z, *seen[:-1]]
+        told = seen[-2] + between * (seen[-1] - seen[-2])
+        state, command, said = control.step(state, amplitude, told, temperature, xp)
+        yield np.abs(Z), command.voltage, said
         f = 0.0 if command.frequency is None or start is None else command.frequency - start
         line.insert(0, (command.voltage, f + still[0]))
         for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
-            pole = -plants.rate + 2j * np.pi * (plants.detuning - offset)
-            settled = -plants.push * voltage / pole
-            Z = settled + (Z - settled) * np.exp(pole * duration)
+            pole = -rate + 2j * np.pi * (detuning - offset)
+            settled = -push * voltage / pole
+            Z = settled + (Z - settled) * (np.exp(pole * duration) if xp is np else cmath.exp(pole * duration))
         line.pop()
-    return rows
 
 
 def _told(law: Any, plants: Ensemble) -> np.ndarray | None:
@@ -135,7 +193,9 @@ def samples(control: Any, plants: Ensemble, T: float) -> int:
     return math.ceil(rest)
 
 
-def _shown(W: np.ndarray, T: float, settling: float) -> Response:
+def _shown(W: np.ndarray, V: np.ndarray, T: float, settling: float) -> Response:
     until = min(len(W), math.ceil(2 * settling / T) + 1) if math.isfinite(settling) else len(W)
     rows = np.unique(np.linspace(0, until - 1, min(SHOWN, until)).round().astype(int))
-    return Response(rows * T, *np.quantile(W[rows], [0.05, 0.5, 0.95], axis=1))
+    levels = [0.05, 0.5, 0.95]
+    low, middle, high = np.quantile(W[rows], levels, axis=1)
+    return Response(rows * T, low, middle, high, np.quantile(V[rows], levels, axis=1))

@@ -15,7 +15,12 @@ lowest_frequency_kHz = 31.8  # the tracker's window; unless stated, half a bandw
 highest_frequency_kHz = 32.6
 force_N = 1.5                # the hardest press, by the fit's finger_damping; or finger = 1, what it adds to the damping, in
                              # units of the plate's own; unless stated none
-arithmetic = "q31"           # of the exported C: double, single; q31, q15: fixed point in words of 32 or 16 bits
+arithmetic = "single"        # of the exported C: single, or double
+drive_update_MHz = 0.5       # how often the drive's own samples are put out: held in between it is late by half of that time,
+                             # 11 degrees of 32 kHz at 0.5 MHz; unless stated it is as fine as if it were continuous
+method = "pi"                # pi, paper, pll or adaptive
+amplitude_um = 2             # the largest that will be asked for
+settling_ms = 1.5            # to 5 %, to be kept by 99 % of the plates that the logs allow
 
 [adc]                        # of the loop's sensor; its samples are what the exported demodulator takes
 bits = 12
@@ -47,11 +52,12 @@ from typing import Any, NamedTuple, NoReturn
 
 from controller import scalar
 from controller.actuator import Adc, Dac, Inverter
-from controller.demodulator import Demodulator
-from controller.scalar import NO_LIMIT, Full
+from controller.demodulator import SAMPLES, Demodulator
+from controller.scalar import NO_LIMIT
 from controller.source import Multiples, Source, Timer
 
-ARITHMETIC = ("double", "single", "q31", "q15")
+ARITHMETIC = ("single", "double")
+METHODS = ("pi", "paper", "pll", "adaptive")
 
 
 class RigError(ValueError):
@@ -70,9 +76,10 @@ class Sensor(NamedTuple):
     gain_error: float = 0.0
     angle_error: float = 0.0
 
-    def correction(self, frequency: float) -> complex:
-        """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay degrees."""
-        return cmath.exp(1j * (2 * math.pi * frequency * self.delay - math.radians(self.rotation))) / self.gain
+    def correction(self, frequency: float, hold: float = 0.0) -> complex:
+        """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay degrees, and so does
+        the drive's, `hold` s."""
+        return cmath.exp(1j * (2 * math.pi * frequency * (self.delay + hold) - math.radians(self.rotation))) / self.gain
 
 
 class Vector(NamedTuple):
@@ -96,10 +103,6 @@ class Calibrated(NamedTuple):
     def rest(self) -> Any:
         """As the controller's own."""
         return self.control.rest()
-
-    def span(self, full: Full) -> Any:
-        """As the controller's own, of readings that are corrected."""
-        return self.control.span(full._replace(response=full.response * math.hypot(self.d, self.q)))
 
     def step(
         self, state: Any, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, **knobs: Any
@@ -127,16 +130,20 @@ class Rig(NamedTuple):
     adc: Adc | None = None
     dac: Dac | None = None
     inverter: Inverter | None = None
-    arithmetic: str = "double"
+    arithmetic: str = "single"
     coldest: float | None = None  # degC
     warmest: float | None = None
     lowest_frequency: float | None = None
     highest_frequency: float | None = None
     force: float | None = None  # N
     finger: float | None = None
+    drive_update: float | None = None  # Hz
+    method: str | None = None
+    amplitude: float | None = None  # response unit
+    settling: float | None = None
 
     @classmethod
-    def from_toml(cls, path: str | Path, drive_unit: str = "V") -> "Rig":
+    def from_toml(cls, path: str | Path, drive_unit: str = "V", response_unit: str = "um") -> "Rig":
         """The rig of a TOML file, its voltages in `drive_unit`. Raises RigError."""
         try:
             document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -144,11 +151,12 @@ class Rig(NamedTuple):
             raise RigError(f"{path}: cannot be read: {error}") from None
         read = _Reader(Path(path))
         tables = {name: read.subtable(document, name) for name in ("sensor", "adc", "dac", "inverter")}
-        times = dict.fromkeys(("sample_time", "latency", "tracker_period"), "s")
-        sources = dict.fromkeys(("frequency_step", "timer", "dds", "lowest_frequency", "highest_frequency"), "Hz")
+        times = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
+        sources = dict.fromkeys(("frequency_step", "timer", "dds", "drive_update", "lowest_frequency", "highest_frequency"), "Hz")
         units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
-        units |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1"}
-        values = read.table("", document, units, {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC})
+        units |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1", "amplitude": response_unit}
+        words = {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC, "method": METHODS}
+        values = read.table("", document, units, words)
         if tables["sensor"] is not None:
             values["sensor"] = read.sensor(tables["sensor"])
         if tables["adc"] is not None:
@@ -169,11 +177,23 @@ class Rig(NamedTuple):
         return None if self.frequency_step is None else Multiples.of(self.frequency_step, start)
 
     def delay(self, f0: float | None) -> float:
-        """Seconds by which a reading is late: the sensor, and the exported demodulator's filters where its rate is stated."""
-        late = 0.0 if self.sensor is None else self.sensor.delay
-        if self.adc is None or f0 is None:
-            return late
-        return late + Demodulator.of(self.adc.rate, f0, 1.0).delay / self.adc.rate
+        """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's filters."""
+        late = self.hold + (0.0 if self.sensor is None else self.sensor.delay)
+        return late if f0 is None else late + self.demodulator(f0, 1.0).delay
+
+    @property
+    def hold(self) -> float:
+        """Seconds by which a drive that is held from one of its own samples to the next is late."""
+        return 0.0 if self.drive_update is None else 0.5 / self.drive_update
+
+    def demodulator(self, f0: float, sample_time: float) -> Demodulator:
+        """What gives Wd and Wq; they are missing when all samples of a controller step are. Raises ValueError."""
+        adc = self.adc
+        rate = SAMPLES * f0 if adc is None else adc.rate
+        patience = max(1.0, math.ceil(rate * sample_time))
+        if adc is None:
+            return Demodulator.of(rate, f0, patience)
+        return Demodulator.of(rate, f0, patience, adc.unit, 2.0 ** (adc.bits - 1) - 1)
 
     def slew(self, sample_time: float) -> float:
         """The most that the voltage may change in one sample."""
@@ -249,7 +269,16 @@ class _Reader:
         return found
 
     def checked(self, rig: Rig) -> Rig:
-        above = ("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds")
+        above: tuple[str, ...] = (
+            "sample_time",
+            "voltage_limit",
+            "voltage_slew",
+            "frequency_step",
+            "tracker_period",
+            "timer",
+            "dds",
+        )
+        above += ("drive_update", "amplitude", "settling")
         for name in (*above, "lowest_frequency", "highest_frequency"):
             if (value := getattr(rig, name)) is not None and not value > 0:
                 self.refuse(name, value, "a number above zero")

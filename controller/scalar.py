@@ -1,29 +1,14 @@
 """Plain floats under the names that numpy and JAX have for arrays.
 
-A step is written once, in `+ - * /`, comparisons and the functions below, and takes what it computes with as `xp`: this module,
-`numpy`, `jax.numpy`, or the symbols that the C export records. All of them run the same operations in the same order.
+A step is written once in Python, in `+ - * /`, comparisons and the functions below, and takes what it computes with as `xp`: this
+module, `numpy` or `jax.numpy`. All run the same operations in the same order, and so does the C (`controller/c/dq.c`).
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 NO_LIMIT = 1e30  # in any unit; a number also in single precision
 nan = math.nan
-
-
-class Span(NamedTuple):
-    """Where a number lies; fixed point takes its scale from it."""
-
-    low: float
-    high: float
-
-
-class Full(NamedTuple):
-    """Full scale: the largest `response` (each of Wd, Wq) and `voltage`, and the plate's `temperature` in degC."""
-
-    response: float
-    voltage: float
-    temperature: Span = Span(-60.0, 200.0)
 
 
 def where(condition: bool, yes: float, no: float) -> float:
@@ -57,3 +42,21 @@ def seen(reference: Any, W: Any, xp: Any) -> Any:
     overflows is none either: nothing that is computed from it would be finite."""
     size = W.real * W.real + W.imag * W.imag
     return xp.isfinite(reference) & xp.isfinite(size * size)
+
+
+def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
+    """Of two states of one form, number by number; None is no number."""
+    if yes is None:
+        return None
+    if isinstance(yes, tuple):
+        items = [either(condition, a, b, xp) for a, b in zip(yes, no, strict=True)]
+        return type(yes)(*items) if hasattr(yes, "_fields") else tuple(items)
+    return xp.where(condition, yes, no)
+
+
+def typed(control: Any, kind: Any) -> Any:
+    """A controller, or a state, with every float in another type of number: its steps then compute in that type."""
+    if isinstance(control, tuple):
+        items = [typed(item, kind) for item in control]
+        return type(control)(*items) if hasattr(control, "_fields") else tuple(items)
+    return kind(control) if isinstance(control, float) else control

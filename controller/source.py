@@ -6,6 +6,13 @@ from typing import Any, NamedTuple
 NEAR = 0.05  # of its frequency, within which a timer's series is used: it is right to NEAR^4 of the frequency, 6e-6
 
 
+def begun(source: "Source | None", offset: Any, xp: Any) -> Any:
+    """What a source makes of an `offset` to begin with."""
+    if source is None:
+        return offset
+    return source.first if isinstance(offset, float) and offset == 0.0 else source.made(offset, xp)
+
+
 class Multiples(NamedTuple):
     """Multiples of `step`; `first` is one of them."""
 

@@ -4,8 +4,9 @@ PLL."""
 from typing import Any, NamedTuple
 
 from controller import scalar
-from controller.scalar import NO_LIMIT, Full, Span, clip, seen
+from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
+from controller.source import begun as first
 
 
 class TrackerState(NamedTuple):
@@ -53,14 +54,13 @@ class SignTracker(NamedTuple):
     lowest: float = 0.0
     highest: float = NO_LIMIT
 
-    def init(self) -> TrackerState:
-        """At the start frequency; the first update comes after one full period."""
-        return TrackerState(0.0, 0.0, 0.0)
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
+        """At `begun` Hz above the start frequency; the first update comes after one full period."""
+        return TrackerState(begun, begun, 0.0)
 
-    def span(self, full: Full) -> TrackerState:
-        """Where the numbers of the state lie."""
-        window = Span(self.lowest - self.start, self.highest - self.start)
-        return TrackerState(window, window, Span(0.0, self.every))
+    def learned(self, state: TrackerState) -> Any:
+        """The resonance, Hz above the start."""
+        return state.estimate
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -74,16 +74,15 @@ class SignTracker(NamedTuple):
         return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
 
 
-def _begun(tracker: Any, ratio: float | None) -> TrackerState:
-    """At the start frequency, or what the source makes of it."""
-    offset = 0.0 if tracker.source is None else tracker.source.first
-    return TrackerState(offset, 0.0, 0.0, None if tracker.k_T is None else tracker.temperature, ratio)
+def _begun(tracker: Any, begun: Any, ratio: float | None, xp: Any) -> TrackerState:
+    """At `begun` Hz above the start, or what the source makes of it."""
+    offset = first(tracker.source, begun, xp)
+    return TrackerState(offset, begun, 0.0, None if tracker.k_T is None else tracker.temperature, ratio)
 
 
-def _span(tracker: Any, full: Full, ratio: Span | None) -> TrackerState:
-    """Where the numbers of the state lie."""
-    window = Span(tracker.lowest - tracker.start, tracker.highest - tracker.start)
-    return TrackerState(window, window, Span(0.0, tracker.every), None if tracker.k_T is None else full.temperature, ratio)
+def _learned(tracker: Any, state: TrackerState) -> Any:
+    """The resonance, Hz above the start, at the temperature of the start."""
+    return state.estimate if tracker.k_T is None else state.estimate - tracker.k_T * (state.temperature - tracker.temperature)
 
 
 def _moved(tracker: Any, state: TrackerState, step: Any, temperature: Any, xp: Any) -> tuple[Any, Any, Any]:
@@ -150,13 +149,13 @@ class Tracker(NamedTuple):
         beside = 0.0 if self.source is None else 0.5 * self.source.step + self.dead_band
         return (self.max_step + self.share * beside) / self.gain
 
-    def init(self) -> TrackerState:
-        """At the start frequency; the first update comes after one full period."""
-        return _begun(self, None)
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
+        """At `begun` Hz above the start frequency; the first update comes after one full period."""
+        return _begun(self, begun, None, xp)
 
-    def span(self, full: Full) -> TrackerState:
-        """Where the numbers of the state lie."""
-        return _span(self, full, None)
+    def learned(self, state: TrackerState) -> Any:
+        """The resonance, Hz above the start, at the temperature of the start."""
+        return _learned(self, state)
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
@@ -200,13 +199,13 @@ class PLL(NamedTuple):
     most: float = 3.0  # Wq / Wd beyond which it counts as that
     every: float = 1.0
 
-    def init(self) -> TrackerState:
-        """At the start frequency."""
-        return _begun(self, 0.0)
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
+        """At `begun` Hz above the start frequency."""
+        return _begun(self, begun, 0.0, xp)
 
-    def span(self, full: Full) -> TrackerState:
-        """Where the numbers of the state lie."""
-        return _span(self, full, Span(-self.most, self.most))
+    def learned(self, state: TrackerState) -> Any:
+        """The resonance, Hz above the start, at the temperature of the start."""
+        return _learned(self, state)
 
     def step(
         self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar

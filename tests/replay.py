@@ -1,33 +1,37 @@
 """The exported C compiled and fed with a binary log, and the same steps in Python arrays."""
 
+import atexit
 import shutil
 import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import controller
-from controller.export import WHOLE
-from controller.recording import measures_temperature, record, words
+from controller.scalar import typed
 
-KIND = {"double": np.float64, "single": np.float32, "q31": np.int32, "q15": np.int16}
-WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-ffp-contract=off"]
-SANITIZERS = ["-O0", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+KIND = {"double": np.float64, "single": np.float32}
+WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wfloat-equal", "-Werror"]
+PLAIN = ["-std=c99", "-ffp-contract=off"]
+SANITIZERS = ["-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
 STEP_C = """\
 #include <stdio.h>
-#include "dq_pi.h"
+#include "dq_pi_plate.h"
 int main(void)
 {
+    static const dq_params params = DQ_PLATE_PARAMS;
     dq_input in;
     dq_state s;
     long k = 0;
     while (fread(&in, sizeof in, 1, stdin) == 1) {
         dq_output out;
-        if (k++ % SAMPLES == 0)
-            dq_init(&s);
+        if (k++ % SAMPLES == 0 && dq_init(&s, &params) != DQ_PARAMS_OK)
+            return 3;
         out = dq_step(&s, &in);
         if (fwrite(&out, sizeof out, 1, stdout) != 1)
             return 1;
@@ -37,10 +41,11 @@ int main(void)
 """
 DEMODULATE_C = """\
 #include <stdio.h>
-#include "dq_pi.h"
-struct sample { SAMPLE value; uint32_t phase; };
+#include "dq_pi_plate.h"
+struct sample { dq_real value; uint32_t phase; };
 int main(void)
 {
+    static const dq_params params = DQ_PLATE_PARAMS;
     struct sample in;
     dq_demodulator s;
     long k = 0;
@@ -49,7 +54,7 @@ int main(void)
     while (fread(&in, sizeof in, 1, stdin) == 1) {
         dq_response out;
         if (k++ % SAMPLES == 0)
-            dq_demodulator_init(&s);
+            dq_demodulator_init(&s, &params);
         out = dq_demodulate(&s, in.value, in.phase);
         if (fwrite(&out, sizeof out, 1, stdout) != 1)
             return 1;
@@ -57,17 +62,34 @@ int main(void)
     return 0;
 }
 """
+REALS = ("reference", "share", "wd", "wq", "temperature", "voltage", "offset")
+WHOLE = ("task", "clipped", "enable", "reset")
+STILL = dict.fromkeys((*REALS, *WHOLE), 0.0) | {"share": 1.0, "temperature": 24.0, "enable": 1.0}
 
 
-def compiled(loop, folder, precision, main, *flags):
+def compiled(loop, folder, precision, main, *flags, compiler=None):
     """The program that `main` makes of the export."""
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    compiler = compiler or shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         pytest.skip("no C compiler")
     controller.export_c(loop, folder / "dq_pi.h", precision)
     (folder / "main.c").write_text(main)
-    subprocess.run([compiler, *WARNINGS, *flags, "main.c", "dq_pi.c", "-o", "main"], cwd=folder, check=True)  # no library but C's
+    plain = tuple(flag for flag in flags if not flag.startswith("-D"))
+    law = _law((folder / "dq_pi.h").read_text(), (folder / "dq_pi.c").read_text(), compiler, plain)
+    command = [compiler, *PLAIN, *WARNINGS, *flags, "main.c", law, "-o", "main"]  # no library but C's
+    subprocess.run(command, cwd=folder, check=True)
     return folder / "main"
+
+
+@cache
+def _law(header, source, compiler, flags):
+    """The object of a law, which is the same for every plate: compiled once."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / "dq_pi.h").write_text(header)
+    (folder / "dq_pi.c").write_text(source)
+    subprocess.run([compiler, *PLAIN, *WARNINGS, *flags, "-c", "dq_pi.c"], cwd=folder, check=True)
+    return folder / "dq_pi.o"
 
 
 def run(program, data):
@@ -76,26 +98,26 @@ def run(program, data):
     return done.stdout
 
 
-def numbers(loop):
-    """Names of the numbers that go into a step."""
-    return ["reference", "share", "wd", "wq", *(["temperature"] if measures_temperature(loop) else [])]
+def output_type(precision):
+    kind = KIND[precision]
+    named = [(name, kind) for name in ("voltage", "frequency", "offset")]
+    return np.dtype([*named, ("fault", np.int32), ("mode", np.int32), ("held", np.uint32)], align=True)
 
 
-def output_type(loop, precision):
-    kind, names = KIND[precision], record(loop, precision).output
-    whole = {"int32_t": np.int32, "uint32_t": np.uint32}
-    return np.dtype([(name, whole[WHOLE[name]] if name in WHOLE else kind) for name in names], align=True)
+def given(inputs):
+    """All inputs (sequences, samples), with those that are not given at rest."""
+    shape = inputs["wd"].shape
+    return {name: np.broadcast_to(inputs.get(name, still), shape) for name, still in STILL.items()}
 
 
 def in_c(loop, folder, inputs, precision, *flags):
-    """(sequences, samples) of records of the compiled step, for inputs by name (sequences, samples); in fixed point in words."""
-    kind, shape = KIND[precision], inputs["wd"].shape
-    fields = [(n, kind) for n in numbers(loop)] + [("enable", np.int32), ("reset", np.int32)]
-    given = np.zeros(shape, np.dtype(fields, align=True))
-    for name in given.dtype.names:
-        given[name] = inputs[name]
+    """(sequences, samples) of records of the compiled step, for inputs by name (sequences, samples)."""
+    shape = inputs["wd"].shape
+    rows = np.zeros(shape, np.dtype([*((n, KIND[precision]) for n in REALS), *((n, np.int32) for n in WHOLE)], align=True))
+    for name, values in given(inputs).items():
+        rows[name] = values
     program = compiled(loop, folder, precision, STEP_C, *flags, f"-DSAMPLES={shape[1]}")
-    return np.frombuffer(run(program, given.tobytes()), output_type(loop, precision)).reshape(shape)
+    return np.frombuffer(run(program, rows.tobytes()), output_type(precision)).reshape(shape)
 
 
 def array_of(kind):
@@ -111,21 +133,22 @@ def array_of(kind):
 def in_arrays(loop, inputs, precision):
     """The same by the step in floating-point arrays, one element for each sequence."""
     kind, shape = KIND[precision], inputs["wd"].shape
-    xp, given = array_of(kind), {n: inputs[n].astype(kind) for n in numbers(loop)}
-    out = np.zeros(shape, output_type(loop, precision))
-    state, made = full(loop.machine.init(), shape[0], kind), words(loop)
+    rows = {n: v.astype(kind) for n, v in given(inputs).items()}
+    out, xp, machine = np.zeros(shape, output_type(precision)), array_of(kind), typed(loop.machine, kind)
+    state = full(machine.init(), shape[0], kind)
     with np.errstate(invalid="ignore", over="ignore"):
         for k in range(shape[1]):
-            now = {name: values[:, k] for name, values in given.items()}
+            now = {name: values[:, k] for name, values in rows.items()}
             W = SimpleNamespace(real=now["wd"], imag=now["wq"])
-            knobs = {"share": now["share"], "enable": inputs["enable"][:, k] != 0, "reset": inputs["reset"][:, k] != 0}
-            state, command, said = loop.machine.step(state, now["reference"], W, now.get("temperature"), xp, **knobs)
-            found = {"voltage": (None, command.voltage), "frequency": (None, command.frequency)}
-            found |= {"fault": (0, said.fault), "mode": (0, said.mode)} | made.of(command.voltage, command.frequency, xp)
-            for name, (base, value) in found.items():
-                if value is not None:
-                    assert value.dtype == kind
-                    out[name][:, k] = value if base is None else base + value.astype(np.int64)
+            knobs = {name: now[name] for name in ("share", "voltage", "offset", "task")}
+            knobs |= {name: now[name] != 0 for name in ("enable", "reset", "clipped")}
+            state, command, said = machine.step(state, now["reference"], W, now["temperature"], xp, **knobs)
+            found = {"voltage": command.voltage, "fault": said.fault, "mode": said.mode, "held": state.held.count}
+            if command.frequency is not None:
+                found |= {"frequency": command.frequency}
+            for name, value in found.items():
+                assert value.dtype == kind, name
+                out[name][:, k] = value
     return out
 
 
@@ -137,92 +160,3 @@ def full(value, count, kind):
         items = [full(item, count, kind) for item in value]
         return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
     return np.full(count, value, kind)
-
-
-def in_twin(loop, inputs, precision):
-    """The same by the twin in integers; inputs in words."""
-    step, shape = record(loop, precision), inputs["wd"].shape
-    out = np.zeros(shape, output_type(loop, precision))
-    state = {name: np.full(shape[0], first) for name, first in step.twin.first.items()}
-    bases = {name: base or 0 for name, (_, base) in step.output.items()}
-    for k in range(shape[1]):
-        given = {f"in->{name}": values[:, k] for name, values in inputs.items()}
-        state, found = step.twin.step(state, **given)
-        for name, value in found.items():
-            out[name][:, k] = value + bases[name]
-    return out
-
-
-def worded(loop, inputs, precision):
-    """Inputs in words, what is not finite as the word for that."""
-    twin = record(loop, precision).twin
-    return {name: twin.word(name, v) if name in twin.points else v for name, v in inputs.items()}
-
-
-def beside_float64(loop, inputs, precision, full):
-    """The outputs of a step in `precision`, and in float64 of the same inputs, all as numbers; readings within +-`full`."""
-    twin = record(loop, precision).twin
-    inputs = inputs | {name: np.clip(inputs[name], -full, full) for name in ("wd", "wq")}
-    if twin is None:
-        given = {name: v.astype(np.float32) if v.dtype.kind == "f" else v for name, v in inputs.items()}
-        found = [in_arrays(loop, given, p) for p in (precision, "double")]
-        return tuple({name: out[name].astype(float) for name in out.dtype.names} for out in found)
-    words = worded(loop, inputs, precision)
-    given, out = unworded(loop, words, precision), in_twin(loop, words, precision)
-    mine = {name: out[name] if name in WHOLE else twin.number(name, out[name]) for name in out.dtype.names}
-    exact = in_arrays(loop, given, "double")
-    return mine | {"frequency": loop.f0 + mine["frequency"]}, {name: exact[name] for name in exact.dtype.names}
-
-
-def together(mine, exact):
-    """Samples until one of the thresholds (of the state machine, of a voltage that brakes, of a source's steps) lies between."""
-    same = (mine["mode"] == exact["mode"]) & ((mine["voltage"] < 0) == (exact["voltage"] < 0))
-    if "ticks" in mine:
-        same &= mine["ticks"] == exact["ticks"]
-    return np.cumprod(same, 1).astype(bool)
-
-
-class Rounding(NamedTuple):
-    """How far from float64 a loop may be after n samples: n `volts`, and `hertz` + n `drift` Hz."""
-
-    volts: float
-    hertz: float
-    drift: float
-
-
-def rounding(loop, precision, full):
-    """By what is rounded in a sample, for readings up to `full`. A PI's integral forgets nothing while it is not clipped, and a
-    clip brings two numbers no further apart: its error grows by what is rounded in a sample, and no faster. A sign that is taken
-    of a word is that of its number; a step of the other trackers is rounded like the PI's. It holds as long as they are
-    `together`, and no gate's threshold lies between."""
-    pi, tracker, twin = loop.law.amplitude, loop.law.tracker, record(loop, precision).twin
-    most = getattr(tracker, "most", 0.0)
-    gains = {"gain": getattr(tracker, "gain", 0.0), "lead": 2 * getattr(tracker, "lead", 0.0)}
-    warm = abs(getattr(tracker, "k_T", None) or 0.0)
-    if twin is None:  # ten operations on what goes up to Kp times the error; the frequency is given out in full
-        eps, largest = 2.0**-24, pi.Kp * (full + loop.amplitude) + loop.limits.voltage
-        far = loop.limits.frequency[1] - loop.limits.frequency[0]
-        update = 8 * eps * (sum(gains.values()) * most + far)
-        return Rounding(10 * eps * largest, loop.f0 * eps, update / tracker.every + 8 * eps * (warm * 60 + far) * (warm > 0))
-    top = 2.0 ** -(twin.bits - 1)
-    volt, asked = (2.0 ** -twin.states[n] for n in ("control_control_amplitude_integral", "asked"))
-    # what is asked, to a word; an error of full scale and the amplitude, its gains to half of their last place; the voltage that
-    # is wanted goes up to eight times the limit, so that its products and sums have words of eight; twice, as Ki and Kp have both
-    room = 2 * (pi.Kp * asked + 2 * (full + loop.amplitude) * pi.Kp * top + 3 * 8 * volt)
-    # the amplitude of the model, which forgets its error in a sample or two: what is asked and four words of its own, by the gain
-    # of the PI and as the voltage that leads there
-    if pi.model is not None:
-        room += (asked + 4 * 2.0 ** -twin.states["control_control_amplitude_model_0"]) * (pi.Kp + 1 / pi.model.push)
-    # an update: Wq/Wd, of which what is below a word is cut off, its gains, and a word for each of sum and product
-    moved = tracker is not None and most > 0
-    word = 2.0 ** -twin.states["control_control_tracker_offset"]
-    update = (sum(gains.values()) * top * 4 + 3 * word) * moved
-    heat = (warm * 2.0 ** -twin.points.get("temperature", 0) + 2 * word) * (warm > 0)
-    return Rounding(room, 2.0 ** -twin.points["frequency"], update / tracker.every + heat)
-
-
-def unworded(loop, inputs, precision):
-    """The numbers that words stand for, NaN where one is missing."""
-    twin = record(loop, precision).twin
-    top = 2 ** (twin.bits - 1)
-    return {n: np.where(v == -top, np.nan, twin.number(n, v)) if n in twin.points else v for n, v in inputs.items()}

@@ -16,9 +16,9 @@ from sysid.command.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
-ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c"}
+ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 Z = 4.5  # standard deviations of Monte-Carlo error
-CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c"}
+CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 
 
 def identify(*arguments, cwd):

@@ -4,13 +4,16 @@ import dataclasses
 import json
 import math
 
+import lanes
 import numpy as np
 import pytest
 
 import controller
+import sysid
 from controller.check import check
 from controller.commission import SLOWER, sheet
-from sysid import Log, LogError, Plant, Profile, Scene
+from controller.export import texts
+from sysid import Log, LogError, Plant, Profile, Scene, read_logs
 from sysid.command.cli import main
 from sysid.scene.effects import EFFECTS
 
@@ -113,6 +116,59 @@ def test_a_record_of_another_plate_is_refused():
     assert check(named, run(metadata={"plate": "A7"})) and check(named, run())
     with pytest.raises(LogError, match="found the plate 'B8', expected 'A7'"):
         check(named, run(metadata={"Plate": "B8"}))
+
+
+def started(lane, seed=0, samples=900):
+    """A record of what is exported, switched on at a plate: what was driven while each reading was taken, as the header says."""
+    found = lanes.play(LOOP, [lane], samples, 2.0, noise=0.01)
+    V, f = (np.append(first, found[name][:-1, 0]) for name, first in (("V", 0.0), ("f", 32300.0)))
+    columns = {"time": T * np.arange(samples), "drive": V, "frequency": f, "kind": "transient", "sampling": "instant"}
+    return Log("loop.csv", found["told"][:, 0], **columns)
+
+
+def test_a_normal_start_is_called_that():
+    """From enabling to within 5 % takes 20 ms: a record of that once was called a slower plate."""
+    for lane in (lanes.Lane(), lanes.Lane(f0=15.0)):
+        found = check(NOTE, started(lane))
+        assert found[0].what == "switched on, to 5 %" and all(f.kept for f in found), found
+    assert 15 < number(found[0].found, " ms") < number(found[0].expected, " ms") < 25
+
+
+def test_a_sensor_that_is_turned_is_seen_in_the_frequency():
+    """By 20 degrees: 35 Hz, which Wq/Wd does not show."""
+    found = {f.what: f for f in check(NOTE, started(lanes.Lane(rotation=20.0), samples=1500))}
+    assert found["resonance less frequency"].kept and not found["frequency less f0"].kept
+    assert "by +20 degrees" in found["frequency less f0"].hint or "by -20 degrees" in found["frequency less f0"].hint
+
+
+@pytest.mark.parametrize("more", [0.0, 1e-4, 3e-4])
+def test_a_missing_delay_is_named(more):
+    """In a step of a loop that is designed for a sample and the demodulator."""
+    for seed in range(3):
+        found = {f.what: f for f in check(NOTE, run(loop=dataclasses.replace(LOOP, latency=T + more), seed=seed))}
+        assert abs(number(found["delay"].found, " us") - 1e6 * (LOOP.delay + more)) < 20
+        assert found["delay"].kept == (more == 0.0)
+    assert more == 0.0 or abs(number(found["delay"].hint, " us more") - 1e6 * more) < 20
+
+
+def test_the_loop_s_own_record_refits_the_plate(tmp_path):
+    """The lines that the plate's header has firmware print, read and fitted: G and tau within four standard deviations."""
+    steps = Profile(np.array([0.0, 0.003, 0.02, 0.035]), np.array([0.0, 2.0, 1.0, 2.0]))
+    scene = Scene(PLATE, {"drive": Profile.constant(100.0), "frequency": Profile.constant(32300.0)}, 501, 1e4,
+                  (EFFECTS["white_noise"](std=0.005),), fidelity="envelope")  # fmt: skip
+    loop = dataclasses.replace(LOOP, drive_unit="V", response_unit="um")
+    trace = controller.closed_loop(loop, scene, reference=steps, seed=1)
+    text = (texts(loop, "dq_pi.h")[2]).split('DQ_PLATE_RECORD_HEADER "')[1].split('"')[0].replace("\\n", "\n")
+    V, f = np.append(0.0, trace.V[:-1]), np.append(32300.0, trace.f[:-1])
+    for row in zip(trace.time, trace.measured.real, trace.measured.imag, V, f, strict=True):
+        text += "{:.6f},{:.7g},{:.7g},{:.7g},{:.3f}\n".format(*row)
+    (tmp_path / "loop.csv").write_text(text)
+    (log,) = read_logs([tmp_path / "loop.csv"])
+    fit = sysid.fit([log])
+    for name, true in (("G", 0.02), ("tau", TAU), ("f0", 32300.0)):
+        p = fit.parameters[name]
+        assert p.determined and abs(p.value - true) < 4 * p.std + 2e-3 * (name != "f0") * true, name
+    assert fit.parameters["tau"].std < 0.005 * TAU
 
 
 def test_a_loop_that_is_not_as_designed_is_told_by_what():

@@ -11,7 +11,7 @@ import controller
 from controller import Rig, RigError, Sensor, closed_loops, settling_time
 from controller.ensemble import Ensemble
 from controller.margins import margins
-from controller.promise import steps
+from controller.promise import Clock, steps
 from sysid import Plant, Profile, Scene
 from sysid.report.text import gains
 from sysid.scene.effects import FingerDamping
@@ -62,8 +62,8 @@ def test_gain_margin_of_the_zero_cancelling_loop(samples, largest):
 def test_margins_are_those_of_a_loop_that_is_disturbed(method, finger):
     """Gain multiplied by a little less or more than the margin: the simulated loop, with the step that runs, dies or grows."""
     loop = controller.design(PLATE, method=method, guard=False)
-    found = margins(loop.law, plants(finger), T, T)
-    grown = []
+    found = margins(loop.law, plants(finger), T, loop.delay)
+    grown, late = [], loop.delay / T - 1  # a reading is late by a part of a sample
     for factor in (0.97, 1.03):
         # a plate of another G/tau than the design's: the loop's gain times the margin, its damping as it was
         push, rate = 0.02 / TAU * T * found.gain[0] * factor, finger / TAU * T
@@ -72,11 +72,14 @@ def test_margins_are_those_of_a_loop_that_is_disturbed(method, finger):
             rest = finger * T / TAU
             sent = rest / law.push
             state = state._replace(d=1.0, damping=rest, voltages=(sent,) * len(state.voltages))
+            state = state._replace(past=((1.0, 0.0),) * len(state.past))
             pending, Z = sent, 1.0 + 1e-6 + 0j
         reference = 1.0 if method == "adaptive" else 0.0
         centre = rest / law.push if method == "adaptive" else 0.0
+        before = Z
         for _ in range(400):
-            state, command, _ = law.step(state, reference, Z)
+            state, command, _ = law.step(state, reference, Z + late * (before - Z))
+            before = Z
             Z = reference + (Z - reference) * math.exp(-rate) - push * (pending - centre) * math.expm1(-rate) / rate
             pending = command.voltage
             size.append(abs(Z - reference))
@@ -111,7 +114,7 @@ def test_a_promise_holds_for_fresh_draws(method):
     rho = np.array([float(s.inputs["force"].values[0]) / 1.5 for s in scenes])
     tau = np.array([s.plant.tau for s in scenes])
     G = np.array([s.plant.G for s in scenes])
-    fresh = margins(loop.law, Ensemble(G / tau, (1 + rho) / tau, np.zeros(1000)), T, T)
+    fresh = margins(loop.law, Ensemble(G / tau, (1 + rho) / tau, np.zeros(1000)), T, loop.delay)
     missed = (settling > loop.promise.settling + 1e-9) | (fresh.disk < loop.promise.disk) | (fresh.gain < loop.promise.gain)
     assert missed.sum() <= 20  # 1 % is promised
     # and it is no empty promise: a tenth of them come near it
@@ -121,7 +124,7 @@ def test_a_promise_holds_for_fresh_draws(method):
 
 def test_steps_are_those_of_the_closed_loop():
     loop = controller.design(PLATE, voltage_limit=300.0, guard=False, latency=0.4e-4)
-    settling, overshoot = steps(loop.law, plants(1.0, 2.0), T, 0.4e-4, 2.0, 32300.0)
+    settling, overshoot = steps(loop.law, plants(1.0, 2.0), Clock(T, 0.4e-4, loop.delay - 0.4e-4), 2.0, 32300.0)
     finger = FingerDamping(law="power", exponent=1.0)
     inputs = [{"drive": 100.0, "frequency": 32300.0, "force": force} for force in (0.0, 1.5)]
     profiles = [{name: Profile.constant(value) for name, value in given.items()} for given in inputs]
@@ -305,7 +308,7 @@ def test_the_step_response_is_a_band_about_that_of_the_closed_loop():
     np.testing.assert_allclose(shown.middle, W, rtol=0, atol=0.02)
     assert (shown.high - shown.low).max() > 0.1 and len(shown.time) <= 50
     note = controller.as_dict(loop)["promise"]["step_response"]
-    assert list(note) == ["time_s", "W_5", "W_50", "W_95"]
+    assert list(note) == ["time_s", "W_5", "W_50", "W_95", "V_5", "V_50", "V_95"]
     np.testing.assert_allclose(note["W_50"], shown.middle, rtol=1e-4)
 
 
@@ -391,5 +394,5 @@ def test_a_resonance_that_is_drawn_but_not_determined_is_left_out():
     drawn = controller.design(SimpleNamespace(fit=fit, summary=lambda: known, draws=told.draws))
     without = {name: told.draws[name] for name in ("G", "tau")}
     promise = controller.design(SimpleNamespace(fit=fit, summary=lambda: known, draws=without)).promise
-    assert drawn.promise._replace(response=None) == promise._replace(response=None)
+    assert drawn.promise._replace(response=None, bode=None) == promise._replace(response=None, bode=None)
     assert drawn.f0 is None and drawn.promise.settling < 3e-3  # five times the 0.3 tau of the default, and a few samples

@@ -11,7 +11,7 @@ import controller
 from controller.ensemble import Ensemble
 from controller.guard import FAULTS
 from controller.machine import RUN
-from controller.promise import promise
+from controller.promise import Clock, promise
 
 TAU = 5e-3 / math.log(20)
 LATE = 1e-12  # of a sample
@@ -24,14 +24,16 @@ def designed(tau=TAU, T=1e-4, f0=32300.0, **given):
 
 def played(loop, reference, noise=0.0, spoil=lambda W, k: W, control=None):
     """W, V and the fault at each sample of a plate whose envelope is exact under held inputs, by hand: a command acts a latency
-    after its sample, and the reading of sample k is `spoil`ed."""
+    after its sample, and the reading of sample k is late by the demodulator, on a straight line, and `spoil`ed."""
     control, T = control or loop.control, loop.sample_time
     late = math.floor(loop.latency / T + LATE)
     part = loop.latency - late * T
-    state, Z, rng = control.init(), 0j, np.random.default_rng(1)
+    state, Z, before, rng = control.init(), 0j, 0j, np.random.default_rng(1)
+    lag = loop.demodulator.delay / T
     line, rows = [(0.0, loop.f0)] * (late + 2), []
     for k, asked in enumerate(reference):
-        told = spoil(Z + noise * complex(*rng.standard_normal(2)), k)
+        told = spoil(Z + lag * (before - Z) + noise * complex(*rng.standard_normal(2)), k)
+        before = Z
         state, command, said = control.step(state, asked, told)
         rows.append((abs(Z), command.voltage, said.fault, getattr(said, "mode", 0.0), told))
         line = [tuple(command), *line[:-1]]
@@ -90,7 +92,7 @@ def test_a_sensor_that_fails_ends_the_drive_within_the_patience(given, name):
     stated = controller.as_dict(loop)["guard"]["patience_s"]
     assert stated == pytest.approx(patience * loop.sample_time)
     # 5 ms, or two time constants, or twice the delay and four samples
-    assert stated < max(5e-3, 2 * loop.tau, 6 * loop.sample_time) + loop.sample_time
+    assert stated < (max(5e-3, 2 * loop.tau, 6 * loop.sample_time) + loop.sample_time) * (1 + 1e-9)
 
 
 def test_a_stuck_sensor_ends_the_drive_after_the_voltage_moved():
@@ -130,7 +132,7 @@ def test_the_promise_is_that_of_what_runs():
     loop, one = designed(), np.ones(1)
     plants = Ensemble(0.02 / TAU * one, one / TAU, 0 * one)
     hasty = loop.control._replace(patience=1.0)
-    given = (loop.law, plants, 1e-4, 1e-4, 2.0, 32300.0)
+    given = (loop.law, plants, Clock(1e-4, 1e-4, loop.demodulator.delay), 2.0, 32300.0)
     assert math.isfinite(promise(*given).settling) and promise(*given, loop.control).settling == promise(*given).settling
     assert math.isinf(promise(*given, hasty).settling)
 

@@ -12,6 +12,7 @@ import pytest
 import standin
 
 import controller
+from controller.export import texts
 from sysid.command import outputs
 from sysid.logs.log import LogError, read_logs, write_log
 from sysid.report import html, screen, text
@@ -90,9 +91,12 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile):
     assert tree(tmp_path) == before
 
     controller.export_c(loop, tmp_path / "dq_pi.h")
-    lines = [line for end in ("h", "c") for line in (tmp_path / f"dq_pi.{end}").read_text(encoding="ascii").splitlines()]
-    included = [line.split()[1] for line in lines if line.startswith("#include")]
-    assert sorted(included) == ['"dq_pi.h"', "<math.h>", "<stdint.h>"]
+    law = [(tmp_path / f"dq_pi.{end}").read_bytes() for end in ("h", "c")]  # the same whatever the plate is called
+    assert law == [
+        one.encode("ascii") for one in texts(controller.design(standin.posterior([standin.fitted("plain.csv")])), "dq_pi.h")[:2]
+    ]
+    lines = (tmp_path / "dq_pi_plate.h").read_text(encoding="ascii").splitlines()
+    assert [line.split()[1] for line in lines if line.startswith("#include")] == ['"dq_pi.h"']
     stamp = [line for line in lines if line.startswith(" * plate: ")]  # in letters that end no comment
     assert not [line for line in stamp if "*/" in line or "#" in line]
     assert not [line for line in lines if "#error" in line or ("passwd" in line and line not in stamp)]

@@ -85,7 +85,16 @@ def older(tmp_path):
     """A folder with an older set and a file of the user's own."""
     folder = tmp_path / "identified"
     folder.mkdir()
-    for name in (outputs.FIT, outputs.DRAWS, outputs.REPORT, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, "notes.txt"):
+    for name in (
+        outputs.FIT,
+        outputs.DRAWS,
+        outputs.REPORT,
+        outputs.CONTROLLER,
+        outputs.HEADER,
+        outputs.SOURCE,
+        outputs.PLATE,
+        "notes.txt",
+    ):
         (folder / name).write_text(f"older {name}")
     return folder
 
@@ -119,12 +128,12 @@ def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatc
     rename = os.replace
     monkeypatch.setattr(os, "replace", replace)
     stage(older, *outputs.FILES)
-    assert len(seen) == 12 and not any(outputs.FIT in files for files in seen[:-1])
+    assert len(seen) == 14 and not any(outputs.FIT in files for files in seen[:-1])
     assert set(seen[-1].values()) == {"newer"} and set(seen[-1]) == set(outputs.FILES)
-    names = (outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE)
+    names = (outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, outputs.PLATE)
     controllers = [{files[name] for name in names if name in files} for files in seen]
-    assert controllers[:3] == 3 * [{"older"}] and not any("older" in found for found in controllers[3:])
-    assert not any(controllers[3:8])  # and the newer ones come when the report and the draws are there
+    assert controllers[:4] == 4 * [{"older"}] and not any("older" in found for found in controllers[4:])
+    assert not any(controllers[4:9])  # and the newer ones come when the report and the draws are there
 
 
 @pytest.mark.parametrize("failing", range(9))
@@ -185,7 +194,7 @@ def test_an_interrupt_while_files_move_does_not_leave_a_mixture(older, monkeypat
 
     rename, before = os.replace, signal.getsignal(signal.SIGINT)  # a job in the background ignores interrupts
     monkeypatch.setattr(os, "replace", replace)
-    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE)
+    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, outputs.PLATE)
     assert all(text.startswith("newer") for name, text in read(older).items() if name != "notes.txt")
     assert signal.getsignal(signal.SIGINT) is before
 

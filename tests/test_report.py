@@ -153,7 +153,7 @@ def test_hostile_names_are_text_in_the_report():
     parsed = Page(page)
     assert "script" not in parsed.tags and not [name for name, _ in parsed.attributes if name.startswith("on")]
     sources = [value for name, value in parsed.attributes if name == "src"]
-    assert len(sources) == 5 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert len(sources) == 6 and all(source.startswith("data:image/png;base64,") for source in sources)
     assert "&lt;/script&gt;" in page and "\x1b" not in page
     page.encode()
 

@@ -84,7 +84,7 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     except LogError as error:
         return _refuse(str(error), error.mapping)
     try:
-        rig = _rig(arguments.rig, logs[0].drive_unit)
+        rig = _rig(arguments.rig, logs[0].drive_unit, logs[0].response_unit)
     except ValueError as error:
         return _refuse(str(error))
     posterior, drawn = _posterior(logs, arguments, stages, budget)
@@ -209,13 +209,13 @@ def _cache() -> Path:
     return user_cache_path("sysid")
 
 
-def _rig(path: str | None, drive_unit: str) -> Any:
+def _rig(path: str | None, drive_unit: str, response_unit: str) -> Any:
     """The rig of a file, None without one. Raises RigError."""
     if path is None:
         return None
     from controller import Rig
 
-    return Rig.from_toml(path, drive_unit)
+    return Rig.from_toml(path, drive_unit, response_unit)
 
 
 def _design(posterior: Any, rig: Any) -> tuple[Any, list[str]]:

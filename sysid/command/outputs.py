@@ -32,8 +32,8 @@ PRIORS = {  # sysid/model/likelihood.py has the equations
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
 FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
-CONTROLLER, HEADER, SOURCE = "controller.json", "dq_pi.h", "dq_pi.c"
-FILES = (FIT, CONTROLLER, HEADER, SOURCE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
+CONTROLLER, HEADER, SOURCE, PLATE = "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"
+FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 

@@ -67,7 +67,9 @@ def posterior_figure(posterior: "Posterior", parameters: Mapping[str, Mapping[st
 
 def step_figure(controller: Mapping[str, Any] | None) -> dict[str, bytes]:
     """PNG image of the promised step response by its title, of controller.json's content; none where there is no controller."""
-    return drawn([("Step response of the closed loop", lambda: _step(controller), controller)])
+    loop = controller and controller["promise"].get("bode")
+    wanted: Wanted = [("Step response of the closed loop", lambda: step_of(controller), controller)]
+    return drawn([*wanted, ("Open loop and sensitivity over frequency", lambda: bode_of(controller), loop)])
 
 
 def drawn(wanted: Wanted) -> dict[str, bytes]:
@@ -232,19 +234,47 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]],
     return figure
 
 
-def _step(controller: Mapping[str, Any]) -> Figure:
-    """The median over the plants in the band from 5 to 95 % of them, and the 5 % within which it counts as settled."""
+def step_of(controller: Mapping[str, Any]) -> Figure:
+    """The median over the plants in the band from 5 to 95 % of them, and the 5 % within which it counts as settled; beside it the
+    voltage, with its limit."""
     shown = {name: np.array(values) for name, values in controller["promise"]["step_response"].items()}
     time, unit = _seconds(shown["time_s"])
     wanted = controller["range"]["amplitude"]
     figure = blank(5.2, 2.2)
-    axes = figure.add_subplot()
+    axes, beside = figure.subplots(1, 2)
     axes.axhspan(0.95 * wanted, 1.05 * wanted, color=GREY, alpha=0.15, lw=0)
     axes.fill_between(time, shown["W_5"], shown["W_95"], color=BLUE, alpha=0.3, lw=0)
     axes.plot(time, shown["W_50"], color=BLUE)
     axes.set(xlim=(0, time[-1]), ylim=(0, None), xlabel=unit)
     axes.set_ylabel(clean(f"|W| ({controller['units']['response'] or '1'})"))
-    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97)
+    if "V_50" in shown:
+        beside.fill_between(time, shown["V_5"], shown["V_95"], color=BLUE, alpha=0.3, lw=0, step="post")
+        beside.plot(time, shown["V_50"], color=BLUE, drawstyle="steps-post")
+    if (limit := controller["voltage_limit"]) is not None:
+        beside.axhline(limit, color=GREY, lw=0.8, ls="--")
+    beside.set(xlim=(0, time[-1]), ylim=(min(0.0, *shown.get("V_5", [0.0])), None), xlabel=unit)
+    beside.set_ylabel(clean(f"V ({controller['units']['drive'] or '1'})"))
+    figure.subplots_adjust(0.1, 0.21, 0.985, 0.97, 0.38)
+    return figure
+
+
+def bode_of(controller: Mapping[str, Any]) -> Figure:
+    """|L| and the sensitivity |1 / (1 + L)|, and the phase of L, over frequency: medians, and 5 to 95 % of the plants."""
+    shown = {name: np.array(values) for name, values in controller["promise"]["bode"].items()}
+    figure = blank(5.2, 2.2)
+    size, phase = figure.subplots(1, 2)
+    for name, label, color in (("L", "|L|", BLUE), ("S", "|1 / (1 + L)|", GREY)):
+        size.fill_between(shown["frequency_Hz"], shown[f"{name}_5"], shown[f"{name}_95"], color=color, alpha=0.3, lw=0)
+        size.plot(shown["frequency_Hz"], shown[f"{name}_50"], color=color, label=label)
+    size.axhline(1.0, color=GREY, lw=0.5)
+    size.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylim=(0.02, None))
+    size.legend(frameon=False, fontsize="small")
+    phase.fill_between(shown["frequency_Hz"], shown["phase_deg_5"], shown["phase_deg_95"], color=BLUE, alpha=0.3, lw=0)
+    phase.plot(shown["frequency_Hz"], shown["phase_deg_50"], color=BLUE)
+    phase.axhline(-180.0, color=GREY, lw=0.8, ls="--")
+    phase.set(xscale="log", xlabel="frequency (Hz)", ylim=(-270, -60))
+    phase.set_ylabel("phase of L (degrees)")
+    figure.subplots_adjust(0.1, 0.21, 0.985, 0.97, 0.38)
     return figure
 
 

@@ -132,17 +132,29 @@ def spent(cost: Mapping[str, Any]) -> str:
 def _promise(controller: Mapping[str, Any]) -> list[str]:
     """What 99 % of the plants that the logs allow do."""
     promise, unit = controller["promise"], controller["units"]["response"] or ""
+    started = promise.get("startup_s")
     margins = ", ".join(
         f"{name} {promise[key]:.3g}{unit}"
         for name, key, unit in (("gain", "gain_margin", ""), ("phase", "phase_margin_deg", " deg"), ("disk", "disk_margin", ""))
         if promise[key] is not None
     )
     if promise["settling_s"] is None:  # a note says why
-        return [f"99 % of the plants that the logs allow have margins of at least: {margins}"]
+        return [f"99 % of the plants that the logs allow have margins of at least: {margins}; {_covered(controller)}"]
     return [
         f"99 % of the plants that the logs allow reach {controller['range']['amplitude']:.4g} {unit} within"
-        f" {seconds(promise['settling_s'])} (5 %), with margins of at least: {margins}"
+        f" {seconds(promise['settling_s'])} (5 %), with margins of at least: {margins}; {_covered(controller)}",
+        *([] if started is None else [f"switched on, they are there within {seconds(started)}"]),
     ]
+
+
+def _covered(controller: Mapping[str, Any]) -> str:
+    """The fingers and temperatures that a promise is for, in words."""
+    finger, (low, high) = controller["range"]["finger"], controller["range"]["warming_degC"]
+    at = controller["reference_temperature_degC"]
+    touched = f"under a finger that adds up to {finger:.3g} times the plate's damping" if finger else "without a finger"
+    if (low, high) == (0.0, 0.0):
+        return f"{touched}, at {'the temperature of the logs' if at is None else f'{at:.4g} degC'}"
+    return f"{touched}, at {at + low:.4g} to {at + high:.4g} degC"
 
 
 def promised(controller: Mapping[str, Any]) -> list[list[str]]:
