@@ -6,6 +6,7 @@ Writes at_the_carrier.md beside itself.
 import math
 import sys
 import tempfile
+from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -140,7 +141,7 @@ def main() -> None:
     line = "\n".join(f"| {what} | {BEFORE.get(name, '-')} | {now} |" for name, (what, now) in rows().items())
     text = f"""# The exported C at the carrier
 
-Made by `python benchmarks/at_the_carrier.py`. A plate of 0.02 um/V, {1e3 * TAU:.3g} ms and {PLATE.f0:g} Hz, {ASKED:g} um asked
+Made by `python benchmarks/at_the_carrier.py` on {date.today():%d %B %Y}. A plate of 0.02 um/V, {1e3 * TAU:.3g} ms and {PLATE.f0:g} Hz, {ASKED:g} um asked
 for, {LIMIT:g} V at most unless said, the default method unless said, no rig; the bench of `tests/firmware/`. Before: the
 generated code of 24 November 2026.
 

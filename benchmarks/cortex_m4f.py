@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -75,7 +76,7 @@ def main() -> None:
     before = line.join(f"| {name} | {sample} | {step} |" for name, (sample, step) in BEFORE.items())
     text = f"""# Instructions and stack on a Cortex-M4F
 
-Made by `python benchmarks/cortex_m4f.py`, with {compiled()}, `-O2`, in QEMU's mps2-an386. An instruction is one tick of the emulator's
+Made by `python benchmarks/cortex_m4f.py` on {date.today():%d %B %Y}, with {compiled()}, `-O2`, in QEMU's mps2-an386. An instruction is one tick of the emulator's
 clock (`-icount`), read by the processor's SysTick before and after each call, so that the call and the storing of its result count
 too; 600 steps from switching on. Mean / most of a call. Load: of a processor that does {CLOCK / 1e6:.0f} million instructions a second, at {RATE / 1e3:.1f} kHz of samples
 and 10 kHz of steps. Stack: bytes that the example's loop used, one interrupt within the other.

@@ -8,6 +8,7 @@ import math
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -285,7 +286,7 @@ def played_all(benches, cases):
 
 TEXT = """# Miswired benches
 
-Made by `python benchmarks/miswired.py --benches {benches} --sound {sound}`. The exported C in single precision runs on a
+Made by `python benchmarks/miswired.py --benches {benches} --sound {sound}` on {day}. The exported C in single precision runs on a
 bench at the carrier (`tests/firmware/`): plate of 0.02 um/V, 1.67 ms and 32300 Hz, ADC of 12 bits with 16 samples in a
 period and noise of 5 LSB; {asked:g} um asked for, {limit:g} V at most, designed for a finger of 0.5, by each of the four
 methods in turn. At power-up, or after {at:g} s, something goes wrong; it is looked at for {last:g} s more. Amplitudes are the
@@ -330,7 +331,7 @@ def main() -> None:
     kinds = [k.__name__.replace("_", " ") for k in KINDS]
     rows = [row(k, [(c, o) for _, c, o in found if c.kind == k]) for k in kinds]
     text = TEXT.format(
-        benches=given.benches, sound=given.sound, asked=ASKED, limit=LIMIT, at=AT, last=LAST, high=HIGH, off=100 * OFF,
+        day=f"{date.today():%d %B %Y}", benches=given.benches, sound=given.sound, asked=ASKED, limit=LIMIT, at=AT, last=LAST, high=HIGH, off=100 * OFF,
         silent=SILENT, window=2 * SILENT, stated=1e3 * STATED,
         rows="\n".join([*rows, row("all", [(c, o) for _, c, o in found])]),
         power=sum(c.at == 0 and o.peak > HIGH for _, c, o in found),
