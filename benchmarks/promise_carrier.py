@@ -28,7 +28,9 @@ BAND = 0.05
 RUN = 4
 SMALL = 0.9  # of the amplitude, from which a small step begins
 REGULATE, AMPLITUDE = 0.0, 1.0  # tasks: with and without the tracker
-SWINGS = 0.05  # of the amplitude, peak to peak: it oscillates. Near a margin the image, 0.1 %, is amplified to 3 %
+SWINGS = (
+    0.05  # of the amplitude, peak to peak: it oscillates. Near a margin the image, 0.1 %, is amplified to 3 %
+)
 NEAR = 0.03  # relative, to which a margin is judged: near it the converter's noise rings for long; searched four times as near
 WITHIN = 0.9  # of a promised margin, within which the loop with its tracker must not swing either
 MOST = 40.0  # gain that is tried at most
@@ -244,34 +246,10 @@ def one(number):
         return number, case, found(case)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--only", type=int, nargs="+")
-    given = parser.parse_args()
-    with ThreadPoolExecutor(2) as pool:
-        results = list(pool.map(one, given.only or range(given.cases)))
-    done = [(number, case, seen) for number, case, seen in results if case is not None]
-    refused = [(number, why) for number, case, why in results if case is None]
-    by = {method: [(c, s) for _, c, s in done if c.method == method] for method in METHODS}
-    line = "\n"
-    head = "| number | method | case | settling (ms) | overshoot (%) | small step (%) | gain margin | delay margin (us) | tracker swings | broken |\n|---|---|---|---|---|---|---|---|---|---|"
-    text = f"""# Promises at the carrier
-
-Made by `python benchmarks/promise_carrier.py --cases {given.cases}` on {date.today():%d %B %Y}. Random plates (20 to 60 kHz, quality 30 to 600), sample times, latencies,
-converters, fingers and methods; the plate on the bench is one of those that the design is for. The exported C runs on a bench at
-the carrier (`tests/firmware/`). Steps in run, from rest and from {100 * SMALL:.0f} % to the whole amplitude; margins: the plate's gain, or the latency, is raised
-until the amplitude swings by {100 * SWINGS:.0f} % after a kick of 1 %, without guard or tracker. Tracker swings: cases in which the loop with its
-tracker swings at {100 * WITHIN:.0f} % of a promised margin, which is one of the amplitude loop. {len(refused)} of {given.cases} designs were refused.
-
-Worst of all cases: settling found over promised, overshoot found less promised, overshoot of a small step over that step, margins
-found over promised. Broken: cases in which a promise is, by more than a sample, four standard deviations of the converter's noise,
-or {100 * NEAR:.0f} % of a margin.
-
-| method | cases | settling | overshoot (%) | small step (%) | gain margin | delay margin | tracker swings | broken |
-|---|---|---|---|---|---|---|---|---|
-{line.join(summary(method, by[method]) for method in METHODS)}
-{summary("all", [(c, s) for _, c, s in done])}
+HEAD = """\
+| number | method | case | settling (ms) | overshoot (%) | small step (%) | gain margin | delay margin (us) | tracker swings | broken |
+|---|---|---|---|---|---|---|---|---|---|"""
+BEFORE = """\
 
 Before, the generated code of 24 November 2026 on the same cases; margins with its tracker, where it swings by 2 %:
 
@@ -284,18 +262,55 @@ Before, the generated code of 24 November 2026 on the same cases; margins with i
 
 A gain margin of `adaptive` is that of the loop linearised about the damping that it has learned; at another gain it learns another,
 and it oscillates sooner than is promised.
+"""
 
+
+def report(done, refused, cases):
+    """The page."""
+    by = {method: [(c, s) for _, c, s in done if c.method == method] for method in METHODS}
+    line = "\n"
+    return f"""# Promises at the carrier
+
+Made by `python benchmarks/promise_carrier.py --cases {cases}` on {date.today():%d %B %Y}. Random plates (20 to 60 kHz, quality 30 to 600), sample times, latencies,
+converters, fingers and methods; the plate on the bench is one of those that the design is for. The exported C runs on a bench at
+the carrier (`tests/firmware/`). Steps in run, from rest and from {100 * SMALL:.0f} % to the whole amplitude; margins: the plate's gain, or the latency, is raised
+until the amplitude swings by {100 * SWINGS:.0f} % after a kick of 1 %, without guard or tracker. Tracker swings: cases in which the loop with its
+tracker swings at {100 * WITHIN:.0f} % of a promised margin, which is one of the amplitude loop. {len(refused)} of {cases} designs were refused.
+
+Worst of all cases: settling found over promised, overshoot found less promised, overshoot of a small step over that step, margins
+found over promised. Broken: cases in which a promise is, by more than a sample, four standard deviations of the converter's noise,
+or {100 * NEAR:.0f} % of a margin.
+
+| method | cases | settling | overshoot (%) | small step (%) | gain margin | delay margin | tracker swings | broken |
+|---|---|---|---|---|---|---|---|---|
+{line.join(summary(method, by[method]) for method in METHODS)}
+{summary("all", [(c, s) for _, c, s in done])}
+{BEFORE}
 ## Cases with a broken promise
 
 Found, and in brackets promised.
 
-{head}
-{line.join(shown(*d) for d in done if given.only or broken(d[1], d[2]))}
+{HEAD}
+{line.join(shown(*d) for d in done if broken(d[1], d[2]))}
 
 Refused: {"; ".join(f"{n}: {why}" for n, why in refused) or "none"}
 """
-    if not given.only:
-        (HERE / "promise_carrier.md").write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=100)
+    parser.add_argument("--only", type=int, nargs="+")
+    given = parser.parse_args()
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(one, given.only or range(given.cases)))
+    done = [(number, case, seen) for number, case, seen in results if case is not None]
+    refused = [(number, why) for number, case, why in results if case is None]
+    if given.only:
+        print("\n".join([HEAD, *(shown(*one) for one in done)]))
+        return
+    text = report(done, refused, given.cases)
+    (HERE / "promise_carrier.md").write_text(text, encoding="utf-8")
     print(text)
 
 
