@@ -275,7 +275,7 @@ class Touch:
 def _demodulated(loop: Any) -> float:
     """By how much the demodulator makes a loop's readings late, s, where `controller.closed_loop` plays it,
     as it does for loops that have a `delay`."""
-    played = loop is not None and hasattr(loop, "delay") and loop.demodulator is not None
+    played = loop is not None and loop.demodulator is not None
     return float(loop.demodulator.delay) if played else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Logs of the kinds that people bring: nothing silently wrong, and no cause that is not there. The study is benchmarks/kinds.py."""
+"""Logs of the kinds that people bring: nothing silently wrong, no cause that is not there. The study is benchmarks/kinds.py."""
 
 import sys
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 import sysid
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import kinds  # noqa: E402
+import kinds
 
 CASES = {
     ("half of the step settles at once", "fast 1 ms"): ("told", "is there within a row"),

@@ -10,7 +10,7 @@ from test_hidden import filtered_step, settled_sweep
 import sysid
 
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?(?: [munp]?s\b)?")  # a time's prefix is of its size
-SCALES = [(1e-9, 1.0, 1.0), (1e9, 1.0, 1.0), (1.0, 1e-9, 1.0), (1.0, 1e9, 1.0), (1e-9, 1e-9, 1.0), (1.0, 1.0, 1e-9), (1.0, 1.0, 1e9)]
+SCALES = [(1e-9, 1, 1), (1e9, 1, 1), (1, 1e-9, 1), (1, 1e9, 1), (1e-9, 1e-9, 1), (1, 1, 1e-9), (1, 1, 1e9)]
 
 
 def scaled(log, response, drive, time):
@@ -51,4 +51,5 @@ def test_a_unit_decides_nothing(logs, name):
         assert (result, said) == (first[0], first[2]), scales
         for n, pair in first[1].items():
             # the search is by float64 in either unit: a thousandth of an error
-            assert abs(numbers[n][0] - pair[0]) < 1e-2 * pair[1] and numbers[n][1] == pytest.approx(pair[1], rel=1e-2), (scales, n)
+            assert abs(numbers[n][0] - pair[0]) < 1e-2 * pair[1], (scales, n)
+            assert numbers[n][1] == pytest.approx(pair[1], rel=1e-2), (scales, n)
