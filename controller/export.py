@@ -190,7 +190,8 @@ def _macros(loop: Loop, drive: str, response: str) -> dict[str, str]:
     if rig.timer is not None and loop.f0 is not None:
         found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
     lines = ["# sampling: instant", *([] if demodulator is None else [f"# delay_s: {demodulator.delay:.6g}"])]
-    lines += [] if loop.plate is None else [f"# plate: {_text(loop.plate, 40)}"]
+    if loop.plate is not None and _text(loop.plate, 40) == loop.plate:  # another name would be another plate's
+        lines.append(f"# plate: {loop.plate}")
     lines.append(f"time_s,wd_{response},wq_{response},voltage_{drive},frequency_Hz")
     text = "".join(f"{line}\\n" for line in lines)
     return found | {"RECORD_HEADER": f'"{text}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
