@@ -21,6 +21,7 @@ from sysid.verdict.misfit import Found, explained
 STEPS = 24  # of each sign, a sixth part each, within which the cost falls to its optimum,
 NEAREST, FARTHEST = 1 / 64, 1 / 2  # from and to so much of the span of the frequencies; of less the first order tells
 ZOOMS = 4  # times that the interval about the best is halved
+BACK = 0.1  # of the way forth: noise of w moves a steep row to and fro
 LEAST_ROWS = 8  # of a sweep that shows a lean: five numbers, and some to spare
 SURE = 10.0  # log-likelihood by which a lean explains logs, of 49 that are tried: by chance of one in two thousand good fits
 
@@ -43,9 +44,21 @@ def leaning(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     gained = straight.cost - lean.cost
     if gained < SURE or not explained(minimiser, straight, lean, gained, found):
         return None
+    if not all(_stable(t, kappa) for t in state.trials):
+        return None
     about = f"by about {kappa * top**2:+.3g} Hz at {top:.2g} {state.trials[0].log.response_unit}"
     said = f"the frequency does depend on the amplitude, {about}: the peak leans over, and a sweep jumps where it is steep"
     return f"{said} (hysteresis between sweeps up and down); record at a smaller drive"
+
+
+def _stable(trial: Trial, kappa: float) -> bool:
+    """Whether a sweep of one direction stays on the branches on which a leaning peak rests: there f - kappa w^2 goes the way
+    that f goes, and jumps that way too; on the branch between, and beside another peak, it goes back."""
+    steps = np.diff(trial.log.frequency)
+    if not (np.all(steps >= 0) or np.all(steps <= 0)):
+        return True
+    moved = np.diff(_moved(trial, kappa)) * np.sign(np.sum(steps))
+    return float(-np.sum(np.minimum(moved, 0.0))) < BACK * float(np.sum(np.maximum(moved, 0.0)))
 
 
 def _swept(trial: Trial) -> bool:
