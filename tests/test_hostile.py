@@ -99,7 +99,9 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile):
     assert [line.split()[1] for line in lines if line.startswith("#include")] == ['"dq_pi.h"']
     stamp = [line for line in lines if line.startswith(" * plate: ")]  # in letters that end no comment
     assert not [line for line in stamp if "*/" in line or "#" in line]
-    assert not [line for line in lines if "#error" in line or ("passwd" in line and line not in stamp)]
+    record = [line for line in lines if line.startswith('#define DQ_PLATE_RECORD_HEADER "')]  # in letters that end no string
+    assert all(line.count('"') - line.count('\\"') == 2 for line in record)
+    assert not [line for line in lines if "#error" in line or ("passwd" in line and line not in (*stamp, *record))]
 
 
 def test_a_refusal_is_one_line_and_its_mapping_file_is_toml(tmp_path, hostile):

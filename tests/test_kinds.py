@@ -16,7 +16,7 @@ CASES = {
     ("half of the step settles at once", "at once"): ("told", "is there within a row"),
     ("a second-order step", "zeta 0.3"): ("told", "no known effect explains it"),
     ("a second-order step", "zeta 0.6"): ("told", "no known effect explains it"),
-    ("ring-down of amplitudes on an offset", "below"): ("right", "an offset of d and q"),
+    ("ring-down of amplitudes on an offset", "below"): ("right", "successful"),
     ("sweep, set, wait, read", "own"): ("right", "the logs do not tell"),
     ("sweep, set, wait, read", "own, back"): ("right", "sampling: settled, as the logs show"),
     ("sweep too fast, without times", "dwell 0.4 tau"): ("told", "swept too fast"),

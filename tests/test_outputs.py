@@ -19,7 +19,8 @@ from sysid.command import outputs
 from sysid.verdict.result import Result
 
 # What every fit.json holds, in its order.
-KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "logs", "models", "advice"]
+KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "notes", "logs", "models"]
+KEYS += ["advice"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 

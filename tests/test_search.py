@@ -43,11 +43,12 @@ def noisy(clean):
     return np.exp(0.4j) * clean + 0.02 * size * (1 + rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
 
 
-def least(y, shapes):
-    """The residual sum of squares and the coefficient of the first of the shapes (K, n), each with its prior."""
+def least(y, shapes, top=1.0):
+    """The residual sum of squares and the coefficient of the first of the shapes (K, n), each with its prior; that of the first
+    is in the unit of the response for a drive of `top`."""
     scale = np.max(np.abs(y))
     level, loose = 0.05 * scale, 10 * scale
-    design = np.concatenate([np.transpose(shapes) / level, np.eye(len(shapes)) / loose])
+    design = np.concatenate([np.transpose(shapes) / level, np.diag([top, *np.ones(len(shapes) - 1)]) / loose])
     data = np.concatenate([y / level, np.zeros(len(shapes))])
     found = np.linalg.lstsq(design, data, rcond=None)[0]
     return np.sum(np.abs(data - design @ found) ** 2), np.abs(found[0])
@@ -79,7 +80,7 @@ def test_a_transient(drive, frequency, sampling):
 
     def expected(point, trial):
         shapes = [*ringing(point, drive, frequency), np.ones(ROWS), felt / np.max(np.abs(felt))]
-        return least(log.response, shapes)
+        return least(log.response, shapes, np.max(np.abs(log.drive)))
 
     assert len(STAIRCASE) > ONE_LANE  # more than are taken one after the other
     agrees(log, expected)
@@ -91,7 +92,7 @@ def test_an_amplitude(drive):
 
     def expected(point, trial):
         h, e = np.abs(ringing(point, drive, log.frequency))
-        return least(log.response, [h, e] if trial.start_free else [h])
+        return least(log.response, [h, e] if trial.start_free else [h], np.max(np.abs(log.drive)))
 
     agrees(log, expected)
 
@@ -107,7 +108,8 @@ def test_a_sweep(amplitude, recorded):
 
     def expected(point, trial):
         h, slope = reference.steady(plant(point), drive, SWEEP, degC), SWEEP - SWEEP.mean()
-        return least(y, [np.abs(h)] if amplitude else [h, np.ones(ROWS), slope / np.max(np.abs(slope))])
+        top = 1.0 if log.drive is None else np.max(np.abs(log.drive))
+        return least(y, [np.abs(h)] if amplitude else [h, np.ones(ROWS), slope / np.max(np.abs(slope))], top)
 
     agrees(log, expected)
 

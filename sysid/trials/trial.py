@@ -265,8 +265,6 @@ class Trial:
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._filtered()
-            if background and self.driven and self.resonant and np.ptp(self.log.frequency) > 0 and n >= SLOPED:
-                shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:

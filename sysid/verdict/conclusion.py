@@ -16,7 +16,7 @@ from sysid.verdict.compressed import compressed
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.hurried import hurried
-from sysid.verdict.immediate import responds_at_once, slopes
+from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.late import SIDES, timed
 from sysid.verdict.leaning import leaning
 from sysid.verdict.mirrored import mirrored
@@ -126,7 +126,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
     gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
         wrong, doubts = [Said(said)], []
-    wrong = wrong or [Said(said) for check in (responds_at_once, slopes) for said in check(best, reference)]
+    wrong = wrong or [Said(said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *unseen]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
         doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]

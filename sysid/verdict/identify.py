@@ -77,7 +77,9 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
 
 def overdamped(state: State, reference: tuple[float, float]) -> str | None:
     """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no resonance; else None."""
-    if not any(t.resonant for t in state.trials) or np.pi * (reference[0] + state.theta[2]) * state.tau >= 0.5:
+    if not any(t.resonant for t in state.trials) or all(t.silent for t in state.trials):
+        return None
+    if np.pi * (reference[0] + state.theta[2]) * state.tau >= 0.5:
         return None
     return (
         "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response that falls evenly"

@@ -24,24 +24,6 @@ def responds_at_once(state: State, reference: tuple[float, float]) -> list[str]:
     return [said for view in views if (said := _of(view, state)) is not None]
 
 
-def slopes(state: State, reference: tuple[float, float]) -> list[str]:
-    """A sentence for each swept transient whose background changes by more than FED of the response along the sweep: what a
-    resonance that is not the model's leaves goes there."""
-    found = []
-    for trial, model in zip(state.trials, state.models, strict=True):
-        if trial.steady or "slope" not in trial.shapes:
-            continue
-        view = View(trial, model, state, reference, coloured=True)
-        value = abs(complex(complex_of(view, "slope", 1.0) @ np.array([c.value for c in view.columns])))
-        share = value * float(np.ptp(trial.columns[list(trial.shapes).index("slope")])) / trial.scale
-        if share > FED:
-            found.append(
-                f"{trial.log.name}: {100 * share:.2g} % of the response is left as a background that changes along the sweep,"
-                " more than a bench has; no known effect explains it"
-            )
-    return found
-
-
 def _steps(trial: Trial) -> bool:
     return not trial.steady and trial.driven and trial.signed and "feedthrough" in trial.shapes
 

@@ -88,7 +88,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
     doubts += [said for i, v in enumerate(views) if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None]
-    return sorted(found, key=lambda f: 2 * f.freedom - f.worth - LEAN * (f.name == CURVED)), doubts
+    return sorted(found, key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED), 3)), doubts
 
 
 def described(minimiser: Minimiser, state: State) -> bool:

@@ -57,8 +57,9 @@ def owned(minimiser: Minimiser, trials: tuple[Trial, ...], states: list[State], 
 
 
 def _matters(trial: Trial) -> bool:
-    """A transient with times whose inputs change on many of its rows, not yet read as showing its own."""
-    unread = not trial.steady and trial.log.theta is None and trial.log.sampling is None
+    """A transient with times whose inputs change on many of its rows, not yet read as showing its own, and of which is not stated
+    how late it is."""
+    unread = not trial.steady and trial.log.theta is None and trial.log.sampling is None and "delay_s" not in trial.log.bench
     return unread and trial.changes > wording.OFTEN * len(trial.log)
 
 
@@ -74,7 +75,7 @@ def _half_way(trial: Trial) -> Iterator[Trial]:
     columns = {n: c for n in ("drive", "frequency") if (c := getattr(log, n)) is not None}
     held: dict[str, Any] = {n: np.append(0.5 * (c[1:] + c[:-1]), c[-1]) for n, c in columns.items()}
     yield _read(trial, replace(log, **held))
-    if trial.whole is None and "delay_s" not in log.bench:
+    if trial.whole is None:
         time = np.interp(np.arange(FINER * (len(log) - 1)) / FINER, np.arange(len(log)), log.time)
         middle = time + 0.5 * np.diff(np.append(time, log.time[-1]))
         warm = {} if log.temperature is None else {"temperature": np.interp(middle, log.time, log.temperature)}
