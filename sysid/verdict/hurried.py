@@ -18,6 +18,7 @@ from sysid.verdict.misfit import Found, described, explained
 DWELLS = (0.25, 0.5, 1.0, 2.0, 4.0)  # tau: of less a sweep shows no resonance, of more its points have settled
 NEARER = (2**0.5, 2**0.25, 2**0.125)  # factors about the best, in turn
 SURE = 10.0  # log-likelihood by which a dwell explains a log, of five that are tried: by chance of one in four thousand good fits
+ROUNDS = 3  # of the noise and all else in turn, at each dwell
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
 NAME = "swept too fast"  # of its first order among what was found
@@ -33,6 +34,8 @@ def hurried(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
         if len(state.trials) > 1 and described(minimiser, minimiser.refine((trial,), state.theta)):
             continue  # it contradicts the others
         tried = {dwell: _read(minimiser, state, i, dwell * state.tau) for dwell in DWELLS}
+        if max(s.likelihood for s in tried.values()) < state.likelihood + SURE:
+            continue
         for nearer in NEARER:
             dwell = max(tried, key=lambda d: tried[d].likelihood)
             tried |= {d: _read(minimiser, tried[dwell], i, d * state.tau) for d in (dwell / nearer, dwell * nearer)}
@@ -51,6 +54,8 @@ def hurried(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
 def _one_way(trial: Trial) -> bool:
     if not (trial.swept and trial.signed and trial.driven) or len(trial.log) < LEAST_ROWS:
         return False
+    if "background" not in trial.nuisances:
+        return False  # what is left is then rather that
     steps = np.diff(trial.log.frequency)
     return bool(np.all(steps > 0) or np.all(steps < 0))
 
@@ -62,4 +67,4 @@ def _read(minimiser: Minimiser, state: State, i: int, step: float) -> State:
     log = replace(trial.log, time=time, kind="transient", sampling="settled")
     timed = Trial.of(log, "transient", trial.nuisances)
     timed = replace(timed, noise=timed.noise.at(trial.noise.std, 0.0, (), 0.0))
-    return minimiser.refine((*state.trials[:i], timed, *state.trials[i + 1 :]), state.theta)
+    return minimiser.refine((*state.trials[:i], timed, *state.trials[i + 1 :]), state.theta, ROUNDS)
