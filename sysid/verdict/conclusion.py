@@ -111,7 +111,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
         return [Said(said, True)], []
     found, unseen = misfits(best, reference, free, at)
     likely = _likeliest(timed(_likeliest(found, tried=False), best, reference, free))
-    full = {i: compressed(question.minimiser, best, i) for i in {f.log for f in likely if f.name == "saturation" and f.harmful}}
+    doubted = {f.log for f in likely if f.name == "saturation" and f.harmful and "background" in best.trials[f.log].nuisances}
+    full = {i: compressed(question.minimiser, best, i) for i in doubted}
     likely = [f for f in likely if f.name != "saturation" or full.get(f.log, True)]
     wrong, doubts = _described(best, found, likely, FINGER[0] in free)
     for another in (hurried, leaning) if wrong or doubts else ():
