@@ -138,9 +138,10 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> t
 
 def _likeliest(found: Sequence[Found], tried: bool = True) -> list[Found]:
     """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth much less may be a
-    shadow of it. More than two alike explain nothing. Whether a delay explains it is not known before it is `tried` in full."""
-    told = [f for f in found if f.explains or not (tried or f.name not in SIDES)]
-    alike = [f for f in told if f.worth >= told[0].worth - NEARLY]
+    shadow of it, and of something that explains nothing by itself as well. More than two alike explain nothing. Whether a delay
+    explains it is not known before it is `tried` in full."""
+    near = [f for f in found if f.worth >= found[0].worth - NEARLY]
+    alike = [f for f in near if f.explains or not (tried or f.name not in SIDES)]
     return alike if len({f.name for f in alike}) <= ALTERNATIVES else []
 
 
@@ -167,7 +168,7 @@ def _described(state: State, found: Sequence[Found], likely: Sequence[Found], fi
         names = {f.name: f.sentence for f in reversed(likely)}
         return [*wrong, Said("; or else ".join(reversed(names.values())))], []
     if None in shown and not wrong:
-        wrong = [Said("; or else ".join(dict.fromkeys(f.sentence for f in found if f.harmful and f.certain)))]
+        wrong = [Said(next(f.sentence for f in found if f.log is None and f.harmful and f.certain))]  # in no log by itself
     return wrong, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in likely[:1])]
 
 

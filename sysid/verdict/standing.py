@@ -115,7 +115,7 @@ def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:
 
 def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
     worth = after.likelihood - before.likelihood
-    if before.converged and worth < 0:
+    if before.converged and not after.converged and worth < 0:
         return False  # noise of long memory is larger at rest than its neighbouring rows tell
     nested = before.trials[i].signed  # it has an offset already, of the response's own direction
     if rest.seen > SURE and not nested:
