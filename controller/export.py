@@ -77,7 +77,7 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     sensor = (outer.d, outer.q) if isinstance(outer, Calibrated) else (1.0, 0.0)
     m: Machine = outer.control if isinstance(outer, Calibrated) else outer
     g, law = m.control, m.control.control
-    found = {"layout": 1, "gain": m.gain, "f0": m.f0, "sensor_d": sensor[0], "sensor_q": sensor[1], "amplitude": m.amplitude}
+    found = {"layout": 2, "gain": m.gain, "f0": m.f0, "sensor_d": sensor[0], "sensor_q": sensor[1], "amplitude": m.amplitude}
     found |= _named("voltage", m.voltages, "lowest highest") | {"voltage_slew": getattr(law, "amplitude", law).slew}
     found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named("tracker", m.window, "lowest highest")
     found |= _named("temperature", m.temperatures or (m.temperature,) * 2, "lowest highest") | _amplitude_loop(law)
@@ -86,7 +86,7 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
     found |= {"swing": m.swing, "ceiling": g.ceiling, "ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet}
     found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
-    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "settled": int(m.patience), "lost": int(m.limit)}
+    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "heaviest": m.heaviest, "settled": int(m.patience), "lost": int(m.limit)}
     found |= {"memory": m.memory} | _named("beside", m.beside, "find lock run") | _named("voltage", m.fits, "least most run")
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
     found |= {"sweep": m.sweep, "demodulator_share": d.share, "demodulator_scale": d.scale, "sample_most": d.most}

@@ -37,8 +37,9 @@ QUIET, LOUD = 0.1, 0.15
 OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 # The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
-# at most HEADROOM times what the heaviest of the plates needs, so that no wiring makes more than 1.5 times what is asked.
-CEILING, HEADROOM = 1.35, 1.4
+# at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and as much again for what find has seen of it in noise.
+# So no wiring makes 1.5 times what is asked but one that answers to a small voltage as another plate of the design does.
+CEILING, HEADROOM = 1.35, 1.2
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
 HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
 FOLLOW_AFTER, FOLLOWS = 0.1, 20.0  # s, and time constants, for which a loop in run may be off, or at the end of its voltage
@@ -224,7 +225,7 @@ def switched(control: Guard, asked: Asked) -> Machine:
         min(MEAN / asked.patience, 1.0), plate.G, plate.f0 or 0.0, asked.voltages(),
         (follower.lowest, follower.highest) if tracks else (0.0, NO_LIMIT),
         _temperatures(asked) if asked.rig.thermometer and tracks else None, asked.reference_temperature,
-        headroom=HEADROOM * most,
+        headroom=HEADROOM, heaviest=most,
         **({} if tracks else {"beside": (ANY, ANY, NO_LIMIT)}),
         fits=(
             (1 - FITS) * float(np.min(ratio)),

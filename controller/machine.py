@@ -7,12 +7,13 @@
     run    the loop alone
     fault  no voltage, whatever is asked; only a reset while enable is low leads to off
 
-Until it runs the voltage stays below `headroom` times what the untouched plate needs for what is asked. These conditions are
-judged by means of the latest readings and commands, as half of a single reading of the small amplitude may be noise. Beside the
-faults of the guard there are
+Until it runs the voltage stays below `headroom` times what is needed for what is asked: in find by a plate under the heaviest
+finger of the design, then by the plate as find has seen it. These conditions are judged by means of the latest readings and
+commands, as half of a single reading of the small amplitude may be noise. Beside the faults of the guard there are
 
     7 lost         the resonance was not found, or the loop did not lock, in time
-    9 follow       in run the amplitude is off by a tenth, or |W| by as much more than Wd, for `follows` samples
+    9 follow       in run the amplitude is off by a tenth, or |W| by as much more than Wd, for `follows` samples more than it is
+                   right: a swing passes through what is right
    10 model        the voltage is not the one that the plate needs: in lock until it is lost, in run for `follows` samples, where
                    it is less than for the plate alone, or more than for a heavy finger
    11 oscillates   the voltage turned `swings` times about its mean by `swing` of its limit, within `swing_time` samples each
@@ -31,7 +32,6 @@ OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
 MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
 TASKS = ("regulate", "amplitude", "open loop", "sweep")  # as dq_task in C
 ROUGH, NEAR = 0.5, 0.1  # of the amplitude that is asked, by which it may be off to leave find; to leave lock, and in run
-DETUNED = 1.25  # voltage over that at resonance, where |Wq| is half of Wd
 ANY = 1e3  # |Wq|/Wd, or a ratio of voltages, that is no condition
 
 
@@ -70,7 +70,8 @@ class Counts(NamedTuple):
 
 class MachineState(NamedTuple):
     """The loop's own state; the `mode`, a number of MODES; the latched `fault`; inputs that are `held`, `means` and `counts`; the
-    amplitude that was last `asked` of the loop; the resonance as it was `learned`, and how far a sweep is, Hz above f0."""
+    amplitude that was last `asked` of the loop; the voltage that a unit of it `needs`, as find has seen it; the resonance as it
+    was `learned`, and how far a sweep is, Hz above f0."""
 
     control: Any
     mode: Any
@@ -79,6 +80,7 @@ class MachineState(NamedTuple):
     means: Means
     counts: Counts
     asked: Any
+    needs: Any
     learned: Any
     swept: Any
 
@@ -95,8 +97,8 @@ class Machine(NamedTuple):
     """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the amplitude to begin
     with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must be near before it goes on; `limit`:
     samples after which it is lost. `memory`: weight of the latest in a mean. `beside`: the largest |Wq|/Wd to leave find, to
-    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `fits`: its voltage over what `gain` says,
-    from and to, and to in run. `voltages`, `window` (Hz) and `temperatures` (degC; None: no thermometer): ranges of inputs."""
+    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `heaviest`: its voltage over what `gain` says
+    under the heaviest finger of the design; `fits`: the same, from and to, and to in run. `voltages`, `window` (Hz) and `temperatures` (degC; None: no thermometer): ranges of inputs."""
 
     control: Any
     amplitude: float
@@ -111,7 +113,8 @@ class Machine(NamedTuple):
     window: tuple[float, float]
     temperatures: tuple[float, float] | None = None
     temperature: float = 24.0
-    headroom: float = 1.4
+    headroom: float = 1.2
+    heaviest: float = 1.0
     beside: tuple[float, float, float] = (0.5, 0.2, 0.46)
     fits: tuple[float, float, float] = (0.9, 1.1, 2.75)
     follows: float = 1000.0
@@ -124,7 +127,7 @@ class Machine(NamedTuple):
         """Off, without a fault."""
         held = Held(0.0, 1.0, self.temperature, *(0.0,) * 4)
         means, counts = Means(*(0.0,) * 4), Counts(*(0.0,) * 6)
-        return MachineState(self.control.init(), OFF, 0.0, held, means, counts, 0.0, 0.0, 0.0)
+        return MachineState(self.control.init(), OFF, 0.0, held, means, counts, 0.0, 0.0, 0.0, 0.0)
 
     def rest(self) -> Command:
         """As the loop's own."""
@@ -143,14 +146,17 @@ class Machine(NamedTuple):
         on = enable & (was > OFF) & (was != FAULT)
         frozen = held.task > 0.0
         asked = self._asked(state, held, opened, xp)
-        capped = self.headroom * asked / abs(self.gain)
-        most = xp.where((was >= FIND) & (was <= LOCK), capped, NO_LIMIT)
+        least = 1.0 / abs(self.gain)
+        needed = xp.where(was == FIND, self.heaviest * least, clip(state.needs, least, self.heaviest * least, xp))
+        most = xp.where((was >= FIND) & (was <= LOCK), self.headroom * asked * needed, NO_LIMIT)
         stated, swept = self._stated(state, held, xp)
         control, command, said = self.control.step(
             state.control, asked, W, held.temperature if self.temperatures is not None else None, xp, held.share, most, frozen,
             clipped, (opened, *stated),
         )  # fmt: skip
         means = self._means(state.means, W, xp.where(on, asked, 0.0), xp.where(on, command.voltage, 0.0), xp)
+        shown = on & (was == FIND) & (means.d > 0.0)
+        needs = xp.where(shown, abs(means.voltage) / xp.where(shown, means.d, 1.0), state.needs)
         counts, found = self._judged(state, held, means, asked, command.voltage, most, xp)
         found = xp.where(said.fault > 0.0, said.fault, found)
         counts = either(on, counts, Counts(*(0.0,) * 4, state.counts.since, state.counts.side), xp)
@@ -168,7 +174,7 @@ class Machine(NamedTuple):
         frequency = None if resting is None else xp.where(on, command.frequency, resting)
         after = MachineState(
             either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means,
-            counts._replace(near=near, waited=waited, off=off), xp.where(on, asked, 0.0), learned,
+            counts._replace(near=near, waited=waited, off=off), xp.where(on, asked, 0.0), needs, learned,
             xp.where(on, swept, held.offset),
         )  # fmt: skip
         return after, Command(xp.where(on, command.voltage, 0.0), frequency), MachineInfo(fault, mode, said)
@@ -242,22 +248,24 @@ class Machine(NamedTuple):
         return (asked > 0.0) & (error < off) & (error > -off) & beside
 
     def _fits(self, mode: Any, held: Held, means: Means, xp: Any) -> Any:
-        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows."""
+        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows, beside its resonance too:
+        W = G V / (1 - j q/d), so that G V d = d^2 + q^2."""
         least, most, _ = self.fits
-        makes, finds = self.gain * means.voltage, mode == FIND
-        most = xp.where(finds, DETUNED * most, most)
-        return (finds | (makes > least * means.d)) & ((makes < most * means.d) | (held.task > 0.0))
+        makes, size = self.gain * means.voltage * means.d, means.d * means.d + means.q * means.q
+        return ((mode == FIND) | (makes > least * size)) & ((makes < most * size) | (held.task > 0.0))
 
     def _off(self, state: MachineState, held: Held, means: Means, xp: Any) -> tuple[Any, Any]:
-        """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it; and
-        the fault that this is."""
+        """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it,
+        less those for which both were right; and the fault that this is."""
         slip, room, turned = means.asked - means.d, NEAR * means.asked, self.beside[2] * means.d
         beside = ((means.q > turned) | (means.q < -turned)) & (held.task == 0.0)
         slips = (slip > room) | (slip < -room) | beside
         makes = self.gain * means.voltage
         odd = (makes < self.fits[0] * means.d) | ((makes > self.fits[2] * means.d) & (held.task == 0.0))
         judged = (state.mode == RUN) & (means.asked > self.find)
-        off = xp.where(judged & (slips | odd), state.counts.off + 1.0, 0.0)
+        was = state.counts.off
+        off = xp.where(slips | odd, was + 1.0, xp.where(was > 0.0, was - 1.0, 0.0))
+        off = xp.where(judged, off, 0.0)
         return off, xp.where(slips, CODES["follow"], CODES["model"])
 
     def _swung(self, state: MachineState, means: Means, voltage: Any, most: Any, xp: Any) -> tuple[Any, Any, Any]:

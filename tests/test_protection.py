@@ -50,9 +50,9 @@ def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
     for n, name in enumerate(lanes):
         W, mode, fault = (found[field][:, n] for field in ("W", "mode", "fault"))
         assert W.max() < 1.5 * ASKED, name
-        assert np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.4 * ASKED / G + 1e-9
+        assert np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.2 * ASKED / G + 1e-9
         find = (mode == FIND) & (np.arange(len(mode)) > 0)
-        assert np.abs(found["V"][find, n]).max(initial=0.0) <= 1.4 * 0.1 * ASKED / G + 1e-9  # a tenth is asked, as much is driven
+        assert np.abs(found["V"][find, n]).max(initial=0.0) <= 1.2 * 0.1 * ASKED / G + 1e-9  # a tenth is asked, as much is driven
         if name in SOUND:
             assert mode[-1] == RUN and not fault.any() and abs(W[-1] / ASKED - 1) < 0.06, name
         else:
@@ -134,7 +134,10 @@ def test_a_fault_ends_by_a_reset_with_enable_low_alone():
     again = play(designed(), [Lane(f0=60.0)], 3300, ASKED, enable=lambda k: not 1600 <= k < 1700)
     mode, f = again["mode"][:, 0], again["f"][:, 0]
     assert (mode[1601:1700] == OFF).all() and mode[-1] == RUN
-    assert np.abs(f[1601:] - F0 - 60).max() < 3.0  # it goes on where it was: within the noise of the tracker
+    # It goes on where it was, within four times the tracker's noise: 0.004 of the small amplitude moves an update by 0.3/(2 pi tau)
+    # times as much, of which the next leaves 0.7.
+    noise = 0.3 / (2 * math.pi * TAU) * 0.004 / (0.1 * ASKED) / math.sqrt(1 - 0.7**2)
+    assert np.abs(f[1601:] - F0 - 60).max() < 4 * noise
 
 
 def test_tasks_of_commissioning():

@@ -22,7 +22,6 @@
 #define ANSWER C(0.1) /* of what the drive makes of the plate, above which an answer stands out from the noise */
 #define ROUGH C(0.5)  /* of the amplitude that is asked, by which it may be off to leave find, and lock and run */
 #define NEAR C(0.1)
-#define DETUNED C(1.25) /* voltage over that at resonance, where |Wq| is half of Wd */
 
 /* What a step drives with. */
 typedef struct {
@@ -147,7 +146,7 @@ static int guard_is_sound(const dq_params *p)
 
 static int start_is_sound(const dq_params *p)
 {
-    return p->find > C(0) && p->find <= p->amplitude && p->ramp > C(0) && within(p->headroom, C(1), C(1000))
+    return p->find > C(0) && p->find <= p->amplitude && p->ramp > C(0) && within(p->headroom, C(1), C(1000)) && within(p->heaviest, C(1), C(1000))
         && count(p->settled) && count(p->lost) && share(p->memory) && p->beside_find > C(0) && p->beside_lock > C(0) && p->beside_run > C(0)
         && within(p->voltage_least, C(0), C(1)) && p->voltage_most >= C(1)
         && p->voltage_run >= p->voltage_most && p->sweep > C(0);
@@ -627,7 +626,9 @@ static request requested(dq_state *s)
 {
     const dq_params *p = &s->params;
     const dq_real asked = asked_of(s);
-    const dq_real capped = p->headroom * asked / size_of(p->gain);
+    /* While it looks, the heaviest finger may lie on the plate; then the plate has shown what it needs. */
+    const dq_real least = C(1) / size_of(p->gain), most = p->heaviest * least;
+    const dq_real capped = p->headroom * asked * (s->mode == DQ_MODE_FIND ? most : clip(s->needs, least, most));
     const int starts = s->mode >= DQ_MODE_FIND && s->mode <= DQ_MODE_LOCK;
     request r;
 
@@ -653,18 +654,19 @@ static int is_near(const dq_state *s, dq_real asked)
     return asked > C(0) && error < off && error > -off && (beside || s->task != DQ_TASK_REGULATE);
 }
 
-/* Whether the mean voltage is the one that the identified plate needs for what the sensor shows. */
+/* Whether the mean voltage is the one that the identified plate needs for what the sensor shows, beside its resonance too:
+ * W = G V / (1 - j q/d), so that G V d = d^2 + q^2. */
 static int fits(const dq_state *s)
 {
     const dq_params *p = &s->params;
-    const dq_real makes = p->gain * s->mean_voltage;
-    const dq_real most = s->mode == DQ_MODE_FIND ? DETUNED * p->voltage_most : p->voltage_most;
-    const int least = s->mode == DQ_MODE_FIND || makes > p->voltage_least * s->mean_d;
+    const dq_real makes = p->gain * s->mean_voltage * s->mean_d, size = s->mean_d * s->mean_d + s->mean_q * s->mean_q;
+    const int least = s->mode == DQ_MODE_FIND || makes > p->voltage_least * size;
 
-    return least && (makes < most * s->mean_d || s->task != DQ_TASK_REGULATE);
+    return least && (makes < p->voltage_most * size || s->task != DQ_TASK_REGULATE);
 }
 
-/* Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it. */
+/* Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it, less those
+ * for which both were right: a swing passes through what is right. */
 static int32_t follow_fault(dq_state *s)
 {
     const dq_params *p = &s->params;
@@ -676,7 +678,7 @@ static int32_t follow_fault(dq_state *s)
     const int odd = makes < p->voltage_least * s->mean_d || hard;
     const int judged = s->mode == DQ_MODE_RUN && s->mean_asked > p->find;
 
-    s->off = judged && (slips || odd) ? s->off + 1 : 0;
+    s->off = !judged ? 0 : slips || odd ? s->off + 1 : s->off - (s->off > 0);
     if (s->off < p->follows)
         return DQ_FAULT_NONE;
     return slips ? DQ_FAULT_FOLLOW : DQ_FAULT_MODEL;
@@ -817,6 +819,8 @@ dq_output dq_step(dq_state *s, const dq_input *in)
         const int32_t found = drive(s, in, W, &r, &c);
 
         remember(s, W, r.reference, c.voltage);
+        if (was == DQ_MODE_FIND && s->mean_d > C(0))
+            s->needs = size_of(s->mean_voltage) / s->mean_d;
         s->fault = machine_fault(s, found, r.reference, c.voltage, r.highest);
     } else {
         remember(s, W, C(0), C(0));

@@ -36,7 +36,7 @@ typedef double dq_real;
 #else
 typedef float dq_real;
 #endif
-#define DQ_LAYOUT 1u   /* of dq_params: what was saved to flash by another layout is refused */
+#define DQ_LAYOUT 2u   /* of dq_params: what was saved to flash by another layout is refused */
 #define DQ_DELAY_MAX 8 /* samples that a command may be on its way, at most */
 
 /* --- What is asked for, and what is said ------------------------------------------------------------------------------ */
@@ -177,7 +177,8 @@ typedef struct {
     /* Start. */
     dq_real find;      /* amplitude to begin with */
     dq_real ramp;      /* its rise in a step */
-    dq_real headroom;  /* voltage until it runs, over that which the untouched plate needs for what is asked */
+    dq_real headroom;  /* voltage until it runs, over what the plate was seen to need for what is asked */
+    dq_real heaviest;  /* what the design's heaviest finger makes it need, over the untouched plate: no more is believed */
     int32_t settled;   /* steps for which it has to be near before it goes on */
     int32_t lost;      /* steps after which it is lost */
     dq_real memory;    /* weight of the latest reading in the means that decide */
@@ -229,7 +230,7 @@ typedef struct {
     /* machine */
     int32_t mode, fault, task, near, waited, off, swung, since_swing, side;
     dq_real reference, share, told, stated_voltage, stated_offset, asked, learned, swept;
-    dq_real mean_d, mean_q, mean_voltage, mean_asked;
+    dq_real mean_d, mean_q, mean_voltage, mean_asked, needs;
     uint32_t held;
     /* amplitude loop */
     dq_real integral, output, model[DQ_DELAY_MAX + 2];
