@@ -86,8 +86,9 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
     found |= {"swing": m.swing, "ceiling": g.ceiling, "ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet}
     found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
-    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "heaviest": m.heaviest, "settled": int(m.patience), "lost": int(m.limit)}
-    found |= {"memory": m.memory} | _named("beside", m.beside, "find lock run") | _named("voltage", m.fits, "least most run")
+    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "heaviest": m.heaviest}
+    found |= {"settled": int(m.patience), "lost": int(m.limit), "memory": m.memory} | _named("beside", m.beside, "find lock run")
+    found |= _named("voltage", m.fits, "least most run")
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
     found |= {"sweep": m.sweep, "demodulator_share": d.share, "demodulator_scale": d.scale, "sample_most": d.most}
     return found | {"sample_patience": int(d.patience)}

@@ -34,18 +34,20 @@ def plant_system(plant: Any, frequency: float | None = None, temperature: float 
     return control.ss(A, B, np.eye(2), np.zeros((2, 1)), inputs=["V"], outputs=["Wd", "Wq"], name="plant")
 
 
-def loop_systems(loop: Loop) -> Systems:
-    """The amplitude loop of a design about its settled state, without limits, and without what it feeds forward."""
+def loop_systems(loop: Loop, gain: float = 1.0) -> Systems:
+    """The amplitude loop of a design about its settled state, without limits, and without what it feeds forward, with a plate of
+    `gain` times its G: an observer then learns another damping."""
     import control
 
     T = loop.sample_time
-    A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau])))
+    A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau]), gain))
     law = control.ss(A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller")
     whole = math.floor(loop.delay / T + 1e-9)
     part = max(loop.delay - whole * T, 0.0)
     alpha, late = math.exp(-T / loop.tau), math.exp(-(T - part) / loop.tau)
     # A command that takes effect within a sample acts on this one by its last part, on the next by its first.
     within = part > 1e-9 * T
-    numerator = [loop.G * (1 - late), loop.G * (late - alpha)] if within else [loop.G * (1 - alpha)]
+    G = gain * loop.G
+    numerator = [G * (1 - late), G * (late - alpha)] if within else [G * (1 - alpha)]
     delayed = control.tf(numerator, [1.0, -alpha, *[0.0] * (whole + within)], T)
     return Systems(law, control.ss(delayed, inputs=["V"], outputs=["Wd"], name="plant"))

@@ -97,8 +97,9 @@ class Machine(NamedTuple):
     """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the amplitude to begin
     with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must be near before it goes on; `limit`:
     samples after which it is lost. `memory`: weight of the latest in a mean. `beside`: the largest |Wq|/Wd to leave find, to
-    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `heaviest`: its voltage over what `gain` says
-    under the heaviest finger of the design; `fits`: the same, from and to, and to in run. `voltages`, `window` (Hz) and `temperatures` (degC; None: no thermometer): ranges of inputs."""
+    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `heaviest`: its voltage over what
+    `gain` says under the heaviest finger of the design; `fits`: the same, from and to, and to in run. `voltages`, `window` (Hz)
+    and `temperatures` (degC; None: no thermometer): ranges of inputs."""
 
     control: Any
     amplitude: float
@@ -248,7 +249,7 @@ class Machine(NamedTuple):
         return (asked > 0.0) & (error < off) & (error > -off) & beside
 
     def _fits(self, mode: Any, held: Held, means: Means, xp: Any) -> Any:
-        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows, beside its resonance too:
+        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows. Beside its resonance
         W = G V / (1 - j q/d), so that G V d = d^2 + q^2."""
         least, most, _ = self.fits
         makes, size = self.gain * means.voltage * means.d, means.d * means.d + means.q * means.q

@@ -6,6 +6,8 @@ A plant at resonance under a held voltage that takes effect `delay` s after its 
     g0 = push (1 - e^{-rate (1-x) T})/rate,   g1 = push (e^{-rate (1-x) T} - alpha)/rate.
 
 The controller is linearised by differences of its own step, about the state that it settles in: what is examined is what runs.
+An observer of the pole takes a plate of k times the gain for one of 1/k of the damping, so that its loop at a gain k is another
+loop, not k times the one at gain one: its gain margin is the smallest k at which that loop is unstable.
 """
 
 from typing import Any, NamedTuple
@@ -20,6 +22,7 @@ from controller.scalar import NO_LIMIT
 
 POINTS = 400  # frequencies
 SHOWN = 40  # of a picture
+MOST, TRIED = 40.0, 24  # gains that are tried, up to this one, for an observer; between two of them by bisection to 0.1 %
 
 
 class Margins(NamedTuple):
@@ -38,7 +41,41 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
     low = 1e-2 * float(np.min(plants.rate)) * sample_time
     angle = np.geomspace(min(low, 1e-3), np.pi, POINTS)
     L = response(control, plants, sample_time, angle) * plant(plants, sample_time, delay, np.exp(1j * angle))
-    return _read(L, angle, sample_time)
+    found = _read(L, angle, sample_time)
+    return found if isinstance(control, DQ) else found._replace(gain=_learned(control, plants, sample_time, delay, found.gain > 0))
+
+
+def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.ndarray) -> np.ndarray:
+    """Gain margin (n,) of an observer, which learns another damping at another gain; zero where it is not stable at gain one."""
+
+    def unstable(gain: np.ndarray) -> np.ndarray:
+        """Whether a pole of the loop lies outside of the unit circle."""
+        stronger = plants._replace(push=gain * plants.push)
+        return np.max(np.abs(np.linalg.eigvals(_closed(control, stronger, T, delay, gain))), axis=1) > 1.0
+
+    tried = np.geomspace(1.0, MOST, TRIED)
+    beyond = np.array([unstable(np.full(len(plants.rate), k)) for k in tried])
+    at = np.argmax(beyond, axis=0)
+    high, low = tried[at], tried[np.maximum(at - 1, 0)]
+    for _ in range(8):
+        middle = np.sqrt(low * high)
+        over = unstable(middle)
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    return np.where(stable & ~beyond[0], np.where(np.any(beyond, axis=0), low, np.inf), 0.0)
+
+
+def _closed(control: Any, plants: Ensemble, T: float, delay: float, gain: np.ndarray) -> np.ndarray:
+    """What a sample makes (n, s, s) of the controller's state, Wd, and the voltages of the last d + 1 samples."""
+    A, B, C, D = linearised(control, plants.rate * T, gain)
+    n, s = B.shape
+    g0, g1, alpha, d = held(plants, T, delay)
+    M = np.zeros((n, s + d + 2, s + d + 2))
+    M[:, :s, :s], M[:, :s, s] = A, B
+    M[:, s + 1, :s], M[:, s + 1, s] = C, D  # the voltage of this sample, next to be the one before
+    M[:, range(s + 2, s + d + 2), range(s + 1, s + d + 1)] = 1.0
+    M[:, s, s + d + 1], M[:, s, s] = g1, alpha
+    M[:, s] += g0[:, None] * (M[:, s + 1] if d == 0 else np.eye(s + d + 2)[s + d])
+    return M
 
 
 class Bode(NamedTuple):
@@ -62,13 +99,17 @@ def bode(control: Any, plants: Ensemble, sample_time: float, delay: float) -> Bo
 
 def plant(plants: Ensemble, T: float, delay: float, z: np.ndarray) -> np.ndarray:
     """P(z) (n, m) of n plants."""
+    *parts, d = held(plants, T, delay)
+    g0, g1, alpha = (part[:, None] for part in parts)
+    return (g0 + g1 / z) * z**-d / (z - alpha)
+
+
+def held(plants: Ensemble, T: float, delay: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """g0, g1, alpha, each (n,), and d."""
     d = int(np.floor(delay / T + 1e-9))
     x = max(delay / T - d, 0.0)
-    rate, push = plants.rate[:, None], plants.push[:, None]
-    late = np.exp(-rate * (1 - x) * T)
-    alpha = np.exp(-rate * T)
-    g0, g1 = push * (1 - late) / rate, push * (late - alpha) / rate
-    return (g0 + g1 / z) * z**-d / (z - alpha)
+    late, alpha = np.exp(-plants.rate * (1 - x) * T), np.exp(-plants.rate * T)
+    return plants.push * (1 - late) / plants.rate, plants.push * (late - alpha) / plants.rate, alpha, d
 
 
 def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.ndarray:
@@ -85,10 +126,13 @@ def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.
     return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
 
 
-def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def linearised(
+    control: Any, damping: np.ndarray, gain: np.ndarray | float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A (n, s, s), B (n, s), C (n, s), D (n,) of Wd -> V about a settled amplitude of one, without limits, at resonance.
 
-    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,), which it has learnt.
+    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,) and `gain` over that of
+    the design: it has learnt damping / gain, or the nearest that it believes.
     """
     if isinstance(control, DQ):
         pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT, model=None)
@@ -111,7 +155,8 @@ def linearised(control: Any, damping: np.ndarray) -> tuple[np.ndarray, np.ndarra
         after, command, _ = free.step(before, 1.0, W, None, np)
         return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
-    settled = (one, damping, *[damping / control.push] * sent, *[one] * (1 + len(control.late)))
+    learnt = damping / gain
+    settled = (one, learnt, *[learnt / control.push] * sent, *[one] * (1 + len(control.late)))
     return differences(adaptive, settled, one + 0j, 1e-5)
 
 

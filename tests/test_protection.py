@@ -134,8 +134,8 @@ def test_a_fault_ends_by_a_reset_with_enable_low_alone():
     again = play(designed(), [Lane(f0=60.0)], 3300, ASKED, enable=lambda k: not 1600 <= k < 1700)
     mode, f = again["mode"][:, 0], again["f"][:, 0]
     assert (mode[1601:1700] == OFF).all() and mode[-1] == RUN
-    # It goes on where it was, within four times the tracker's noise: 0.004 of the small amplitude moves an update by 0.3/(2 pi tau)
-    # times as much, of which the next leaves 0.7.
+    # It goes on where it was, within four times the tracker's noise: 0.004 of the small amplitude moves an update by
+    # 0.3/(2 pi tau) times as much, of which the next leaves 0.7.
     noise = 0.3 / (2 * math.pi * TAU) * 0.004 / (0.1 * ASKED) / math.sqrt(1 - 0.7**2)
     assert np.abs(f[1601:] - F0 - 60).max() < 4 * noise
 

@@ -131,8 +131,8 @@ static int observer_is_sound(const dq_params *p)
 {
     return p->law == DQ_LAW_PI
         || (p->law == DQ_LAW_ADAPTIVE && p->K > C(0) && p->K < C(2) && p->push * p->gain > C(0)
-            && within(p->damping, C(1e-9), C(1)) && p->turn > C(0) && share(p->keep_d) && share(p->keep_q) && p->sweep_most > C(0) && p->sent >= 0
-            && p->sent <= DQ_DELAY_MAX && p->late >= 0 && p->late <= DQ_DELAY_MAX && share(p->between));
+            && within(p->damping, C(1e-9), C(1)) && p->turn > C(0) && share(p->keep_d) && share(p->keep_q)
+            && p->sweep_most > C(0) && p->sent >= 0 && p->sent <= DQ_DELAY_MAX && p->late >= 0 && p->late <= DQ_DELAY_MAX && share(p->between));
 }
 
 static int guard_is_sound(const dq_params *p)
@@ -146,9 +146,9 @@ static int guard_is_sound(const dq_params *p)
 
 static int start_is_sound(const dq_params *p)
 {
-    return p->find > C(0) && p->find <= p->amplitude && p->ramp > C(0) && within(p->headroom, C(1), C(1000)) && within(p->heaviest, C(1), C(1000))
-        && count(p->settled) && count(p->lost) && share(p->memory) && p->beside_find > C(0) && p->beside_lock > C(0) && p->beside_run > C(0)
-        && within(p->voltage_least, C(0), C(1)) && p->voltage_most >= C(1)
+    return p->find > C(0) && p->find <= p->amplitude && p->ramp > C(0) && within(p->headroom, C(1), C(1000))
+        && within(p->heaviest, C(1), C(1000)) && count(p->settled) && count(p->lost) && share(p->memory) && p->beside_find > C(0)
+        && p->beside_lock > C(0) && p->beside_run > C(0) && within(p->voltage_least, C(0), C(1)) && p->voltage_most >= C(1)
         && p->voltage_run >= p->voltage_most && p->sweep > C(0);
 }
 
@@ -654,7 +654,7 @@ static int is_near(const dq_state *s, dq_real asked)
     return asked > C(0) && error < off && error > -off && (beside || s->task != DQ_TASK_REGULATE);
 }
 
-/* Whether the mean voltage is the one that the identified plate needs for what the sensor shows, beside its resonance too:
+/* Whether the mean voltage is the one that the identified plate needs for what the sensor shows. Beside its resonance
  * W = G V / (1 - j q/d), so that G V d = d^2 + q^2. */
 static int fits(const dq_state *s)
 {
