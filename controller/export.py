@@ -159,7 +159,7 @@ PLATE = """\
 def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
     drive, response = (_text(unit) for unit in (loop.drive_unit or "drive-unit", loop.response_unit or "response-unit"))
     rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
-    macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop, drive, response).items()]
+    macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop).items()]
     return PLATE.format(
         law=name, version=_version(), stamp="\n * ".join(_stamp(loop, drive, response)),
         reach="".join(f" *   {line}\n" for line in _reach(loop, drive, response)),
@@ -167,7 +167,7 @@ def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
     )  # fmt: skip
 
 
-def _macros(loop: Loop, drive: str, response: str) -> dict[str, str]:
+def _macros(loop: Loop) -> dict[str, str]:
     """Limits, scales and times, for the code around the law."""
     T, demodulator = loop.sample_time, loop.demodulator
     found = {"SAMPLE_TIME": _real(T), "LATENCY": _real(loop.latency), "DELAY": _real(loop.delay)}
@@ -190,38 +190,59 @@ def _macros(loop: Loop, drive: str, response: str) -> dict[str, str]:
         found |= {"DDS_BASE": f"{dds.base}u", "DDS_FRACTION": _real(dds.fraction), "DDS_PER_HZ": _real(2**32 / rig.dds)}
     if rig.timer is not None and loop.f0 is not None:
         found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
-    lines = ["# sampling: instant", *([] if demodulator is None else [f"# delay_s: {demodulator.delay:.6g}"])]
+    found |= {"RECORD_HEADER": f'"{_record_header(loop)}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
+    return found
+
+
+def _record_header(loop: Loop) -> str:
+    """The first lines of a record of the loop, for a C string: what `identify` has to know. A unit that nobody stated is 1."""
+    lines = ["# sampling: instant"]
+    if (d := loop.demodulator) is not None:  # the rows are behind its filters, each of one pole
+        lines += [f"# lockin_tau_s: {d.delay / d.order:.6g}", f"# lockin_order: {d.order}"]
     if loop.plate is not None and _text(loop.plate, 40) == loop.plate:  # another name would be another plate's
         lines.append(f"# plate: {loop.plate}")
-    lines.append(f"time_s,wd_{response},wq_{response},voltage_{drive},frequency_Hz")
-    text = "".join(f"{line}\\n" for line in lines)
-    return found | {"RECORD_HEADER": f'"{text}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
+    drive, response = (_text(unit or "1") for unit in (loop.drive_unit, loop.response_unit))
+    lines.append(f"time_s,wd_{response},wq_{response},{'voltage' if drive == 'V' else 'drive'}_{drive},frequency_Hz")
+    return "".join(f"{line}\\n" for line in lines)
 
 
 def _reach(loop: Loop, drive: str, response: str) -> list[str]:
-    """For each phase: the largest voltage and amplitude, and how long until a fault."""
+    """For each phase the largest voltage and amplitude, and for each fault after how long it ends them."""
     machine = loop.machine.control if isinstance(loop.machine, Calibrated) else loop.machine
-    guard, T, limit = machine.control, loop.sample_time, machine.voltages[1]
-    gain = abs(loop.G)
+    guard, limit, gain = machine.control, machine.voltages[1], abs(loop.G)
 
-    def line(what: str, volts: float, ends: str) -> str:
+    def most(volts: float) -> str:
+        """As text."""
         if volts >= NO_LIMIT / 2:
-            return f"{what}: no limit of the voltage was stated; {ends}"
-        return f"{what}: {volts:.4g} {drive}, {gain * volts:.4g} {response}; {ends}"
+            return "no limit of the voltage was stated"
+        return f"{volts:.4g} {drive}, {gain * volts:.4g} {response}"
 
-    capped = [min(limit, machine.headroom * a / gain) for a in (machine.find, machine.amplitude)]
-    seen, follows = 1e3 * T * guard.patience, 1e3 * T * machine.follows
-    return [
-        line(
-            "find", capped[0], f"lost after {1e3 * T * machine.limit:.4g} ms; missing, dead, above, edge, clipped {seen:.3g} ms"
-        ),
-        line("soft start and lock", capped[1], f"lost or model after {1e3 * T * machine.limit:.4g} ms; the others as in find"),
-        line(
-            "run", limit, f"missing, dead, above, edge, clipped {seen:.3g} ms; stuck {1e3 * T * guard.repeats:.3g} ms after the"
-        ),
-        f"     drive has moved; reversed {1e3 * T * guard.doubts:.3g} ms; follow and model {follows:.3g} ms; oscillates at most"
-        f" {1e3 * T * machine.swings * machine.swing_time:.3g} ms",
+    def after(samples: float) -> str:
+        """As text."""
+        return f"{1e3 * loop.sample_time * samples:.4g} ms"
+
+    needed = machine.headroom * machine.amplitude / gain
+    finds = machine.headroom * machine.heaviest * machine.find / gain
+    lines = [f"find: {most(min(limit, finds))}", f"soft start and lock: {most(min(limit, needed))}"]
+    if machine.heaviest > 1:
+        lines[-1] += f"; {most(min(limit, machine.heaviest * needed))} where find has seen the heaviest finger"
+    lines += [
+        f"run, and the tasks in open loop: {most(limit)}",
+        f"missing, dead, above, edge, clipped: in each of these after {after(guard.patience)}, above from {guard.ceiling:g} times"
+        " what is asked",
+        f"stuck: in each of these {after(guard.repeats)} after the drive has moved; reversed: after {after(guard.doubts)}",
+        f"lost: find or lock after {after(machine.limit)}; model: the same, and run as follow",
+        f"follow: run after {after(machine.follows)} more than it was right",
+        f"oscillates: lock or run after {after(machine.swings * machine.swing_time)} at most",
+        "parameters: no voltage at all",
     ]
+    if machine.fits[2] < NO_LIMIT / 2:
+        lines += [
+            "A sensor that reads low by as much as the stated finger explains is not seen: the amplitude is then up to",
+            f"{machine.fits[1]:.3g} times what is asked, and {machine.fits[2]:.3g} times where it comes about in run, within the"
+            " voltage.",
+        ]
+    return lines
 
 
 def _c(value: Any) -> str:

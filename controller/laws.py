@@ -37,9 +37,9 @@ QUIET, LOUD = 0.1, 0.15
 OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
 # The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
-# at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and as much again for what find sees of it in noise. So
-# no wiring makes 1.5 times what is asked, but one that answers to a small voltage as another plate of the design does.
-CEILING, HEADROOM = 1.35, 1.2
+# at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and room for noise, of which 5 % in find move the
+# voltage by 0.1. So no wiring makes 1.5 times what is asked, but one that answers to little as another plate of the design does.
+CEILING, HEADROOM = 1.35, 1.25
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
 HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
 FOLLOW_AFTER, FOLLOWS = 0.1, 20.0  # s, and time constants, for which a loop in run may be off, or at the end of its voltage

@@ -114,7 +114,7 @@ class Machine(NamedTuple):
     window: tuple[float, float]
     temperatures: tuple[float, float] | None = None
     temperature: float = 24.0
-    headroom: float = 1.2
+    headroom: float = 1.25
     heaviest: float = 1.0
     beside: tuple[float, float, float] = (0.5, 0.2, 0.46)
     fits: tuple[float, float, float] = (0.9, 1.1, 2.75)

@@ -42,7 +42,9 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
     angle = np.geomspace(min(low, 1e-3), np.pi, POINTS)
     L = response(control, plants, sample_time, angle) * plant(plants, sample_time, delay, np.exp(1j * angle))
     found = _read(L, angle, sample_time)
-    return found if isinstance(control, DQ) else found._replace(gain=_learned(control, plants, sample_time, delay, found.gain > 0))
+    if isinstance(control, DQ):
+        return found
+    return found._replace(gain=_learned(control, plants, sample_time, delay, found.gain > 0))
 
 
 def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.ndarray) -> np.ndarray:

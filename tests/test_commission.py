@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 import controller
-import sysid
 from controller.check import check
 from controller.commission import SLOWER, sheet
-from controller.export import texts
-from sysid import Log, LogError, Plant, Profile, Scene, read_logs
+from sysid import Log, LogError, Plant, Profile, Scene
 from sysid.command.cli import main
 from sysid.scene.effects import EFFECTS
 
@@ -149,26 +147,6 @@ def test_a_missing_delay_is_named(more):
         assert abs(number(found["delay"].found, " us") - 1e6 * (LOOP.delay + more)) < 20
         assert found["delay"].kept == (more == 0.0)
     assert more == 0.0 or abs(number(found["delay"].hint, " us more") - 1e6 * more) < 20
-
-
-def test_the_loop_s_own_record_refits_the_plate(tmp_path):
-    """The lines that the plate's header has firmware print, read and fitted: G and tau within four standard deviations."""
-    steps = Profile(np.array([0.0, 0.003, 0.02, 0.035]), np.array([0.0, 2.0, 1.0, 2.0]))
-    scene = Scene(PLATE, {"drive": Profile.constant(100.0), "frequency": Profile.constant(32300.0)}, 501, 1e4,
-                  (EFFECTS["white_noise"](std=0.005),), fidelity="envelope")  # fmt: skip
-    loop = dataclasses.replace(LOOP, drive_unit="V", response_unit="um")
-    trace = controller.closed_loop(loop, scene, reference=steps, seed=1)
-    text = (texts(loop, "dq_pi.h")[2]).split('DQ_PLATE_RECORD_HEADER "')[1].split('"')[0].replace("\\n", "\n")
-    V, f = np.append(0.0, trace.V[:-1]), np.append(32300.0, trace.f[:-1])
-    for row in zip(trace.time, trace.measured.real, trace.measured.imag, V, f, strict=True):
-        text += "{:.6f},{:.7g},{:.7g},{:.7g},{:.3f}\n".format(*row)
-    (tmp_path / "loop.csv").write_text(text)
-    (log,) = read_logs([tmp_path / "loop.csv"])
-    fit = sysid.fit([log])
-    for name, true in (("G", 0.02), ("tau", TAU), ("f0", 32300.0)):
-        p = fit.parameters[name]
-        assert p.determined and abs(p.value - true) < 4 * p.std + 2e-3 * (name != "f0") * true, name
-    assert fit.parameters["tau"].std < 0.005 * TAU
 
 
 def test_a_loop_that_is_not_as_designed_is_told_by_what():

@@ -1,6 +1,7 @@
 """The exported C on the bench at the carrier: it starts, steps and tracks as promised, and each fault ends
 the drive."""
 
+import dataclasses
 import math
 import subprocess
 from types import SimpleNamespace
@@ -10,7 +11,9 @@ import onboard
 import pytest
 
 import controller
+import sysid
 from controller.actuator import Adc
+from controller.export import texts
 
 TAU = 5e-3 / math.log(20)
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16)
@@ -247,3 +250,24 @@ def test_the_tracker_comes_from_a_stated_offset(pi):
     rows = bench.run(duration=0.3, begin=1 / (2 * math.pi * TAU))
     assert rows["mode"][-1] == RUN and abs(rows.made[-1000:].mean() - PLATE.f0) < 1.0
     assert rows.made[5] > PLATE.f0 + 90
+
+
+@pytest.mark.parametrize("units", ["um/V", None])
+def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units):
+    """A start and two steps, under the lines that the plate's header has firmware print: within four standard deviations, and a
+    thousandth for the image at twice the carrier, of the plate on the bench."""
+    loop, bench = pi
+    response, drive = (None, None) if units is None else units.split("/")
+    loop = dataclasses.replace(loop, response_unit=response, drive_unit=drive)
+    text = texts(loop, "dq_pi.h")[2].split('RECORD_HEADER "')[1].split('"')[0].replace("\\n", "\n")
+    rows = bench.run([(0.06, "reference", 0.5 * ASKED), (0.08, "reference", ASKED)], duration=0.1, f0=PLATE.f0 + 12.0)
+    told = zip(rows.time, rows.told_d, rows.told_q, np.append(0.0, rows.V[:-1]), np.append(PLATE.f0, rows.f[:-1]), strict=True)
+    text += "".join("{:.6f},{:.7g},{:.7g},{:.7g},{:.3f}\n".format(*row) for row in told)
+    (tmp_path / "loop.csv").write_text(text)
+    (log,) = sysid.read_logs([tmp_path / "loop.csv"])
+    assert (log.response_unit, log.drive_unit) == (response or "1", drive or "1")
+    fit = sysid.fit([log])
+    for name, true in (("G", PLATE.G), ("tau", TAU), ("f0", PLATE.f0 + 12.0)):
+        p = fit.parameters[name]
+        assert p.determined and abs(p.value - true) < 4 * p.std + 1e-3 * (name != "f0") * true, (name, p.value, p.std)
+    assert fit.parameters["tau"].std < 0.005 * TAU

@@ -50,9 +50,9 @@ def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
     for n, name in enumerate(lanes):
         W, mode, fault = (found[field][:, n] for field in ("W", "mode", "fault"))
         assert W.max() < 1.5 * ASKED, name
-        assert np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.2 * ASKED / G + 1e-9
-        find = (mode == FIND) & (np.arange(len(mode)) > 0)
-        assert np.abs(found["V"][find, n]).max(initial=0.0) <= 1.2 * 0.1 * ASKED / G + 1e-9  # a tenth is asked, as much is driven
+        assert np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.25 * ASKED / G + 1e-9
+        find = (mode == FIND) & (np.arange(len(mode)) > 0)  # a tenth is asked, as much is driven
+        assert np.abs(found["V"][find, n]).max(initial=0.0) <= 1.25 * 0.1 * ASKED / G + 1e-9
         if name in SOUND:
             assert mode[-1] == RUN and not fault.any() and abs(W[-1] / ASKED - 1) < 0.06, name
         else:
