@@ -80,6 +80,11 @@ class Loop:
         return figures
 
     @property
+    def switched(self) -> Machine | None:
+        """The machine without its sensor's correction."""
+        return self.machine.control if isinstance(self.machine, Calibrated) else self.machine
+
+    @property
     def delay(self) -> float:
         """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and latency."""
         return self.latency + self.rig.delay(self.f0)

@@ -6,8 +6,6 @@ from controller.adaptive import Adaptive
 from controller.commission import sheet
 from controller.design import Loop
 from controller.dq import DQ
-from controller.guard import Guard
-from controller.rig import Calibrated
 from controller.scalar import NO_LIMIT
 from controller.tracker import SignTracker
 
@@ -65,9 +63,9 @@ def _law(loop: Loop) -> dict[str, Any]:
 
 def _guard(loop: Loop) -> dict[str, float] | None:
     """For how long it looks on; None where there is none."""
-    guard = loop.control.control if isinstance(loop.control, Calibrated) else loop.control
-    if not isinstance(guard, Guard):
+    if (machine := loop.switched) is None:
         return None
+    guard = machine.control
     return {"patience_s": guard.patience * loop.sample_time, "stuck_after_s": guard.repeats * loop.sample_time}
 
 
@@ -86,10 +84,10 @@ def _demodulator(loop: Loop) -> dict[str, float] | None:
 
 def _start_up(loop: Loop) -> dict[str, float] | None:
     """The machine's numbers; None without one."""
-    machine = loop.machine.control if isinstance(loop.machine, Calibrated) else loop.machine
-    if machine is None:
+    if (machine := loop.switched) is None:
         return None
     found = {"find": machine.find, "ramp_per_s": machine.ramp / loop.sample_time, "headroom": machine.headroom}
+    found |= {"heaviest": machine.heaviest}
     return found | {"settled_s": machine.patience * loop.sample_time, "lost_s": machine.limit * loop.sample_time}
 
 

@@ -208,7 +208,8 @@ def _record_header(loop: Loop) -> str:
 
 def _reach(loop: Loop, drive: str, response: str) -> list[str]:
     """For each phase the largest voltage and amplitude, and for each fault after how long it ends them."""
-    machine = loop.machine.control if isinstance(loop.machine, Calibrated) else loop.machine
+    machine = loop.switched
+    assert machine is not None  # texts has refused it
     guard, limit, gain = machine.control, machine.voltages[1], abs(loop.G)
 
     def most(volts: float) -> str:

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller.design import Loop
-from controller.margins import linearised
+from controller.ensemble import Ensemble
+from controller.margins import held, linearised
 
 
 class Systems(NamedTuple):
@@ -42,12 +43,8 @@ def loop_systems(loop: Loop, gain: float = 1.0) -> Systems:
     T = loop.sample_time
     A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau]), gain))
     law = control.ss(A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller")
-    whole = math.floor(loop.delay / T + 1e-9)
-    part = max(loop.delay - whole * T, 0.0)
-    alpha, late = math.exp(-T / loop.tau), math.exp(-(T - part) / loop.tau)
-    # A command that takes effect within a sample acts on this one by its last part, on the next by its first.
-    within = part > 1e-9 * T
-    G = gain * loop.G
-    numerator = [G * (1 - late), G * (late - alpha)] if within else [G * (1 - alpha)]
-    delayed = control.tf(numerator, [1.0, -alpha, *[0.0] * (whole + within)], T)
+    one = Ensemble(np.array([gain * loop.G / loop.tau]), np.array([1 / loop.tau]), np.zeros(1))
+    (g0,), (g1,), (alpha,), whole = held(one, T, loop.delay)
+    within = abs(g1) > 1e-9 * abs(g0)  # a command takes effect within a sample
+    delayed = control.tf([g0, g1][: 1 + within], [1.0, -alpha, *[0.0] * (whole + within)], T)
     return Systems(law, control.ss(delayed, inputs=["V"], outputs=["Wd"], name="plant"))

@@ -47,6 +47,7 @@ calibration = "both.csv"     # or instead of these a log of both sensors at once
 import cmath
 import math
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -57,6 +58,16 @@ from controller.scalar import NO_LIMIT
 from controller.source import Multiples, Source, Timer
 
 ARITHMETIC = ("single", "double")
+# Parts of a rig that are tables of their own, and the units of their keys: "" is the drive's.
+TABLES: dict[str, tuple[Any, dict[str, str]]] = {
+    "adc": (Adc, {"bits": "1", "full_scale": "1", "rate": "Hz"}),
+    "dac": (Dac, {"bits": "1", "full_scale": ""}),
+    "inverter": (lambda supply, law="linear": Inverter(supply, law == "sine"), {"supply": ""}),
+}
+ABOVE_ZERO = (
+    *("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds", "drive_update"),
+    *("amplitude", "settling", "lowest_frequency", "highest_frequency"),
+)
 METHODS = ("pi", "paper", "pll", "adaptive")
 
 
@@ -150,7 +161,7 @@ class Rig(NamedTuple):
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise RigError(f"{path}: cannot be read: {error}") from None
         read = _Reader(Path(path))
-        tables = {name: read.subtable(document, name) for name in ("sensor", "adc", "dac", "inverter")}
+        tables = {name: read.subtable(document, name) for name in ("sensor", *TABLES)}
         times = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
         sources = dict.fromkeys(("frequency_step", "timer", "dds", "drive_update", "lowest_frequency", "highest_frequency"), "Hz")
         units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
@@ -159,15 +170,11 @@ class Rig(NamedTuple):
         values = read.table("", document, units, words)
         if tables["sensor"] is not None:
             values["sensor"] = read.sensor(tables["sensor"])
-        if tables["adc"] is not None:
-            given = {"bits": "1", "full_scale": "", "rate": "Hz"}
-            values["adc"] = Adc(**read.whole("adc.", read.table("adc.", tables["adc"], given, {})))
-        if tables["dac"] is not None:
-            given = {"bits": "1", "full_scale": drive_unit}
-            values["dac"] = Dac(**read.whole("dac.", read.table("dac.", tables["dac"], given, {})))
-        if tables["inverter"] is not None:
-            found = read.table("inverter.", tables["inverter"], {"supply": drive_unit}, {"law": ("linear", "sine")})
-            values["inverter"] = Inverter(read.whole("inverter.", found, ("supply",))["supply"], found.get("law") == "sine")
+        for name, (make, units) in TABLES.items():
+            if (table := tables[name]) is not None:
+                units = {key: unit or drive_unit for key, unit in units.items()}
+                found = read.table(f"{name}.", table, units, {"law": ("linear", "sine")} if name == "inverter" else {})
+                values[name] = make(**read.whole(f"{name}.", found, units))
         return read.checked(cls(**values))
 
     def source(self, start: float) -> Source | None:
@@ -261,25 +268,15 @@ class _Reader:
             found[name] = float(value) if unit == units[name] else float(convert(float(value), unit, units[name]))
         return found
 
-    def whole(self, prefix: str, found: dict[str, Any], names: tuple[str, ...] = ()) -> dict[str, Any]:
+    def whole(self, prefix: str, found: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
         """The same; refused where one of all names that belong there is missing or not above zero."""
-        for name in names or (("bits", "full_scale", "rate") if prefix == "adc." else ("bits", "full_scale")):
+        for name in names:
             if not found.get(name, 0.0) > 0 or (name == "bits" and found[name] not in range(4, 25)):
                 self.refuse(prefix + name, found.get(name), "4 to 24" if name == "bits" else "a number above zero")
         return found
 
     def checked(self, rig: Rig) -> Rig:
-        above: tuple[str, ...] = (
-            "sample_time",
-            "voltage_limit",
-            "voltage_slew",
-            "frequency_step",
-            "tracker_period",
-            "timer",
-            "dds",
-        )
-        above += ("drive_update", "amplitude", "settling")
-        for name in (*above, "lowest_frequency", "highest_frequency"):
+        for name in ABOVE_ZERO:
             if (value := getattr(rig, name)) is not None and not value > 0:
                 self.refuse(name, value, "a number above zero")
         if rig.latency is not None and rig.latency < 0:
