@@ -198,8 +198,11 @@ def found(case):
 def noise(case):
     """Of the amplitude, what the converter may add to a reading: four standard deviations of its rounding
     and of the noise of half a unit, of which the demodulator leaves less; the image at twice the
-    carrier, and the same in the plate's own amplitude while it changes, 1/(4 Q)."""
-    adc, ripple = case.loop.rig.adc, 1e-3 + 1 / (4 * math.pi * case.loop.f0 * case.loop.tau)
+    carrier, and the same in the plate's own amplitude while it changes, |A'|/(2 omega) with
+    A' = (G V - A)/tau when it arrives at full voltage."""
+    loop = case.loop
+    most = loop.limits.voltage * abs(loop.G) / (1 + case.bench.settings["finger"])
+    adc, ripple = loop.rig.adc, 1e-3 + abs(most / loop.amplitude - 1) / (4 * math.pi * loop.f0 * loop.tau)
     return ripple if adc is None else ripple + 4 * adc.unit * math.sqrt(1 / 12 + 1 / 4) / case.loop.amplitude
 
 
@@ -259,9 +262,6 @@ Before, the generated code of 24 November 2026 on the same cases; margins with i
 | paper | 25 | 1.00 | 2.0 | 10 | 0.34 | 0.12 | 15 |
 | pll | 25 | 1.00 | 0.1 | 1 | 0.38 | 0.97 | 5 |
 | adaptive | 24 | 1.05 | 14.5 | 14 | 0.46 | 0.77 | 17 |
-
-A gain margin of `adaptive` is that of the loop linearised about the damping that it has learned; at another gain it learns another,
-and it oscillates sooner than is promised.
 """
 
 
