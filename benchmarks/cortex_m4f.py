@@ -56,22 +56,23 @@ def stack(target, counts):
 
 
 def rows():
-    found, own = [], {}
+    found, own, others = [], {}, {}
     for precision in PRECISIONS:
         for method in METHODS:
             with tempfile.TemporaryDirectory() as folder:
                 target = exported(method, precision, Path(folder))
                 counts = counted(target)
-                own = own or frames(target)
+                own, others = own or frames(target), others or counts
                 sample, step = counts["dq_demodulate"], counts["dq_step"]
                 load = (sample[0] * RATE + step[0] * 1e4) / CLOCK
                 said = f"| {precision} | {method} | {sample[0]} / {sample[1]} | {step[0]} / {step[1]} | {counts['dq_init'][0]} "
                 found.append(f"{said}| {100 * load:.0f} | {stack(target, counts)} |")
-    return found, own
+    return found, own, others
 
 
 def main() -> None:
-    found, own = rows()
+    found, own, others = rows()
+    each = "\n".join(f"| {name} | {others[name][1]} | {size} |" for name, size in sorted(own.items()))
     line = "\n"
     before = line.join(f"| {name} | {sample} | {step} |" for name, (sample, step) in BEFORE.items())
     text = f"""# Instructions and stack on a Cortex-M4F
@@ -85,7 +86,11 @@ and 10 kHz of steps. Stack: bytes that the example's loop used, one interrupt wi
 |---|---|---|---|---|---|---|
 {line.join(found)}
 
-Frames of their own (`-fstack-usage`), single precision, bytes: {", ".join(f"{name} {size}" for name, size in sorted(own.items()))}.
+Every function, single precision, `pi`: instructions of a call at most, and bytes of its own frame (`-fstack-usage`):
+
+| function | instructions | frame |
+|---|---|---|
+{each}
 
 The generated code that this one replaced:
 

@@ -57,8 +57,8 @@ class Means(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Samples for which it has been `near`, has `waited` in this mode, has been `off` in run; how often the voltage has `swung`,
-    how long ago last (`since`), and to which `side`."""
+    """Samples for which it has been `near` (in find less those for which not), has `waited` in this mode, has been `off` in
+    run; how often the voltage has `swung`, how long ago last (`since`), and to which `side`."""
 
     near: Any
     waited: Any
@@ -230,7 +230,8 @@ class Machine(NamedTuple):
         """The counts of this sample, and the machine's own fault."""
         was = state.mode
         close, suits = self._near(was, held, means, asked, xp), self._fits(was, held, means, xp)
-        near = xp.where(close & suits, state.counts.near + 1.0, 0.0)
+        near = state.counts.near
+        near = xp.where(close & suits, near + 1.0, xp.where((was == FIND) & (near > 0.0), near - 1.0, 0.0))
         waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
         waited = xp.where(waits, state.counts.waited + 1.0, 0.0)
         off, follow = self._off(state, held, means, xp)
