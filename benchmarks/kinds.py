@@ -44,6 +44,7 @@ CAUSES = {
     "no resonance": "no resonance is seen",
     "one reading": "one reading decides",
     "offset": "an offset of d and q",
+    "mirrored": "turns the other way",
 }
 
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid import reading
+from sysid.effects.adopt import adopted
+from sysid.effects.registry import ADOPTED
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State
 from sysid.minimum.ridge import unfolded
@@ -22,6 +24,7 @@ from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
 from sysid.verdict.fitted import Fit
 from sysid.verdict.hidden import behind
+from sysid.verdict.misfit import misfits
 from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
@@ -47,7 +50,9 @@ def fit(
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
     "late" (a trigger, a demodulator), "thermometer" (the error of its readings), "filter" (of a lock-in that no log states, where
     they cannot be described without); and, on request, "drift", "lag" and "gain" (see
-    `trials.extra`), and "baseline" (an offset of a transient that goes on with the time).
+    `trials.extra`), and "baseline" (an offset of a transient that goes on with the time). Also on request, and adopted only
+    where the plate alone does not describe the logs: "delay", "dwell", "duffing", "second_mode" and "feedthrough" under an
+    amplitude (see `effects.registry`).
     `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
     (see `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
     `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
@@ -68,9 +73,24 @@ def fit(
         again = _concluded(*filtered)
         if again.result is Result.successful:
             question, found = filtered[0], again
+    if found.result is Result.misfit and (named := [n for n in nuisances if n in ADOPTED]):
+        question, found = _with_effects(question, best, named) or (question, found)
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
     return _together(question, found) if found.result is Result.successful else found
+
+
+def _with_effects(question: Question, best: State, names: Sequence[str]) -> tuple[Question, Fit] | None:
+    """The question with the effects of these names that describe its logs, and its fit; None where none do."""
+    minimiser = question.minimiser
+    found, _ = misfits(best, minimiser.reference, minimiser.free, None)
+    told = adopted(minimiser, best, found, names)
+    if told is None:
+        return None
+    wider, warnings = question.dispersion + told.dispersion, (*question.warnings, *told.said())
+    again = replace(question, trials=told.state.trials, warnings=warnings, dispersion=wider)
+    fitted = _concluded(again, minimiser.imaged([told.state]))
+    return (again, fitted) if fitted.result is Result.successful else None
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
@@ -136,10 +156,11 @@ def _asked(
     """The question and its minima; logs whose kind or sampling is not stated are read anew at the best tau."""
     if not logs:
         raise ValueError("no logs to fit")
-    if unknown := set(nuisances) - {*NUISANCES, *EXTRA}:
-        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join((*NUISANCES, *EXTRA))}")
+    known = (*NUISANCES, *EXTRA, *ADOPTED)
+    if unknown := set(nuisances) - set(known):
+        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}")
     reading.check_units(logs)
-    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", "filter")))
+    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", "filter", *ADOPTED)))
     reference, free = reading.reference(trials), reading.free(trials)
     stated = {name: given for name, given in checked(priors or {}).items() if name in free}
     unused = [name for name in priors or {} if name not in stated]

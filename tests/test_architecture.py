@@ -25,6 +25,7 @@ verdict    result identify wording unexplained flank fitted determined view lone
            differing term moments terms misfit odd mirrored leaning hurried compressed late conclusion hidden ownership
            decay bench comparison
 reading
+effects    effect clock plate registry adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
 report     text plots costs screen html

@@ -52,7 +52,8 @@ def parser() -> argparse.ArgumentParser:
         metavar="LIST",
         help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
         " offset, start, late, thermometer and filter; --effects=-late leaves one out, --effects=+drift adds one of drift, lag"
-        " (of the temperature's sensor), gain and baseline (an output offset that goes on with the time)",
+        " (of the temperature's sensor), gain and baseline (an output offset that goes on with the time); delay, dwell (of a"
+        " sweep too fast), duffing, second_mode and feedthrough (under amplitudes) are fitted only where the logs call for them",
     )
     command.add_argument(
         "--prior",
@@ -113,10 +114,11 @@ def _seed(text: str) -> int:
 
 def _effects(text: str) -> tuple[str, ...]:
     """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
+    from sysid.effects.registry import ADOPTED
     from sysid.trials.extra import EXTRA
     from sysid.trials.trial import NUISANCES
 
-    known = (*NUISANCES, *EXTRA)
+    known = (*NUISANCES, *EXTRA, *ADOPTED)
     names = [] if text == "none" else [name.strip() for name in text.split(",")]
     if unknown := {name[1:] if name[:1] in ("+", "-") else name for name in names} - set(known):
         raise argparse.ArgumentTypeError(

@@ -55,6 +55,7 @@ class Trial:
     start: complex = 0.0  # in the plate's frame
     offset: complex = 0.0  # of d and q, under an amplitude, in the plate's frame
     standing: bool = False  # there is one
+    beside: np.ndarray | None = field(default=None, repr=False)  # (n,) what else moves beside the plate, in its frame: of a sweep
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
@@ -104,12 +105,17 @@ class Trial:
         swept = self.steady and self.resonant
         now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
         order = np.argsort(now, kind="stable")
-        spread, under = (None if x is None else np.interp(at, now[order], x[order]) for x in (self.noise.spread, self.under))
+
+        def over(x: np.ndarray | None) -> np.ndarray | None:
+            return None if x is None else np.interp(at, now[order], x[order])
+
+        spread, under, beside = over(self.noise.spread), over(self.under), over(self.beside)
         noise = replace(noise, spread=spread)
         rounded = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
-        return replace(self, log=read.log, inputs=read.inputs, noise=noise, there=read.there, extra={}, under=under, whole=None)
+        new = replace(self, extra={}, under=under, beside=beside)
+        return replace(new, log=read.log, inputs=read.inputs, noise=noise, there=read.there, whole=None)
 
     @property
     def steady(self) -> bool:

@@ -1,0 +1,79 @@
+"""What an effect is to a fit: a few numbers, what is known of them beforehand, and what they do to a log.
+
+    log --applied(numbers)--> the same log, read as with the effect          (`Trial` to `Trial`)
+
+All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero. Its numbers have
+normal priors about zero, in units of physics (a delay in time constants, a shift in half bandwidths, a share of the response), so
+that no verdict hangs on the units of a log.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sysid.minimum.minimise import State
+from sysid.trials.trial import Trial, with_noise
+from sysid.trials.whitening import uneven
+
+SEEN = 3.0  # standard deviations from zero
+
+
+class About(NamedTuple):
+    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the half bandwidth Hz;
+    `top`, the largest response of the logs; `size` (n,), the modelled magnitude of each row of a log."""
+
+    reference: tuple[float, float]
+    theta: np.ndarray
+    tau: float
+    half_bandwidth: float
+    top: float
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, state: State, reference: tuple[float, float], i: int) -> "About":
+        """Of the i-th log at a minimum."""
+        top = max(t.scale for t in state.trials)
+        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, np.abs(state.models[i]))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect by the name that it has in scenes.
+
+    `plate`: it is the plate's, and so the same in all logs; else each log has numbers of its own. `shows`: whether a log can
+    show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are looked for. `applied`: the
+    log read as with it. `said`: a sentence on the log, the numbers and their standard deviations. `alike`: names that the first
+    order gives to what it may be (`verdict.terms`). `makes_sense`: whether numbers and their standard deviations are those of the
+    effect; unless stated, whether one of them is seen at all.
+    """
+
+    name: str
+    shows: Callable[[Trial], bool]
+    stds: Callable[[Trial, About], np.ndarray]
+    starts: Callable[[Trial, About], np.ndarray]
+    applied: Callable[[Trial, np.ndarray, About], Trial]
+    said: Callable[[Trial, np.ndarray, np.ndarray], str]
+    plate: bool = False
+    alike: Sequence[str] = ()
+    makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)
+
+
+def plain(trial: Trial, std: float) -> Trial:
+    """The trial with white noise of that level: what another description left of it is none."""
+    spread = uneven(trial.noise.share, trial.log.response)
+    noise = replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0)
+    levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
+    trial = replace(trial, noise=replace(noise, jitter=None))
+    if trial.under is not None:  # by which noise as large as what is left would lift amplitudes
+        narrow = {name: wide for name, wide in trial.narrow.items() if name != "floor"}
+        trial = replace(trial, under=None, narrow=narrow, floor=0.0)
+    return with_noise(trial, std, 0.0, levels)
+
+
+def read_anew(trial: Trial, **changed: Any) -> Trial:
+    """The trial of its log with other columns or metadata."""
+    log = replace(trial.log, **changed)
+    new = Trial.of(log, "transient" if changed.get("kind") == "transient" else trial.kind, trial.nuisances)
+    return with_noise(new, trial.noise.std, 0.0)

@@ -1,0 +1,105 @@
+"""Effects that a fit adopts: logs from closed forms that share no code with the package, with known truth."""
+
+import numpy as np
+import pytest
+
+import sysid
+from sysid.effects.registry import ADOPTED
+from sysid.logs.log import Log
+from sysid.trials.trial import NUISANCES
+
+F0, TAU, FAR = 32300.0, 1.669e-3, 4.5  # standard deviations: by chance in one of 150 000, of some hundred that are compared
+HALF = 1 / (2 * np.pi * TAU)
+EVERY = (*NUISANCES, *ADOPTED)
+
+
+def settled(f, f0=F0, tau=TAU):
+    return 1 / (1 + 2j * np.pi * (f - f0) * tau)
+
+
+def noisy(rng, y, share):
+    size = share * np.max(np.abs(y))
+    return y + size * (rng.standard_normal(len(y)) + 1j * rng.standard_normal(len(y)))
+
+
+def swept(rng, f, y, **more):
+    return [Log("sweep", y, drive=np.ones(len(f)), frequency=f, kind="steady", **more)]
+
+
+def fed_through(rng):
+    f = F0 + np.linspace(-500, 500, 98)
+    return swept(rng, f, np.abs(noisy(rng, settled(f) + 0.06j, 0.003)))
+
+
+def two_modes_of_amplitude(rng):
+    f = F0 + HALF * np.linspace(-5, 8, 80)
+    return swept(rng, f, np.abs(noisy(rng, settled(f) + 0.5 * settled(f, F0 + 5 * HALF), 0.005)))
+
+
+def two_modes(rng):
+    f = F0 + HALF * np.linspace(-5, 8, 80)
+    return swept(rng, f, noisy(rng, np.exp(0.3j) * (settled(f) + 0.4j * settled(f, F0 + 4 * HALF)), 0.005))
+
+
+def hurried(rng):
+    """Each point after a dwell of 0.8 tau, integrated in 32 parts of it."""
+    f, fine = F0 + np.linspace(-500, 500, 121), 32
+    z, rows = settled(f[0]), []
+    for at in f:
+        pole = -1 / TAU + 2j * np.pi * (F0 - at)
+        for _ in range(fine):
+            z = settled(at) + (z - settled(at)) * np.exp(pole * 0.8 * TAU / fine)
+        rows.append(z)
+    return swept(rng, f, noisy(rng, np.array(rows), 0.005))
+
+
+def softened(rng):
+    """Points on the branch that is reached upwards, of |w|^2 (1 + (x + 2 |w|^2)^2) = 1: roots of a cubic."""
+    f, rows = F0 + np.linspace(-600, 600, 121), []
+    for at in f:
+        x, k = (at - F0) / HALF, 2.0
+        p = np.roots([k * k, 2 * k * x, 1 + x * x, -1])
+        power = np.min(p[np.abs(p.imag) < 1e-6].real)
+        rows.append(1 / (1 + 1j * (x + k * power)))
+    return swept(rng, f, noisy(rng, np.array(rows), 0.004))
+
+
+def late(rng):
+    t, off = 1e-5 * (np.arange(1200) - 100), 8.0
+    z = settled(F0 - off) * -np.expm1((-1 / TAU + 2j * np.pi * off) * np.maximum(t - 0.4e-3, 0))
+    volts = np.where(t < -1e-12, 0.0, 1.0)
+    at = {"time": t, "drive": volts, "frequency": np.full(1200, F0 - off), "kind": "transient", "sampling": "instant"}
+    step = Log("step", noisy(rng, z, 0.01), **at)
+    f = F0 + np.linspace(-500, 500, 101)
+    return [step, *swept(rng, f, noisy(rng, settled(f), 0.01))]
+
+
+KINDS = {
+    "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
+    "duffing": softened, "delay": late,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_effect_is_adopted_and_the_plate_is_right(kind):
+    for seed in range(4):
+        logs = KINDS[kind](np.random.default_rng([len(kind), seed]))
+        fit = sysid.fit(logs, nuisances=EVERY)
+        assert fit.result.name == "successful", (seed, fit.warnings)
+        for name, truth in (("tau", TAU), ("f0", F0)):
+            found = fit.parameters[name]
+            assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_it_the_logs_are_a_misfit(kind):
+    fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))))
+    assert fit.result.name == "misfit"
+
+
+def test_a_plate_alone_adopts_nothing():
+    f = F0 + np.linspace(-500, 500, 101)
+    for seed in range(10):
+        logs = swept(None, f, noisy(np.random.default_rng(seed), settled(f), 0.01))
+        asked, plain = (sysid.fit(logs, nuisances=n) for n in (EVERY, NUISANCES))
+        assert asked.parameters == plain.parameters and asked.warnings == plain.warnings
