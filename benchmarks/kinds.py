@@ -5,12 +5,14 @@ Each kind is made in three variants or more, from closed forms that share no cod
     right            successful, and every determined number within FAR of its standard deviations of the truth
     told             not successful, or no number that is further off is determined, and no cause is named that is not there
     wrong cause      a cause is named that is not there
+    perhaps          the same, but of it is said that chance alone looks like this in one good fit of a hundred
     silently wrong   successful with a determined number further off
 
 "No known effect explains it" names no cause. Where the program has no model of the kind, "told" is all that can be had.
-Writes kinds.md beside itself.
+Writes kinds.md beside itself, or kinds_effects.md.
 
     --seeds N   of each variant (default 7)        --only NAME   kinds whose name holds NAME; printed, not written
+    --effects   with the effects that are adopted where logs call for them
 """
 
 import argparse
@@ -25,6 +27,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from sysid import Log, fit
+from sysid.effects.registry import ADOPTED
+from sysid.trials.trial import NUISANCES
 
 WHERE = Path(__file__).with_suffix(".md")
 FAR = 4.0  # standard deviations: chance does it once in 16 000
@@ -257,32 +261,37 @@ KINDS = {
 }  # fmt: skip
 
 
-def verdict(kind: Kind, logs: list[Log], truth: dict[str, float]) -> tuple[str, str]:
+def verdict(kind: Kind, logs: list[Log], truth: dict[str, float], nuisances: tuple[str, ...] = NUISANCES) -> tuple[str, str]:
     """The answer's class, and what was said."""
-    found = fit(logs)
+    found = fit(logs, nuisances=nuisances)
     values = {n: p for n, p in found.parameters.items() if p.determined and n in truth}
     off = {n: abs(p.value - truth[n]) / p.std for n, p in values.items()}
     why = [p.why or "" for p in found.parameters.values()]
     said = " | ".join([found.result.name, *(f"{n} {p.value:.8g} +- {p.std:.2g}" for n, p in values.items()), *found.warnings])
-    named = {name for name, words in CAUSES.items() if re.search(words, " ".join((*found.warnings, *why)))}
+    sure = [w for w in found.warnings if "perhaps: chance" not in w]
+    named, hinted = (
+        {name for name, words in CAUSES.items() if re.search(words, " ".join((*said_of, *why)))} for said_of in (sure, found.warnings)
+    )
     if found.result.name == "successful" and (max(off.values(), default=0.0) > FAR or not (truth or kind.modelled)):
         return "silently wrong", said
     if wrong := named - set(kind.causes):
         return "wrong cause", f"({', '.join(sorted(wrong))}) {said}"
+    if wrong := hinted - set(kind.causes):
+        return "perhaps", f"({', '.join(sorted(wrong))}) {said}"
     return ("right" if found.result.name == "successful" else "told"), said
 
 
-def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
+def rows(kinds: dict[str, Kind], seeds: int, nuisances: tuple[str, ...]) -> Iterator[str]:
     """A row of the table for each variant; what is wrong is printed in full."""
     for k, (name, kind) in enumerate(kinds.items()):
         for v, (variant, made) in enumerate(kind.variants.items()):
-            answers = [verdict(kind, *made(np.random.default_rng([k, v, s]))) for s in range(seeds)]
+            answers = [verdict(kind, *made(np.random.default_rng([k, v, s])), nuisances) for s in range(seeds)]
             counts = Counter(a for a, _ in answers)
             for answer, said in answers:
-                if answer in ("silently wrong", "wrong cause"):
+                if answer in ("silently wrong", "wrong cause", "perhaps"):
                     print(f"{name}, {variant}: {answer}: {said}", flush=True)
             first = answers[0][1].replace("|", "/")[:160]
-            cells = [str(counts[a]) for a in ("right", "told", "wrong cause", "silently wrong")]
+            cells = [str(counts[a]) for a in ("right", "told", "wrong cause", "perhaps", "silently wrong")]
             yield f"| {name} | {variant} | {' | '.join(cells)} | {first} |"
 
 
@@ -290,18 +299,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=7)
     parser.add_argument("--only", default="")
+    parser.add_argument("--effects", action="store_true")
     given = parser.parse_args()
     kinds = {name: kind for name, kind in KINDS.items() if given.only in name}
     table = [
         "# Logs of the kinds that people bring", "",
-        f"Made by `python benchmarks/kinds.py --seeds {given.seeds}` on {date.today()}.", "", __doc__.partition("\n\n")[2].partition("Writes")[0],
-        "| kind | variant | right | told | wrong cause | silently wrong | the first answer |", "|---|---|---|---|---|---|---|",
-        *rows(kinds, given.seeds), "",
+        f"Made by `python benchmarks/kinds.py --seeds {given.seeds}{' --effects' * given.effects}` on {date.today()}.", "", __doc__.partition("\n\n")[2].partition("Writes")[0],
+        "| kind | variant | right | told | wrong cause | perhaps | silently wrong | the first answer |", "|---|---|---|---|---|---|---|---|",
+        *rows(kinds, given.seeds, (*NUISANCES, *ADOPTED) if given.effects else NUISANCES), "",
     ]  # fmt: skip
     if given.only:
         print("\n".join(table))
     else:
-        WHERE.write_text("\n".join(table), encoding="utf-8")
+        where = WHERE.with_stem("kinds_effects") if given.effects else WHERE
+        where.write_text("\n".join(table), encoding="utf-8")
 
 
 if __name__ == "__main__":
