@@ -61,8 +61,8 @@ def _with(found: Found, timed: _Timed) -> Found:
     if certain:
         moves |= {n: m for n, m in timed.moves.items() if abs(m) > abs(moves.get(n, 0.0))}
     sentence, certain = timed.sentence or found.sentence, found.certain or certain
-    worth = max(found.worth, timed.worth) if timed.explains else found.worth
-    return replace(found, sentence=sentence, worth=worth, certain=certain, moves=moves, explains=timed.explains)
+    whole = timed.worth if timed.explains else 0.0
+    return replace(found, sentence=sentence, whole=whole, certain=certain, moves=moves, explains=timed.explains)
 
 
 def _timed(costs: "_Costs", side: int) -> _Timed:

@@ -20,7 +20,7 @@ SURE = 10.0  # log-likelihood
 def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State, likely: Sequence[Found]) -> str | None:
     """A sentence on the logs, one transient or all of them, whose conjugates are described along with the others, which they are
     not themselves, and better than by anything that is `likely`; else None."""
-    best, said = together.cost - max([SURE, *(f.worth for f in likely)]), None
+    best, said = together.cost - max([SURE, *(max(f.worth, f.whole) for f in likely)]), None
     for turned in _tried(trials):
         found = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
         if found.cost < best and described(minimiser, found):

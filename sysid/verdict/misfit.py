@@ -58,6 +58,7 @@ class Found:
     freedom: int  # numbers that it has
     certain: bool = True
     explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
+    whole: float = 0.0  # log-likelihood, tried in full where that explains the log
 
     @property
     def farthest(self) -> str:
