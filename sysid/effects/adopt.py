@@ -54,18 +54,15 @@ class Instance:
     effect: Effect
     where: tuple[int, ...]
 
-    @property
-    def name(self) -> str:
-        return self.effect.name
-
 
 class Adopted(NamedTuple):
-    """A description with effects: its state, their `numbers` one after another and these numbers' covariance; what the plant's
-    covariance (6, 6) grows by; its log evidence over that of the plant alone; and whether what it leaves is noise."""
+    """A description with effects: its state, their `numbers` one after another, each one's in its `parts`, and these numbers'
+    covariance; what the plant's covariance (6, 6) grows by; and its log evidence over that of the plant alone."""
 
     instances: tuple[Instance, ...]
     state: State
     numbers: np.ndarray
+    parts: list[slice]
     covariance: np.ndarray
     dispersion: np.ndarray
     evidence: float
@@ -79,18 +76,12 @@ class Adopted(NamedTuple):
 
     def said(self) -> list[str]:
         """A sentence for each effect."""
-        found, end = [], 0
-        for instance in self.instances:
-            trial = self.state.trials[instance.where[0]]
-            size = len(instance.effect.stds(trial, _ANY))
-            part = slice(end, end := end + size)
+        found, stds = [], np.sqrt(np.diag(self.covariance))
+        for instance, part in zip(self.instances, self.parts, strict=True):
             names = ", ".join(self.state.trials[i].log.name for i in instance.where)
-            std = np.sqrt(np.diag(self.covariance)[part])
-            found.append(f"{names}: {instance.effect.said(trial, self.numbers[part], std)}")
+            said = instance.effect.said(self.state.trials[instance.where[0]], self.numbers[part], stds[part])
+            found.append(f"{names}: {said}")
         return found
-
-
-_ANY = About((0.0, 0.0), np.zeros(len(NAMES)), 1.0, 1.0, 1.0, np.ones(1))
 
 
 def adopted(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Adopted | None:
@@ -119,7 +110,7 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
     each = []
     for effect in (e for e in EFFECTS if e.name in names):
         here = tuple(i for i, t in enumerate(trials) if effect.shows(t))
-        if effect.plate:
+        if effect.plate:  # a transient would need what an effect of the plate does to its pole from row to row
             each += [Instance(effect, here)] if here and all(t.steady for t in trials) else []
         else:
             each += [Instance(effect, (i,)) for i in here]
@@ -149,6 +140,7 @@ class Search:
 
     @cached_property
     def names(self) -> list[str]:
+        """Of the plant's parameters that are fitted."""
         return [n for n in NAMES if n in self.minimiser.free]
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
@@ -269,7 +261,7 @@ class Search:
         course = Course.of(trial, self.minimiser.reference, view.course.theta)
         start, late = view.beside
         plate = view.own * (course.forced + start * course.free + late * course.rate)
-        plate = plate if trial.beside is None else plate + trial.beside
+        plate = plate if trial.alongside is None else plate + trial.alongside
         return view.observed(plate[None])[0]
 
     def ended(self, instances: tuple[Instance, ...], numbers: np.ndarray, state: State, count: int) -> Adopted:
@@ -278,11 +270,11 @@ class Search:
         _, covariance, dispersion = self.looked(instances, numbers, state)
         stds = self.stds(instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
-        evidence = self.alone.likelihood * -1 - self.cost(instances, numbers, state) + volume
+        evidence = volume - self.cost(instances, numbers, state) - self.alone.likelihood
         std, parts = np.sqrt(np.diag(covariance)), self.parts(instances)
         sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
         evidence = evidence if sense and np.isfinite(evidence) else -np.inf
-        return Adopted(instances, state, numbers, covariance, dispersion, evidence)
+        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence)
 
 
 def _between(best: Adopted, alike: Sequence[Adopted]) -> np.ndarray:

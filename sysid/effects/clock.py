@@ -7,13 +7,12 @@ import numpy as np
 from sysid.effects.effect import About, Effect, read_anew
 from sysid.rows.hold import read_at
 from sysid.trials.trial import Trial
+from sysid.verdict.hurried import ENOUGH, one_way
+from sysid.verdict.late import THROUGH
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
 DWELLS = 2.0 ** np.arange(-2, 2.5, 0.5)[:, None]  # tau: of less a sweep shows no resonance, of more its points settle
-THROUGH = 0.03  # of the response: a delay looks like a gain and a feedthrough that cancel, of which little is likelier
-LEAST_ROWS = 8
-ENOUGH = 6.0  # tau to dwell at each frequency: e^-6 of the change is left
 
 
 def _delay_shows(trial: Trial) -> bool:
@@ -46,15 +45,6 @@ DELAY = Effect(
 )
 
 
-def _one_way(trial: Trial) -> bool:
-    if not (trial.swept and trial.signed and trial.driven) or len(trial.log) < LEAST_ROWS:
-        return False
-    if "background" not in trial.nuisances:
-        return False  # what is left is then rather that
-    steps = np.diff(trial.log.frequency)
-    return bool(np.all(steps > 0) or np.all(steps < 0))
-
-
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
     time = max(float(values[0]), 1e-3) * about.tau * np.arange(len(trial.log))
     return read_anew(trial, time=time, kind="transient", sampling="settled")
@@ -62,7 +52,7 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 DWELL = Effect(
     name="dwell",
-    shows=_one_way,
+    shows=one_way,
     stds=lambda trial, about: np.array([ENOUGH]),
     starts=lambda trial, about: DWELLS,
     applied=_hurried,

@@ -1,4 +1,4 @@
-"""What the plate does besides a single, linear resonance: it softens, or another mode moves with it."""
+"""What a sweep shows besides a single, linear resonance: it softens, or something else moves with it."""
 
 from dataclasses import replace
 
@@ -62,7 +62,7 @@ def _second_said(place: float, std: float) -> str:
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
     size = (values[2] + 1j * values[3]) * about.top
     more = size * _second(trial, values[0], values[1], about)
-    return replace(trial, beside=more if trial.beside is None else trial.beside + more)
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
 
 
 SECOND_MODE = Effect(
@@ -82,7 +82,7 @@ SECOND_MODE = Effect(
 def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
     drive = trial.inputs.drive[trial.inputs.interval]
     more = (values[0] + 1j * values[1]) * about.top * drive / np.max(np.abs(drive))
-    return replace(trial, beside=more if trial.beside is None else trial.beside + more)
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
 
 
 FEEDTHROUGH = Effect(

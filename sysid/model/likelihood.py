@@ -61,7 +61,7 @@ class Layout(NamedTuple):
     steady: bool  # settled points
     rows: int
     intervals: int
-    beside: bool = False  # a sweep in which something else moves as well, `offset` (N,)
+    alongside: bool = False  # a sweep in which something else moves as well, `offset` (N,)
 
 
 class Experiment(NamedTuple):
@@ -75,7 +75,7 @@ class Experiment(NamedTuple):
     the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is, over that of the
     other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each may have;
     `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4 (complex), or (N,) what
-    moves beside the plate; `start_free` and `offset_free` the priors of start and offset over that of the other nuisances,
+    moves alongside the plate; `start_free` and `offset_free` the priors of start and offset over that of the other nuisances,
     `floor_free` 1, when they are to be found. `extra` (E, N): shapes of the log's own, held at a plate. `tied` (3,): its own
     resonance where its thermometer's error is fitted, Hz above the reference, its mean warming, degC, and one over that
     error; zeros elsewhere.
@@ -175,7 +175,7 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    forced = gain * forced + x.offset if layout.beside else gain * forced
+    forced = gain * forced + x.offset if layout.alongside else gain * forced
     return jax.lax.optimization_barrier(Response(forced, -gain * x.lateness * rate, x.start_free * unit * free))
 
 
@@ -274,7 +274,7 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now = (jnp.ones(()), x.start, x.late, x.floor, jnp.zeros(()) if layout.beside else x.offset)
+    now = (jnp.ones(()), x.start, x.late, x.floor, jnp.zeros(()) if layout.alongside else x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _off(_whiten(size, x), x)

@@ -81,7 +81,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     y = _pad(whitened(y, now, before), rows)
     bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
-    return Layout(*flags, rows, intervals, trial.beside is not None), Experiment(
+    return Layout(*flags, rows, intervals, trial.alongside is not None), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
@@ -96,7 +96,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         start=np.asarray(complex(trial.start) / trial.started),
         floor=np.asarray(trial.lift),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
-        offset=np.asarray(complex(trial.offset)) if trial.beside is None else _pad(trial.beside[keep], rows),
+        offset=np.asarray(complex(trial.offset)) if trial.alongside is None else _pad(trial.alongside[keep], rows),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
         offset_free=np.asarray(trial.standing * trial.prior("offset") / trial.looseness),

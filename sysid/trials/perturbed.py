@@ -120,8 +120,8 @@ class Course:
     @cached_property
     def plate(self) -> np.ndarray:
         """What an amplitude shows the size of: response, start and an offset."""
-        beside = 0.0 if self.trial.beside is None else self.trial.beside
-        return self.forced + self.trial.start * self.free + self.trial.offset + beside
+        alongside = 0.0 if self.trial.alongside is None else self.trial.alongside
+        return self.forced + self.trial.start * self.free + self.trial.offset + alongside
 
     def driven(self, drive: np.ndarray) -> np.ndarray:
         """Response to another drive (M,), V."""

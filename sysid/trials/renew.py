@@ -29,7 +29,7 @@ def update(
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             floor, late = float(detail.floor[k]), float(detail.late[k])
-            offset = complex(detail.offset[k]) if trials[i].beside is None else 0.0
+            offset = complex(detail.offset[k]) if trials[i].alongside is None else 0.0
             new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn)
             new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i]).lifted(courses[i].plate)
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))

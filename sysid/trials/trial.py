@@ -55,7 +55,7 @@ class Trial:
     start: complex = 0.0  # in the plate's frame
     offset: complex = 0.0  # of d and q, under an amplitude, in the plate's frame
     standing: bool = False  # there is one
-    beside: np.ndarray | None = field(default=None, repr=False)  # (n,) what else moves beside the plate, in its frame: of a sweep
+    alongside: np.ndarray | None = field(default=None, repr=False)  # (n,) of a sweep: what else moves, in the plate's frame
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
@@ -109,12 +109,12 @@ class Trial:
         def over(x: np.ndarray | None) -> np.ndarray | None:
             return None if x is None else np.interp(at, now[order], x[order])
 
-        spread, under, beside = over(self.noise.spread), over(self.under), over(self.beside)
+        spread, under, alongside = over(self.noise.spread), over(self.under), over(self.alongside)
         noise = replace(noise, spread=spread)
         rounded = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
-        new = replace(self, extra={}, under=under, beside=beside)
+        new = replace(self, extra={}, under=under, alongside=alongside)
         return replace(new, log=read.log, inputs=read.inputs, noise=noise, there=read.there, whole=None)
 
     @property

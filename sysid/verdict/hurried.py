@@ -29,7 +29,7 @@ def hurried(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     """A sentence where a sweep of one direction, which `state` does not describe, is described by a dwell too short for settled
     points, and better than by anything in `found`; else None."""
     for i, trial in enumerate(state.trials):
-        if not _one_way(trial) or not any(f.log == i and f.name in LIKE for f in found):
+        if not one_way(trial) or not any(f.log == i and f.name in LIKE for f in found):
             continue
         if len(state.trials) > 1 and described(minimiser, minimiser.refine((trial,), state.theta)):
             continue  # it contradicts the others
@@ -51,7 +51,8 @@ def hurried(minimiser: Minimiser, state: State, found: Sequence[Found]) -> str |
     return None
 
 
-def _one_way(trial: Trial) -> bool:
+def one_way(trial: Trial) -> bool:
+    """Whether a log is a sweep of settled points that may have been too fast: of d and q, driven, in one direction."""
     if not (trial.swept and trial.signed and trial.driven) or len(trial.log) < LEAST_ROWS:
         return False
     if "background" not in trial.nuisances:

@@ -87,7 +87,7 @@ class View:
         late = -trial.late * (trial.lateness > 0)
         self.beside = start, late
         self.plate = self.own * (c.forced + start * c.free + late * c.rate) + trial.offset
-        self.plate = self.plate if trial.beside is None else self.plate + trial.beside
+        self.plate = self.plate if trial.alongside is None else self.plate + trial.alongside
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
         columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
@@ -111,7 +111,7 @@ class View:
     def _in_dq(self) -> list[Column]:
         """What the bench may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
-        forced = self.turn * (self.own * c.forced + (0.0 if trial.beside is None else trial.beside))
+        forced = self.turn * (self.own * c.forced + (0.0 if trial.alongside is None else trial.alongside))
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
