@@ -52,6 +52,7 @@ class _Point(NamedTuple):
 
     @classmethod
     def of(cls, controller: Mapping[str, Any]) -> "_Point":
+        """Of a controller.json."""
         plant, units, amplitude = controller["plant"], controller["units"], controller["range"]["amplitude"]
         steady = amplitude / abs(plant["G"])
         low = SHARE * (controller["voltage_limit"] or steady)

@@ -112,6 +112,7 @@ def _tracker(t: Any, temperature: float) -> dict[str, Any]:
     """Of what follows the resonance, a tracker or an observer; None: nothing does."""
 
     def of(thing: Any, name: str, otherwise: float = 0.0) -> Any:
+        """A number of a part that may not be there."""
         return getattr(thing, name, None) or otherwise
 
     kind = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1

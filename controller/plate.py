@@ -33,6 +33,7 @@ class Plate:
 
     @property
     def means(self) -> dict[str, float]:
+        """The parameters that are known, by name."""
         values = {"G": self.G, "tau": self.tau, "f0": self.f0, "k_T": self.k_T}
         return {name: value for name, value in values.items() if value is not None}
 

@@ -214,6 +214,7 @@ class _Reader:
         self.path = path
 
     def subtable(self, document: dict[str, Any], name: str) -> dict[str, Any] | None:
+        """The table of that name, taken out of the document; None where there is none."""
         found = document.pop(name, None)
         if found is not None and not isinstance(found, dict):
             self.refuse(name, found, f"a table, [{name}]")
@@ -276,6 +277,7 @@ class _Reader:
         return found
 
     def checked(self, rig: Rig) -> Rig:
+        """The rig; refused where a number has the wrong sign."""
         for name in ABOVE_ZERO:
             if (value := getattr(rig, name)) is not None and not value > 0:
                 self.refuse(name, value, "a number above zero")
@@ -298,4 +300,5 @@ class _Reader:
         return rig
 
     def refuse(self, key: str, found: Any, expected: str) -> NoReturn:
+        """RigError with the file, the key, what was found and what was expected."""
         raise RigError(f"{self.path}: {key}: found {found!r}, expected {expected}")
