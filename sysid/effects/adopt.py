@@ -119,8 +119,7 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
 
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe."""
-    logs = enumerate(zip(state.trials, state.models, strict=True))
-    left = {i for i, (t, m) in logs if not t.silent and (x := left_of(t, m, state.tau)) is not None and not x.noise}
+    left = {i for i, t in enumerate(state.trials) if not t.silent and (x := left_of(state, i)) is not None and not x.noise}
     return left | {f.log for f in found if f.log is not None and f.certain}
 
 

@@ -152,14 +152,14 @@ def _described(state: State, found: Sequence[Found], likely: Sequence[Found], fi
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
     named = {f.log: f.sentence for f in reversed(likely)}
     wrong, doubts = [], []
-    for i, (trial, model) in enumerate(zip(state.trials, state.models, strict=True)):
+    for i, trial in enumerate(state.trials):
         if trial.silent:
             continue
         if what := (None if fingered else wording.touched(trial)) or wording.clipped(trial):
             wrong.append(Said(f"{trial.log.name}: {what}"))
             continue
         known = harmful and (i in named or None in named)
-        left = None if known else left_of(trial, model, state.tau, not harmful and i in shown)
+        left = None if known else left_of(state, i, not harmful and i in shown)
         if left is not None and left.noise:
             doubts.append(f"{trial.log.name}: {left.said}")
         elif left is not None:

@@ -24,10 +24,10 @@ def decays(state: State, every: bool = False) -> tuple[list[Log], list[str]]:
     """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each; none if it leaves
     most of none. `every`: of those of which it leaves less as well."""
     logs, said = [], []
-    for trial, model in zip(state.trials, state.models, strict=True):
+    for i, trial in enumerate(state.trials):
         log = trial.whole or trial.log
         begin = _free_from(trial, log)
-        left = None if begin is None or every else left_of(trial, model, state.tau)
+        left = None if begin is None or every else left_of(state, i)
         if begin is None or not (every or (left is not None and left.mostly)):
             logs.append(log)
             continue

@@ -95,7 +95,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
 def described(minimiser: Minimiser, state: State) -> bool:
     """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing unexplained."""
     found, _ = misfits(state, minimiser.reference, minimiser.free, None)
-    left = (left_of(t, m, state.tau) for t, m in zip(state.trials, state.models, strict=True) if not t.silent)
+    left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
     return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
 
 

@@ -10,13 +10,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.guess import phase_falls
+from sysid.minimum.minimise import State
 from sysid.model.span import times
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import joined, whitened
 from sysid.verdict.identify import seconds
 from sysid.verdict.wording import SAY_SO, stamps_shared
 
-STRUCTURE = 0.02  # of the response: more moves G, tau or f0 out of a 1 % interval
+STRUCTURE = 4.0  # standard deviations of G, tau or f0: of what is left, no more than half would have been taken for one of them
+AT_MOST = 0.02  # of the response, however wide the intervals are
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
 SMOOTH = 0.96  # correlation of neighbouring rows: where a fifth of the residual is noise of its own, the rest is no noise at all
 MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
@@ -34,10 +36,11 @@ class Left(NamedTuple):
     mostly: bool
 
 
-def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> Left | None:
-    """What is left of a log beside `model` (n,), by an amount that could matter; None where that is noise. `sure`: something is
-    known to be left, however small."""
-    model = trial.as_recorded(model)
+def left_of(state: State, i: int, sure: bool = False) -> Left | None:
+    """What the model of a minimum leaves of its i-th log, by an amount that could matter; None where that is noise. `sure`:
+    something is known to be left, however small."""
+    trial = state.trials[i]
+    model = trial.as_recorded(state.models[i])
     residual = trial.residual(model)
     size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
     rows = np.flatnonzero(trial.there)
@@ -46,9 +49,9 @@ def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> 
     rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
     part, chance = _structure(residual[rows])
     mostly = part > MOSTLY * float(np.std(trial.log.response))
-    if not sure and (part < STRUCTURE * size or chance < SIGNIFICANT):
+    if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
-    if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], tau)):
+    if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau)):
         return None
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
@@ -56,6 +59,14 @@ def left_of(trial: Trial, model: np.ndarray, tau: float, sure: bool = False) -> 
         return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
+
+
+def least_that_matters(state: State) -> float:
+    """Of the response, the part that moves G, tau or f0 out of its 95 % interval: a relative change of G or tau changes the
+    response at resonance by as much, one of f0 by 2 pi tau times itself."""
+    error = np.sqrt(np.diag(state.spread)[:3]) * (1.0, 1.0, 2 * np.pi * state.tau)
+    claimed = error[error > 0]
+    return min(AT_MOST, STRUCTURE * float(np.min(claimed))) if len(claimed) else AT_MOST
 
 
 def _why(trial: Trial) -> str:
