@@ -14,6 +14,7 @@ _HOME = {
     "LogError": "sysid.logs.log",
     "Parameter": "sysid.verdict.result",
     "Plant": "sysid.model.plant",
+    "Prediction": "sysid.posterior.prediction",
     "Posterior": "sysid.posterior.posterior",
     "Profile": "sysid.scene.profile",
     "Result": "sysid.verdict.result",
@@ -25,7 +26,7 @@ _HOME = {
     "nuisances": "sysid.verdict.bench",
     "read_logs": "sysid.logs.log",
     "sample": "sysid.posterior.posterior",
-    "write_log": "sysid.logs.log",
+    "write_log": "sysid.logs.written",
 }
 __version__ = "0.1.0"
 __all__ = sorted(_HOME)

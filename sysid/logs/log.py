@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.benchwords import BENCH, bench_of, misread
+from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.capture import captures, side_by_side
 from sysid.logs.cells import Dialect, decimals, listed
 from sysid.logs.csvbody import Body, read_body
@@ -48,8 +48,9 @@ from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.stamps import coarse
 from sysid.logs.textfile import unchanged
 from sysid.logs.waveform import from_samples, sample_times, uneven
+from sysid.shown import Shown
 
-__all__ = ["Log", "LogError", "read_logs", "write_log"]
+__all__ = ["Log", "LogError", "read_logs"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
@@ -65,8 +66,8 @@ DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Shown):
     """One experiment: n rows of inputs and the measured response, peak amplitudes, in rows as recorded.
 
     `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in `response_unit`;
@@ -141,10 +142,22 @@ class Log:
     def __len__(self) -> int:
         return len(self.response)
 
-    def __repr__(self) -> str:
-        held = [name for name in ("time", "drive", "frequency", "temperature", "force") if getattr(self, name) is not None]
-        shown = ", ".join(["amplitude" if self.amplitude_only else "Wd + j Wq", *held])
-        return f"Log({self.path or self.name!r}, {len(self)} rows of {shown}; kind={self.kind!r}, sampling={self.sampling!r})"
+    def to_frame(self) -> Any:
+        """A pandas DataFrame of the rows by the contract's names; what is known of the whole log stands in `attrs`."""
+        from sysid.report.frames import of_log
+
+        return of_log(self)
+
+    def plot(self) -> Any:
+        """A figure of matplotlib: the rows over time, or a sweep with its circle."""
+        from sysid.report.plots import log_figure
+
+        return log_figure(self)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_log
+
+        return of_log(self)
 
 
 def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
@@ -164,52 +177,6 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
         else:
             logs[read[0].sha256] = read
     return [_doubted(log) for log in _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))]
-
-
-def write_log(
-    log: Log, path: str | Path, append: bool = False, further: Mapping[str, np.ndarray] | None = None
-) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
-    temperature that was not read from text is stated to be exact).
-
-    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
-    `append`: more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
-    """
-    columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
-    columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}
-    if log.amplitude_only:
-        columns[_label(log.response_unit, "w")] = log.response
-    else:
-        columns[_label(log.response_unit, "wd")] = log.response.real
-        columns[_label(log.response_unit, "wq")] = log.response.imag
-    recorded = {name: values.tolist() for name, values in (columns | dict(further or {})).items() if values is not None}
-    words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
-    if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
-        words.setdefault("temperature_std_degC", 0.0)  # nobody read it: what is written of it is no step of a thermometer
-    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
-    with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
-        if not append:
-            words_given = ((key, value) for key, value in (kept | words).items() if value is not None)
-            file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words_given)
-            file.write(",".join(recorded) + "\n")
-        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
-
-
-def _one_line(value: Any) -> str:
-    """Text that ends neither its line nor, by a NUL, the file's being text."""
-    return " ".join(str(value).replace("\x00", " ").split())
-
-
-def _label(unit: str, quantity: str) -> str:
-    if quantity == "drive" and unit in ("V", "duty"):
-        return "voltage_V" if unit == "V" else "duty"
-    return f"{quantity} [{unit}]" if set(unit) & set("_ ,") else f"{quantity}_{unit}"
-
-
-def _is_interpreted(key: str) -> bool:
-    """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
-    known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
-    return known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
 
 
 def _expand(paths: Iterable[str | Path]) -> list[str]:

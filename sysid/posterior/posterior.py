@@ -6,7 +6,7 @@ Reported are the mean, standard deviation and interval of the normal approximati
 
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from sysid.posterior.diagnostics import ess, rhat
 from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target
 from sysid.precision import float64
+from sysid.shown import Shown
 from sysid.verdict.determined import parameter, usable
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter, Result
@@ -39,17 +40,19 @@ class Offer:
     brings: str
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, repr=False)
+class Posterior(Shown):
     """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature.
 
     `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
     approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one;
-    `exact_pace` for one without a polynomial of the residual.
+    `exact_pace` for one without a polynomial of the residual. `log_density` (chain, draw): of the draws, up to
+    a constant.
     """
 
     fit: Fit
     draws: dict[str, np.ndarray] = field(repr=False)
+    log_density: np.ndarray
     ess: float
     rhat: float
     method: str
@@ -63,6 +66,30 @@ class Posterior:
     pace: float
     exact_pace: float
     below: "Posterior | None" = field(repr=False)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, a row for each (chain, draw); the units of its columns stand in `attrs`."""
+        from sysid.report.frames import of_posterior
+
+        return of_posterior(self)
+
+    def plot(self) -> Any:
+        """A figure of matplotlib: marginals of the draws, and pairs; None where the logs bound no parameter."""
+        from sysid.report.plots import Figures, of_posterior
+
+        return Figures.of(of_posterior(self, self.summary())).get("Posterior")
+
+    def to_inferencedata(self) -> Any:
+        """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated. Raises ImportError
+        where ArviZ is not installed."""
+        from sysid.report.inference import of_posterior
+
+        return of_posterior(self)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_posterior
+
+        return of_posterior(self)
 
     def summary(self) -> dict[str, Parameter]:
         """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: draws
@@ -159,6 +186,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     return Posterior(
         fit,
         draws,
+        normal.log_density(z).reshape(CHAINS, EVEN),
         ess=min(ess(v) for v in draws.values()),
         rhat=max(rhat(v) for v in draws.values()),
         method=method,
@@ -212,6 +240,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     return Posterior(
         fit,
         draws,
+        chain.log_density(),
         ess=chain.ess,
         rhat=chain.rhat,
         method=method,

@@ -1,7 +1,7 @@
 """Numbers and names in words: two digits of the error, readable units, nothing that a terminal would obey."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,20 @@ SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one 
 def advice(result: str, logs: int) -> str:
     """What to do about a fit of so many logs that ended so; empty where that went well."""
     return (SEVERAL if logs > 1 else {}).get(result) or ADVICE.get(result, "")
+
+
+def verdict(result: str, parameters: Mapping[str, Any], logs: int) -> str:
+    """One sentence on a fit of so many logs: what is determined and what is not, or how it ended and what to do."""
+    if result != "successful":
+        return f"{result}: {advice(result, logs)}"
+    known = [name for name, p in parameters.items() if p["determined"]]
+    open_ = [name for name, p in parameters.items() if not p["determined"]]
+    said = f"{_listed(known)} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
+    return f"{said}; {_listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([*filter(None, [", ".join(names[:-1])]), *names[-1:]])
 
 
 def clean(text: str) -> str:

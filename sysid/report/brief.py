@@ -1,0 +1,163 @@
+"""Results in a few lines: a head, a table, and what to mind; as text for a terminal and as HTML for a notebook."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.report.text import clean, row, verdict
+
+if TYPE_CHECKING:
+    from sysid.logs.log import Log
+    from sysid.posterior.foreseen import Raised
+    from sysid.posterior.planning import Advice
+    from sysid.posterior.posterior import Posterior
+    from sysid.posterior.prediction import Prediction
+    from sysid.verdict.comparison import Comparison
+    from sysid.verdict.fitted import Fit
+    from sysid.verdict.result import Parameter
+
+WIDTH = 100  # characters of a line
+LINES = 12  # of a text
+PARAMETERS = ("parameter", "value", "95 % interval", "unit")
+Row = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Brief:
+    """What a result shows of itself. `rows` stand below `names`, the header of a table that HTML has; `inline`: the text is the
+    head alone, as of results that come in lists."""
+
+    head: str
+    names: Row = ()
+    rows: tuple[Row, ...] = ()
+    tail: tuple[str, ...] = ()
+    inline: bool = False
+
+    def text(self) -> str:
+        """At most LINES lines of plain text."""
+        head = clean(" ".join(self.head.split()))
+        if self.inline:
+            return head
+        room = LINES - 1 - len(self.tail)
+        rows = self.rows if len(self.rows) <= room else self.rows[: room - 1]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join(["", *(c.ljust(w) for c, w in zip(cells, widths, strict=True))]).rstrip()
+            for cells in rows
+        ]
+        lines += [f"  and {len(self.rows) - len(rows)} more"] if len(rows) < len(self.rows) else []
+        return "\n".join(_cut(clean(line)) for line in (head, *lines, *(f"  {line}" for line in self.tail)))
+
+    def html(self) -> str:
+        """The same as HTML, nothing of it cut."""
+        cells = "".join(
+            f"<tr>{''.join(f'<td>{_escaped(c)}</td>' for c in cells)}</tr>" for cells in self.rows
+        )
+        heads = "".join(f"<th>{_escaped(name)}</th>" for name in self.names)
+        table = f"<table><thead><tr>{heads}</tr></thead><tbody>{cells}</tbody></table>" if self.rows else ""
+        return f"<div><p>{_escaped(self.head)}</p>{table}{''.join(f'<p>{_escaped(line)}</p>' for line in self.tail)}</div>"
+
+
+def of_fit(fit: "Fit") -> Brief:
+    """Of a fit."""
+    return _identified("Fit", fit, fit.result.value, fit.parameters, [*_counted(fit), *fit.warnings[:1]])
+
+
+def of_posterior(posterior: "Posterior") -> Brief:
+    """Of a posterior: its own parameters, and how exact they are."""
+    said = f"{posterior.accuracy}: {posterior.ess:.0f} effective draws, R-hat {posterior.rhat:.4f}, seed {posterior.seed}"
+    exact = f"means and intervals exact to {posterior.error:.1g} standard deviations"
+    tail = [said, exact, *_counted(posterior.fit)]
+    return _identified("Posterior", posterior.fit, posterior.result.value, posterior.summary(), tail)
+
+
+def of_log(log: "Log") -> Brief:
+    """Of a log: its columns and their ranges."""
+    from sysid.logs.written import columns
+
+    what = ", ".join(["amplitude" if log.amplitude_only else "Wd + j Wq", *_inputs(log)])
+    head = f"Log({log.path or log.name!r}, {len(log)} rows of {what}; kind={log.kind!r}, sampling={log.sampling!r})"
+    rows = tuple((name, f"{np.min(v):.6g}", f"{np.max(v):.6g}") for name, v in columns(log).items())
+    return Brief(head, ("column", "from", "to"), rows, (*log.warnings, *log.notes), inline=True)
+
+
+def of_scene(scene: Any) -> Brief:
+    """Of a scene: its plant, inputs and effects."""
+    effects = ", ".join(e.name for e in scene.effects) or "none"
+    inputs = [(name, f"{np.min(p.values):.6g} to {np.max(p.values):.6g}") for name, p in scene.inputs.items()]
+    plant = ", ".join(
+        f"{n} {getattr(scene.plant, n):.6g}"
+        for n in ("G", "tau", "f0")
+        if getattr(scene.plant, n) is not None
+    )
+    rows = (("plant", plant), *inputs, ("effects", effects), ("fidelity", scene.fidelity))
+    return Brief(
+        f"Scene({scene.name!r}, {scene.kind}, {scene.rows} rows at {scene.rate:.6g} Hz)", ("", ""), rows
+    )
+
+
+def of_prediction(prediction: "Prediction") -> Brief:
+    """Of a prediction: how it stands beside what was recorded."""
+    log, unit = prediction.log, prediction.log.response_unit
+    parts = {"W": np.real} if log.amplitude_only else {"Wd": np.real, "Wq": np.imag}
+
+    def rms(values: np.ndarray) -> str:
+        return f"{np.sqrt(np.mean(values**2)):.3g} {unit}"
+
+    told = (prediction.residual, prediction.std, prediction.total_std)
+    rows = tuple((name, *(rms(part(v)) for v in told)) for name, part in parts.items())
+    names = ("rms", "recorded - predicted", "error of the model", "with the noise")
+    return Brief(f"Prediction of {log.name}: {len(log)} rows, {prediction.kind}", names, (names, *rows))
+
+
+def of_comparison(found: "Comparison") -> Brief:
+    """Of another description of the same logs."""
+    said = "worse" if found.worse else "no worse"
+    head = f"Comparison({found.description!r}: elpd {found.difference:+.3g} ± {found.error:.2g}, {said})"
+    moves = tuple((name, f"{moved:+.2f}") for name, moved in found.moves.items())
+    return Brief(head, ("parameter", "would move, in standard deviations"), moves, inline=True)
+
+
+def of_advice(advice: "Advice | Raised") -> Brief:
+    """Of an experiment to record next."""
+    return Brief(f"{type(advice).__name__}({advice})", inline=True)
+
+
+def parameters(found: "Mapping[str, Parameter]", at: float | None = None) -> tuple[Row, ...]:
+    """A row for each parameter, in the form of the screen; `at`: degC, of f0."""
+    rows = []
+    for name, p in found.items():
+        where = f" at {at:.4g} degC" if name == "f0" and p.determined and at is not None else ""
+        value, interval, unit = row(p) if p.determined else ("not determined", "", p.unit)  # type: ignore[arg-type]
+        rows.append((name + where, value, interval, unit))
+    return tuple(rows)
+
+
+def _identified(
+    kind: str, fit: "Fit", result: str, found: "Mapping[str, Parameter]", tail: Sequence[str]
+) -> Brief:
+    head = f"{kind}: {verdict(result, found, len(fit.logs))}"
+    return Brief(head, PARAMETERS, parameters(found, fit.reference_temperature), tuple(tail))
+
+
+def _counted(fit: "Fit") -> list[str]:
+    """How many warnings and notes there are, where there are any."""
+    counts = [(len(fit.warnings), "warning"), (len(fit.notes), "note")]
+    said = [f"{n} {what}{'s' * (n > 1)} (.{what}s)" for n, what in counts if n]
+    return [" and ".join(said)] if said else []
+
+
+def _inputs(log: "Log") -> list[str]:
+    names = ("time", "drive", "frequency", "temperature", "force")
+    return [name for name in names if getattr(log, name) is not None]
+
+
+def _cut(line: str) -> str:
+    return line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..."
+
+
+def _escaped(text: Any) -> str:
+    return escape(clean(str(text)))
