@@ -23,6 +23,7 @@ _HOME = {
     "advise": "sysid.posterior.planning",
     "compare": "sysid.verdict.comparison",
     "fit": "sysid.fitting",
+    "load": "sysid.command.sets",
     "nuisances": "sysid.verdict.bench",
     "read_logs": "sysid.logs.log",
     "sample": "sysid.posterior.posterior",

@@ -16,7 +16,7 @@ from sysid.command.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
-ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
+ALL = {"fit.json", "fit.npz", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 Z = 4.5  # standard deviations of Monte-Carlo error
 CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 
@@ -35,7 +35,8 @@ def files(folder):
 
 
 def without_cost(content):
-    return {key: value for key, value in json.loads(content).items() if key != "cost"}
+    """What is the same from run to run."""
+    return {key: value for key, value in json.loads(content).items() if key not in ("cost", "created")}
 
 
 @pytest.fixture(scope="module")
@@ -180,6 +181,36 @@ def test_the_same_logs_give_the_same_bytes(first, second):
     assert without_cost(first.files["fit.json"]) == without_cost(second.files["fit.json"])
 
 
+def test_save_writes_what_the_command_writes(second, tmp_path):
+    import controller
+    import sysid
+
+    fit = sysid.fit(sysid.read_logs(LOGS))
+    fit.save(tmp_path / "saved", controller.design(fit.posterior))
+    saved = files(tmp_path / "saved")
+    assert set(saved) == ALL
+    assert {name for name in ALL - {"fit.json"} if saved[name] != second.files[name]} == set()
+    assert without_cost(saved["fit.json"]) == without_cost(second.files["fit.json"])
+
+
+def test_fit_json_keeps_its_schema(second, failed, undriven):
+    import jsonschema
+
+    from sysid.report import html
+
+    schema = json.loads((Path(html.__file__).parent / "fit.schema.json").read_text(encoding="utf-8"))
+    for answer in (second, failed, undriven):
+        jsonschema.Draft202012Validator(schema).validate(json.loads(answer.files["fit.json"]))
+
+
+def test_what_the_command_wrote_is_loaded(bench, undriven):
+    import sysid
+
+    fit = sysid.load(bench / "identified")
+    written = json.loads(undriven.files["fit.json"])["parameters"]
+    assert {n: p.value for n, p in fit.posterior.summary().items()} == {n: p["value"] for n, p in written.items()}
+
+
 @pytest.mark.parametrize(
     ("case", "words"),
     [
@@ -212,7 +243,7 @@ def test_failure_says_why_and_removes_the_stale_controller(failed):
     assert set(failed.files) == ALL - CONTROLLER | {"notes.txt"}
     content = json.loads(failed.files["fit.json"])
     assert content["result"] == "the model does not describe the logs" and content["controller"] is None
-    assert set(content["files"]) == {"posterior.nc", "report.html"}
+    assert set(content["files"]) == {"posterior.nc", "report.html", "fit.npz"}
     assert content["result"] in failed.out and "no controller" in failed.out
     assert "warning: " in failed.err and ".csv" in failed.err and content["warnings"]
 

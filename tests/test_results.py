@@ -1,7 +1,14 @@
 """Results as people look at them, table them, plot them and hand them on."""
 
+import hashlib
+import io
+import json
+import shutil
+import threading
 import warnings
+import zipfile
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -247,3 +254,110 @@ def test_convergence_is_judged_as_arviz_does(arviz, rho, draws):
     assert found.ess_tail == pytest.approx(float(arviz.ess(x, method="tail")), **close)
     assert ess(x) == pytest.approx(float(arviz.ess(x, method="mean")), **close)
     assert rhat(x) == pytest.approx(float(arviz.rhat(x, method="split")), **close)
+
+
+# --- saved and loaded --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def saved(posterior, tmp_path_factory):
+    return posterior.save(tmp_path_factory.mktemp("saved") / "plate")
+
+
+@pytest.fixture(scope="module")
+def loaded(saved):
+    return sysid.load(saved)
+
+
+def test_what_is_loaded_is_what_was_saved(fit, posterior, loaded):
+    again = loaded.posterior
+    assert repr(loaded) == repr(fit) and loaded.parameters == fit.parameters and loaded.plant == fit.plant
+    assert again.summary() == posterior.summary() and again.fit is loaded and again.below.fit is loaded
+    assert loaded.to_frame().equals(fit.to_frame()) and again.to_frame().equals(posterior.to_frame())
+    np.testing.assert_array_equal(loaded.covariance, fit.covariance)
+    assert np.isnan(again.seconds)  # times are of the run that is over
+
+
+def test_what_is_loaded_works_on(bench, fit, posterior, loaded, loop):
+    log = held_out(bench, 1)
+    np.testing.assert_array_equal(loaded.predict(log).std, fit.predict(log).std)
+    again = controller.design(loaded.posterior, sample_time=1e-4)
+    assert controller.as_dict(again) == controller.as_dict(loop)
+    redrawn = sysid.sample(loaded, seed=0)
+    assert all(np.array_equal(redrawn.draws[name], draws) for name, draws in posterior.draws.items())
+    assert sysid.compare(loaded) == sysid.compare(fit)
+
+
+def test_saved_once_more_it_is_the_same_bytes(saved, loaded, tmp_path):
+    again = loaded.save(tmp_path / "again")
+    assert {p.name for p in saved.iterdir()} == {p.name for p in again.iterdir()} >= {"fit.json", "fit.npz", "report.html"}
+    assert all((saved / name).read_bytes() == (again / name).read_bytes() for name in ("fit.npz", "posterior.nc", "report.html"))
+
+
+def test_every_kind_of_fit_is_kept(bench, tmp_path):
+    """Amplitudes, a stated prior, and logs that tell nothing."""
+    cases = {
+        "amplitude": ([bench.sweep(seed=3, amplitude=True)], {}),
+        "prior": ([bench.sweep(seed=3)], {"priors": {"tau": (1.7e-3, 1e-4)}}),
+        "open": ([bench.transient(volts=np.zeros(240))], {}),
+    }
+    for name, (logs, given) in cases.items():
+        posterior = sysid.sample(sysid.fit(logs, **given), accuracy="quick")
+        again = sysid.load(posterior.save(tmp_path / name)).posterior
+        assert repr(again) == repr(posterior) and again.summary() == posterior.summary(), name
+
+
+@pytest.fixture
+def spoilt(saved, tmp_path):
+    """A copy of the set to spoil."""
+    return Path(shutil.copytree(saved, tmp_path / "spoilt"))
+
+
+def packed(folder, tree, arrays=()):
+    """A file with another tree, whose digest fit.json says."""
+    with zipfile.ZipFile(folder / "fit.npz", "w") as file:
+        file.writestr("tree.json", json.dumps(tree))
+        for name, content in dict(arrays).items():
+            file.writestr(name, content)
+    content = json.loads((folder / "fit.json").read_text())
+    content["files"]["fit.npz"] = hashlib.sha256((folder / "fit.npz").read_bytes()).hexdigest()
+    (folder / "fit.json").write_text(json.dumps(content))
+
+
+def objects():
+    """An array that only pickle can read."""
+    whole = io.BytesIO()
+    np.save(whole, np.array([print], object), allow_pickle=True)
+    return whole.getvalue()
+
+
+SPOIL = {
+    "cut off": (lambda f: (f / "fit.npz").write_bytes((f / "fit.npz").read_bytes()[:-100]), "fit.npz: found other bytes"),
+    "gone": (lambda f: (f / "fit.npz").unlink(), "fit.npz: cannot be read"),
+    "empty": (lambda f: [p.unlink() for p in f.iterdir()], "fit.json: cannot be read.*identify or fit.save"),
+    "no json": (lambda f: (f / "fit.json").write_text("{"), "fit.json: found no JSON"),
+    "deep": (lambda f: (f / "fit.json").write_text("[" * 100_000), "fit.json: found no JSON"),
+    "foreign": (lambda f: (f / "fit.json").write_text('{"name": "x"}'), "found no fit of schema 1"),
+    "older": (lambda f: (f / "fit.json").write_text('{"schema": 1, "files": {}}'), "no fit.npz among its files"),
+    "no zip": (lambda f: packed(f, {}) or (f / "fit.npz").write_bytes(b""), "other bytes"),
+    "no tree": (lambda f: packed(f, []), "cannot take up"),
+    "a function": (lambda f: packed(f, {"posterior": {"eval": {"source": "1"}}}), "cannot take up"),
+    "another type": (lambda f: packed(f, {"posterior": {"Level": {"std": 1, "time": 0}}}), "something else"),
+    "a later field": (lambda f: packed(f, {"posterior": {"Level": {"std": 1, "hue": 0}}, "version": "9"}), "of version 9"),
+    "pickled": (lambda f: packed(f, {"posterior": {"array": 0}}, {"0.npy": objects()}), "Object arrays cannot be loaded"),
+}
+
+
+@pytest.mark.parametrize("how", SPOIL)
+def test_a_set_that_is_none_is_refused_by_name(spoilt, how):
+    spoil, said = SPOIL[how]
+    spoil(spoilt)
+    with pytest.raises(ValueError, match=said):
+        sysid.load(spoilt)
+
+
+def test_a_set_is_saved_from_any_thread(posterior, tmp_path):
+    thread = threading.Thread(target=posterior.save, args=(tmp_path / "beside",))
+    thread.start()
+    thread.join()
+    assert repr(sysid.load(tmp_path / "beside").posterior) == repr(posterior)

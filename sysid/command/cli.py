@@ -242,29 +242,16 @@ def _write(
     budget: "Budget",
 ) -> tuple[dict, str]:
     """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, and the rig."""
-    import controller
-    from sysid.command import outputs
+    from sysid.command import outputs, sets
     from sysid.command.bill import bill
-    from sysid.report import html
-    from sysid.verdict.bench import nuisances
-    from sysid.verdict.comparison import compare
 
     with stages("compare", "comparing descriptions"):
-        compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
-        added = nuisances(posterior.fit)
-        advice = _advised(posterior.fit, *wanted)
-    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added, advice)
+        content = sets.described(posterior, loop, warnings, _advised(posterior.fit, *wanted))
     with outputs.staging(folder) as fresh:
         budget.fresh = fresh
         with stages("report", "writing the report"):
-            outputs.write_draws(posterior, fresh / outputs.DRAWS)
-            (fresh / outputs.REPORT).write_text(html.render(content, posterior, drawn), encoding="utf-8", newline="\n")
-            if loop is not None:
-                (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
-                controller.export_c(loop, fresh / outputs.HEADER)
-        content |= {"files": outputs.digests(fresh), "cost": bill(posterior, budget)}
-        text = outputs.to_json(content)
-        (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")
+            sets.put(fresh, content, posterior, loop, drawn)
+        text = sets.finish(fresh, content, bill(posterior, budget))
         budget.keep()
         outputs.place(fresh, folder)
     return content, text

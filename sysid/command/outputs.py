@@ -8,8 +8,10 @@ import os
 import platform
 import signal
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
     from sysid.verdict.comparison import Comparison
-    from sysid.verdict.fitted import FittedLog
+    from sysid.verdict.fitted import Fit, FittedLog
     from sysid.verdict.result import Parameter
 
 SCHEMA = 1
@@ -31,9 +33,10 @@ PRIORS = {  # sysid/model/likelihood.py has the equations
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
-FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
+FIT, DRAWS, REPORT, KEPT = "fit.json", "posterior.nc", "report.html", "fit.npz"
 CONTROLLER, HEADER, SOURCE, PLATE = "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"
-FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
+# As an older set goes out; a new one comes in the other way.
+FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT, KEPT)
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
@@ -46,12 +49,21 @@ def document(
     advice: "Sequence[Advice | Raised] | None" = None,
 ) -> dict[str, Any]:
     """The content of fit.json, with what the bench `added` to each log, and `advice` where it was asked for; `files` and `cost`
-    are empty until the other files are written."""
+    are empty until the other files are written. `created` and `cost` alone differ from run to run."""
+    from sysid.report.text import derived, verdict
+
     fit = posterior.fit
+    parameters = {name: _parameter(p) for name, p in posterior.summary().items()}
+    made = derived(posterior.draws, parameters)
     content = {
         "schema": SCHEMA,
         "result": posterior.result.value,
-        "parameters": {name: _parameter(p) for name, p in posterior.summary().items()},
+        "verdict": verdict(posterior.result.value, parameters, len(fit.logs)),
+        "plate": _plate(fit),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "parameters": parameters,
+        "derived": {name.replace(" ", "_"): p for name, p in made.items()},
+        "covariance": _covariance(fit, parameters),
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
@@ -68,6 +80,24 @@ def document(
     return _plain(content)
 
 
+def _plate(fit: "Fit") -> str | None:
+    """The plate that the logs name, which is one."""
+    named = (item for fitted in fit.logs for item in fitted.log.metadata.items())
+    return next((value for key, value in named if key.casefold() == "plate" and value), None)
+
+
+def _covariance(fit: "Fit", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Of the determined parameters: the fit's correlations with the posterior's standard deviations, in products of units."""
+    import numpy as np
+
+    names = [name for name in fit.names if parameters[name]["determined"]]
+    index = [fit.names.index(name) for name in names]
+    found = fit.covariance[np.ix_(index, index)]
+    size = np.array([parameters[name]["std"] for name in names]) / np.sqrt(np.diag(found))
+    found = found * np.outer(size, size)
+    return {"names": names, "matrix": (0.5 * (found + found.T)).tolist()}
+
+
 def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
     """How the posterior was had, and the numerical error of each estimate, in its unit; of the rungs, in standard deviations."""
     from sysid.command.bill import ladder
@@ -77,6 +107,7 @@ def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
         {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved} for p in ladder(posterior)
     ]
     how = {"accuracy": posterior.accuracy, "method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat}
+    how["convergence"] = {n: c._asdict() for n, c in posterior.convergence.items()}
     stated = {n: f"normal about {value:g}, {std:g} wide" for n, (value, std) in posterior.fit.priors.items()}
     return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS | stated}
 
@@ -209,8 +240,8 @@ def place(fresh: Path, folder: Path) -> None:
     fit.json goes out first and comes in last, so that it stands beside the files of its own run and no others, whenever the
     process is killed; older controller files go out next. Of two runs that end at once one waits. Ctrl-C waits too.
     """
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
+    main = threading.current_thread() is threading.main_thread()  # no other is interrupted
+    with _uninterrupted() if main else nullcontext():
         for path in fresh.iterdir():
             _sync(path)
         folder.mkdir(parents=True, exist_ok=True)
@@ -221,6 +252,13 @@ def place(fresh: Path, folder: Path) -> None:
             moves = [(folder / name, older / name) for name in FILES if (folder / name).exists()]
             moves += [(fresh / name, folder / name) for name in reversed(FILES) if (fresh / name).exists()]
             _move(moves)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGINT, before)
 

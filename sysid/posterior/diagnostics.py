@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import rankdata
 
 TAIL = (0.05, 0.95)  # quantiles whose effective sample size is that of the tails
 
@@ -30,7 +29,8 @@ class Convergence(NamedTuple):
 def normal_scores(chains: np.ndarray) -> np.ndarray:
     """Each draw's rank among those that `split` keeps, as a quantile of the normal distribution."""
     kept = split(chains)
-    rank = rankdata(kept, method="average").reshape(kept.shape)
+    _, which, count = np.unique(kept, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(count) - 0.5 * (count - 1))[which].reshape(kept.shape)  # those that are equal share one
     scores = ndtri((rank - 0.375) / (kept.size + 0.25))
     return np.concatenate(np.split(scores, 2), axis=1)
 

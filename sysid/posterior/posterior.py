@@ -5,13 +5,14 @@ Reported are the mean, standard deviation and interval of the normal approximati
 """
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.posterior.accuracy import Rung, above, up_to
-from sysid.posterior.diagnostics import ess, rhat
+from sysid.posterior.diagnostics import Convergence, ess, rhat
 from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target
 from sysid.precision import float64
@@ -79,6 +80,14 @@ class Posterior(Shown):
 
         return Figures.of(of_posterior(self, self.summary())).get("Posterior")
 
+    def save(self, folder: str | Path, loop: Any = None) -> Path:
+        """Write the set of files that `identify` writes into a folder, in the place of an older one, with `loop`, the controller
+        that was designed for it, where one is given; returns the folder. `sysid.load` gives all of it back. The bytes are the
+        command's but for `created` and `cost` in fit.json. Raises OSError where it cannot be written; older files then stay."""
+        from sysid.command.sets import save
+
+        return save(self, folder, loop)
+
     def to_inferencedata(self) -> Any:
         """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated. Raises ImportError
         where ArviZ is not installed."""
@@ -96,6 +105,11 @@ class Posterior(Shown):
         about its minima do not settle what the fit leaves open."""
         told = {n: e for n, e in self.estimates.items() if self.fit.parameters[n].determined}
         return self.fit.parameters | {n: parameter(self.fit, n, e.value, e.std, (e.low, e.high)) for n, e in told.items()}
+
+    @property
+    def convergence(self) -> dict[str, Convergence]:
+        """Of each parameter's draws."""
+        return {name: Convergence.of(draws) for name, draws in self.draws.items()}
 
     @property
     def error(self) -> float:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,17 @@ class Fit(Shown):
         from sysid.report.plots import Figures, of_logs
 
         return Figures.of(of_logs(self.logs))
+
+    @cached_property
+    def posterior(self) -> Any:
+        """Its `Posterior`: of a fit that was loaded the one that was saved, else that of `sysid.sample(fit)`."""
+        from sysid.posterior.posterior import sample
+
+        return sample(self)
+
+    def save(self, folder: str | Path, loop: Any = None) -> Path:
+        """Write fit, posterior and report into a folder; see `Posterior.save`."""
+        return self.posterior.save(folder, loop)
 
     def predict(self, log: Log, bench: bool = True) -> Any:
         """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with its errors.
