@@ -17,7 +17,7 @@ precision
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
            uff touchstone files mapping capture missing labels
-           roles draft header lockin switched carrier waveform benchwords log written
+           roles draft header lockin switched carrier waveform benchwords together log written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
@@ -54,7 +54,8 @@ ORDER = ordered()
 SHOWN = {"report.brief", "report.frames", "report.plots"}
 WITHIN = {
     "scene.scene": {"scene.simulation", "scene.toml", *SHOWN},
-    "logs.log": {"logs.written", *SHOWN},
+    "logs.log": {"logs.made", *SHOWN},
+    "logs.together": {"logs.log"},  # the type alone
     "verdict.fitted": {"posterior.posterior", "posterior.prediction", "command.sets", *SHOWN},
     "verdict.comparison": SHOWN,
     "posterior.foreseen": SHOWN,

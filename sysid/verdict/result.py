@@ -8,7 +8,11 @@ NORMAL95 = 1.959964  # standard deviations within which 95 % of normal numbers l
 
 
 class Result(StrEnum):
-    """How it ended; a member is its message: `fit.result == "successful"`."""
+    """How it ended; a member is its message.
+
+    >>> Result.successful == "successful", Result.misfit.bounded
+    (True, True)
+    """
 
     successful = "successful"
     not_converged = "the fit did not converge"
