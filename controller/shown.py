@@ -36,7 +36,7 @@ def of_trace(trace: "Trace") -> Brief:
     span = trace.time[-1] - trace.time[0] if len(trace.time) else 0.0
     head = f"Trace: {len(trace.time)} samples over {seconds(float(span))}"
     rows = tuple((name, *(f"{x:.6g}" for x in (v[0], np.max(v), v[-1]))) for name, v in signals.items())
-    return Brief(head, ("signal", "first", "largest", "last"), rows)
+    return Brief(head, ("signal", "first", "largest", "last"), rows, headed=True)
 
 
 def columns(trace: "Trace") -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ from importlib import import_module
 
 _HOME = {
     "Advice": "sysid.posterior.planning",
+    "Change": "sysid.posterior.change",
     "Comparison": "sysid.verdict.comparison",
     "Fit": "sysid.verdict.fitted",
     "FittedLog": "sysid.verdict.fitted",
@@ -22,6 +23,7 @@ _HOME = {
     "SceneError": "sysid.scene.scene",
     "advise": "sysid.posterior.planning",
     "compare": "sysid.verdict.comparison",
+    "compare_fits": "sysid.posterior.change",
     "fit": "sysid.fitting",
     "load": "sysid.command.sets",
     "nuisances": "sysid.verdict.bench",

@@ -29,7 +29,7 @@ reading
 effects    effect clock plate registry adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
-           prediction
+           prediction change
 report     text plots costs screen html brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
 command    clock bill outputs kept sets costcurve arguments cli
@@ -58,6 +58,7 @@ WITHIN = {
     "logs.together": {"logs.log"},  # the type alone
     "verdict.fitted": {"posterior.posterior", "posterior.prediction", "command.sets", *SHOWN},
     "verdict.comparison": SHOWN,
+    "posterior.change": SHOWN,
     "posterior.foreseen": SHOWN,
     "posterior.planning": SHOWN,
     "posterior.prediction": SHOWN,

@@ -60,8 +60,9 @@ def second(bench, first):
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory, second):
-    return identify("--json", "--accuracy", "quick", *LOGS, cwd=tmp_path_factory.mktemp("quick"))
+def quick(bench, tmp_path_factory, second):
+    older = ("--compare", bench / "identified")
+    return identify("--json", "--accuracy", "quick", *older, *LOGS, cwd=tmp_path_factory.mktemp("quick"))
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +83,7 @@ def refused(bench, second):
         "budget": ("--budget=-1", *LOGS),
         "both": ("--budget", "9", "--accuracy", "quick", *LOGS),
         "temperature": ("--reference-temperature", "nan", *LOGS),
+        "compare": ("--compare", LOGS[0], *LOGS),
         "mapping": ("--columns", "absent.toml", *LOGS),
         "unwritable": ("-o", "file", *LOGS),
         "below a file": ("-o", "file/below", *LOGS),
@@ -134,6 +136,13 @@ def test_quick_is_the_standard_within_the_error_that_it_states(first, quick):
             apart = abs(content["parameters"][name][part] - standard["parameters"][name][part])
             assert apart < 2 * off + Z * chance, (name, part)
     assert content["cost"]["twice_as_exact_s"] is None and content["cost"]["next"]["accuracy"] == "standard"
+
+
+def test_an_older_fit_of_the_same_logs_shows_no_change(quick):
+    change = json.loads(quick.out)["change"]
+    assert not change["changed"] and change["sentence"].startswith("no change of the plate is seen")
+    assert list(change["parameters"]) == ["G", "tau", "f0"] and "share logs" in change["notes"][0]
+    assert "Change from an older fit" in quick.files["report.html"].decode()
 
 
 def test_parameters_are_those_that_the_logs_were_made_from(first):
@@ -224,6 +233,7 @@ def test_what_the_command_wrote_is_loaded(bench, undriven):
         ("both", ("--budget", "not allowed with", "--accuracy")),
         ("seed", ("--seed", "expected a whole number from 0 to")),
         ("temperature", ("--reference-temperature", "nan")),
+        ("compare", ("--compare", "sweep_24C.csv", "found no JSON")),
         ("mapping", ("absent.toml",)),
         ("unwritable", ("file", "cannot be written", "file is a file, expected a directory")),
         ("below a file", ("below", "cannot be written", "file is a file, expected a directory")),

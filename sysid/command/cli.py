@@ -87,11 +87,19 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         rig = _rig(arguments.rig, logs[0].drive_unit, logs[0].response_unit)
     except ValueError as error:
         return _refuse(str(error))
+    try:
+        older = _older(arguments.compare)
+    except ValueError as error:
+        return _refuse(f"--compare: {error}")
     posterior, drawn = _posterior(logs, arguments, stages, budget)
+    try:
+        change = _change(posterior, older)
+    except ValueError as error:
+        return _refuse(f"--compare: {arguments.compare}: {error}")
     with stages("design", "designing the controller"):
         loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig), folder, stages, budget)
+        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
@@ -236,17 +244,18 @@ def _write(
     loop: Any,
     warnings: list[str],
     drawn: dict[str, bytes],
-    wanted: tuple[str | None, Any],
+    wanted: tuple[str | None, Any, Any],
     folder: Path,
     stages: "Stages",
     budget: "Budget",
 ) -> tuple[dict, str]:
-    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, and the rig."""
+    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, the rig, and
+    the change from an older fit."""
     from sysid.command import outputs, sets
     from sysid.command.bill import bill
 
     with stages("compare", "comparing descriptions"):
-        content = sets.described(posterior, loop, warnings, _advised(posterior.fit, *wanted))
+        content = sets.described(posterior, loop, warnings, _advised(posterior.fit, *wanted[:2]), wanted[2])
     with outputs.staging(folder) as fresh:
         budget.fresh = fresh
         with stages("report", "writing the report"):
@@ -255,6 +264,24 @@ def _write(
         budget.keep()
         outputs.place(fresh, folder)
     return content, text
+
+
+def _older(path: str | None) -> Any:
+    """What an older fit tells; None where there is none to compare with. Raises ValueError."""
+    if path is None:
+        return None
+    from sysid.posterior.change import Told
+
+    return Told.of(path)
+
+
+def _change(posterior: Any, older: Any) -> Any:
+    """How far the plate is from the older fit's; None where there is none. Raises ValueError."""
+    if older is None:
+        return None
+    from sysid.posterior.change import compare_fits
+
+    return compare_fits(posterior, older)
 
 
 def _advised(fit: Any, wanted: str | None, rig: Any) -> tuple | None:

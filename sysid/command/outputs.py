@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sysid.posterior.change import Change
     from sysid.posterior.foreseen import Raised
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
     from sysid.verdict.comparison import Comparison
-    from sysid.verdict.fitted import Fit, FittedLog
+    from sysid.verdict.fitted import FittedLog
     from sysid.verdict.result import Parameter
 
 SCHEMA = 1
@@ -47,23 +48,26 @@ def document(
     compared: "Sequence[Comparison]" = (),
     added: "Sequence[Mapping[str, Parameter]]" = (),
     advice: "Sequence[Advice | Raised] | None" = None,
+    change: "Change | None" = None,
 ) -> dict[str, Any]:
-    """The content of fit.json, with what the bench `added` to each log, and `advice` where it was asked for; `files` and `cost`
-    are empty until the other files are written. `created` and `cost` alone differ from run to run."""
+    """The content of fit.json, with what the bench `added` to each log, and where they were asked for `advice`, and the `change`
+    from an older fit. `files` and `cost` are empty until the other files are written; `created` and `cost` alone differ from run
+    to run."""
+    from sysid.posterior.change import covariance, plate_of
     from sysid.report.text import derived, verdict
 
     fit = posterior.fit
     parameters = {name: _parameter(p) for name, p in posterior.summary().items()}
-    made = derived(posterior.draws, parameters)
+    made, (names, matrix) = derived(posterior.draws, parameters), covariance(fit, parameters)
     content = {
         "schema": SCHEMA,
         "result": posterior.result.value,
         "verdict": verdict(posterior.result.value, parameters, len(fit.logs)),
-        "plate": _plate(fit),
+        "plate": plate_of(fit),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "parameters": parameters,
         "derived": {name.replace(" ", "_"): p for name, p in made.items()},
-        "covariance": _covariance(fit, parameters),
+        "covariance": {"names": names, "matrix": matrix.tolist()},
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
@@ -71,6 +75,7 @@ def document(
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
+        "change": None if change is None else _change(change),
         "controller": controller,
         "files": {},
         "seed": posterior.seed,
@@ -78,24 +83,6 @@ def document(
         "cost": {},
     }
     return _plain(content)
-
-
-def _plate(fit: "Fit") -> str | None:
-    """The plate that the logs name, which is one."""
-    named = (item for fitted in fit.logs for item in fitted.log.metadata.items())
-    return next((value for key, value in named if key.casefold() == "plate" and value), None)
-
-
-def _covariance(fit: "Fit", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Of the determined parameters: the fit's correlations with the posterior's standard deviations, in products of units."""
-    import numpy as np
-
-    names = [name for name in fit.names if parameters[name]["determined"]]
-    index = [fit.names.index(name) for name in names]
-    found = fit.covariance[np.ix_(index, index)]
-    size = np.array([parameters[name]["std"] for name in names]) / np.sqrt(np.diag(found))
-    found = found * np.outer(size, size)
-    return {"names": names, "matrix": (0.5 * (found + found.T)).tolist()}
 
 
 def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
@@ -166,6 +153,16 @@ def _advice(a: "Advice | Raised") -> dict[str, Any]:
     else:
         found = {"promise": a.parameter, "before": a.before, "after": a.after, "exactly_known": a.best, "unit": a.unit}
     return {"sentence": str(a), **found, "seconds": a.seconds, "experiment": experiment}
+
+
+def _change(change: "Change") -> dict[str, Any]:
+    """How far the plate is from an older fit's."""
+    rows = {
+        name: {"old": d.old, "new": d.new, "change": d.change, "std": d.std, "sigmas": d.sigmas, "p": d.p, "unit": d.unit}
+        for name, d in change.parameters.items()
+    }
+    told = {"sentence": str(change), "changed": change.changed, "chi_square": change.chi_square, "p": change.p}
+    return told | {"parameters": rows, "left_out": change.left_out, "notes": list(change.notes)}
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ from typing import Any
 
 from sysid.command import outputs
 from sysid.command.kept import KeptError, pack, unpack
+from sysid.posterior.change import Change
 from sysid.posterior.posterior import Posterior
 from sysid.verdict.fitted import Fit
 
@@ -53,7 +54,11 @@ def load(folder: str | Path) -> Fit:
 
 
 def described(
-    posterior: Posterior, loop: Any, warnings: Sequence[str], advice: Sequence | None = None
+    posterior: Posterior,
+    loop: Any,
+    warnings: Sequence[str],
+    advice: Sequence | None = None,
+    change: Change | None = None,
 ) -> dict[str, Any]:
     """The content of fit.json but for `files` and `cost`."""
     from controller import as_dict
@@ -62,7 +67,7 @@ def described(
 
     fit = posterior.fit
     compared = compare(fit) if fit.result.bounded else ()
-    return outputs.document(posterior, loop and as_dict(loop), warnings, compared, nuisances(fit), advice)
+    return outputs.document(posterior, loop and as_dict(loop), warnings, compared, nuisances(fit), advice, change)
 
 
 def put(

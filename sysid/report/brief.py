@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.report.text import clean, row, verdict
+from sysid.report.text import clean, measured, row, verdict
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
+    from sysid.posterior.change import Change
     from sysid.posterior.foreseen import Raised
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
@@ -27,28 +28,30 @@ Row = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Brief:
-    """What a result shows of itself. `rows` stand below `names`, the header of a table that HTML has; `inline`: the text is the
-    head alone, as of results that come in lists."""
+    """What a result shows of itself: `rows` below their header `names`, which a text has where it is `headed`; `inline`: a text
+    is the head alone, as of results that come in lists."""
 
     head: str
     names: Row = ()
     rows: tuple[Row, ...] = ()
     tail: tuple[str, ...] = ()
     inline: bool = False
+    headed: bool = False
 
     def text(self) -> str:
         """At most LINES lines of plain text."""
         head = clean(" ".join(self.head.split()))
         if self.inline:
             return head
+        table = (self.names, *self.rows) if self.headed else self.rows
         room = LINES - 1 - len(self.tail)
-        rows = self.rows if len(self.rows) <= room else self.rows[: room - 1]
+        rows = table if len(table) <= room else table[: room - 1]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = [
             "  ".join(["", *(c.ljust(w) for c, w in zip(cells, widths, strict=True))]).rstrip()
             for cells in rows
         ]
-        lines += [f"  and {len(self.rows) - len(rows)} more"] if len(rows) < len(self.rows) else []
+        lines += [f"  and {len(table) - len(rows)} more"] if len(rows) < len(table) else []
         return "\n".join(_cut(clean(line)) for line in (head, *lines, *(f"  {line}" for line in self.tail)))
 
     def html(self) -> str:
@@ -110,7 +113,7 @@ def of_prediction(prediction: "Prediction") -> Brief:
     told = (prediction.residual, prediction.std, prediction.total_std)
     rows = tuple((name, *(rms(part(v)) for v in told)) for name, part in parts.items())
     names = ("rms", "recorded - predicted", "error of the model", "with the noise")
-    return Brief(f"Prediction of {log.name}: {len(log)} rows, {prediction.kind}", names, (names, *rows))
+    return Brief(f"Prediction of {log.name}: {len(log)} rows, {prediction.kind}", names, rows, headed=True)
 
 
 def of_comparison(found: "Comparison") -> Brief:
@@ -119,6 +122,17 @@ def of_comparison(found: "Comparison") -> Brief:
     head = f"Comparison({found.description!r}: elpd {found.difference:+.3g} ± {found.error:.2g}, {said})"
     moves = tuple((name, f"{moved:+.2f}") for name, moved in found.moves.items())
     return Brief(head, ("parameter", "would move, in standard deviations"), moves, inline=True)
+
+
+def of_change(change: "Change") -> Brief:
+    """Of a change from one fit to another."""
+    rows = []
+    for name, d in change.parameters.items():
+        (old, std, new, by), unit = measured(d.old, d.std, (d.new, d.change), d.unit)
+        rows.append((name, old, new, f"{by} ± {std} {unit}", f"{d.sigmas:+.1f}"))
+    left = [f"{name}: {why}" for name, why in change.left_out.items()]
+    names = ("parameter", "old", "new", "change", "in standard deviations")
+    return Brief(f"Change: {change}", names, tuple(rows), (*left, *change.notes), headed=True)
 
 
 def of_advice(advice: "Advice | Raised") -> Brief:

@@ -9,6 +9,7 @@ from sysid.logs.written import columns, label, words
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
+    from sysid.posterior.change import Change
     from sysid.posterior.posterior import Posterior
     from sysid.posterior.prediction import Prediction
     from sysid.verdict.fitted import Fit
@@ -46,6 +47,15 @@ def of_prediction(prediction: "Prediction") -> pd.DataFrame:
         told = {"predicted": prediction.response, "std": prediction.std, "total_std": prediction.total_std}
         for what, values in told.items():
             frame[label(unit, f"{name}_{what}")] = part(values)
+    return frame
+
+
+def of_change(change: "Change") -> pd.DataFrame:
+    """A row for each parameter: old, new, change, its standard deviation, that in standard deviations, its probability."""
+    fields = ("old", "new", "change", "std", "sigmas", "p", "unit")
+    rows = {name: [getattr(d, field) for field in fields] for name, d in change.parameters.items()}
+    frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(fields)).rename_axis("parameter")
+    frame.attrs = {"chi_square": change.chi_square, "p": change.p, "changed": change.changed}
     return frame
 
 

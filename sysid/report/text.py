@@ -136,6 +136,16 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
     return [*lines, *_promise(controller), *controller["notes"]]
 
 
+def moved(change: Mapping[str, Any]) -> list[str]:
+    """By how much each parameter is away from an older fit's, and what the comparison leaves out and assumes."""
+    lines = []
+    for name, d in change["parameters"].items():
+        (by, std), unit = measured(d["change"], d["std"], unit=d["unit"])
+        lines.append(f"{name} {'' if by.startswith('-') else '+'}{by} ± {std} {unit} ({d['sigmas']:+.1f} standard deviations)")
+    lines += [f"{name} is left out: {why}" for name, why in change["left_out"].items()]
+    return [*lines, *change["notes"]]
+
+
 def spent(cost: Mapping[str, Any]) -> str:
     """What a run took, stage by stage."""
     stages = ", ".join(f"{row['stage']} {row['seconds']:.2g}" for row in cost["stages"])
