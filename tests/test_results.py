@@ -3,6 +3,7 @@
 import hashlib
 import io
 import json
+import re
 import shutil
 import threading
 import warnings
@@ -361,3 +362,19 @@ def test_a_set_is_saved_from_any_thread(posterior, tmp_path):
     thread.start()
     thread.join()
     assert repr(sysid.load(tmp_path / "beside").posterior) == repr(posterior)
+
+
+# --- the page that says all this ---------------------------------------------------------------------------------------------
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_page_s_examples_run(tmp_path, monkeypatch, arviz):
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(block, names)
+    shown = "\n".join(f"    {line}" for line in repr(names["fit"]).split("\n")[:5])
+    assert shown in text
