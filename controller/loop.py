@@ -229,7 +229,7 @@ class _Run:
         """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
         reference = self._asked(inputs_at(self.scene, self.time)["drive"])
-        units = self.loop.response_unit, self.loop.drive_unit
+        units = (getattr(self.loop, name, None) for name in ("response_unit", "drive_unit"))  # of a law alone nobody says
         return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured, *units)
 
 

@@ -295,6 +295,11 @@ def test_saved_once_more_it_is_the_same_bytes(saved, loaded, tmp_path):
     assert all((saved / name).read_bytes() == (again / name).read_bytes() for name in ("fit.npz", "posterior.nc", "report.html"))
 
 
+def test_the_report_alone_is_that_of_the_set(fit, saved, tmp_path):
+    path = fit.report(tmp_path / "plate.html")
+    assert path.read_bytes() == (saved / "report.html").read_bytes()
+
+
 def test_every_kind_of_fit_is_kept(bench, tmp_path):
     """Amplitudes, a stated prior, and logs that tell nothing."""
     cases = {

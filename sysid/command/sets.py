@@ -24,6 +24,15 @@ def save(posterior: Posterior, folder: str | Path, loop: Any = None) -> Path:
     return folder
 
 
+def report(posterior: Posterior, path: str | Path, loop: Any = None) -> Path:
+    """Write report.html alone, to `path`."""
+    from sysid.report import html
+
+    content = described(posterior, loop, posterior.fit.warnings)
+    Path(path).write_text(html.render(content, posterior), encoding="utf-8", newline="\n")
+    return Path(path)
+
+
 def load(folder: str | Path) -> Fit:
     """The fit of a set that `identify`, `fit.save` or `posterior.save` wrote, and as `fit.posterior` the posterior with it.
 

@@ -88,6 +88,12 @@ class Posterior(Shown):
 
         return save(self, folder, loop)
 
+    def report(self, path: str | Path, loop: Any = None) -> Path:
+        """Write the report alone, one HTML file with all its figures, to `path`, which is returned; `loop` as in `save`."""
+        from sysid.command.sets import report
+
+        return report(self, path, loop)
+
     def to_inferencedata(self) -> Any:
         """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated. Raises ImportError
         where ArviZ is not installed."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,20 +40,17 @@ class Brief:
     headed: bool = False
 
     def text(self) -> str:
-        """At most LINES lines of plain text."""
-        head = clean(" ".join(self.head.split()))
+        """At most LINES lines of plain text; a head of more than WIDTH characters goes on in the next line."""
         if self.inline:
-            return head
+            return clean(" ".join(self.head.split()))
+        head = wrap(clean(self.head), WIDTH, subsequent_indent="  ")
         table = (self.names, *self.rows) if self.headed else self.rows
-        room = LINES - 1 - len(self.tail)
+        room = LINES - len(head) - len(self.tail)
         rows = table if len(table) <= room else table[: room - 1]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(["", *(c.ljust(w) for c, w in zip(cells, widths, strict=True))]).rstrip()
-            for cells in rows
-        ]
-        lines += [f"  and {len(table) - len(rows)} more"] if len(rows) < len(table) else []
-        return "\n".join(_cut(clean(line)) for line in (head, *lines, *(f"  {line}" for line in self.tail)))
+        lines = ["  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip() for cells in rows]
+        lines += [f"and {len(table) - len(rows)} more"] if len(rows) < len(table) else []
+        return "\n".join([*head, *(_cut(f"  {clean(line)}") for line in (*lines, *self.tail))])
 
     def html(self) -> str:
         """The same as HTML, nothing of it cut."""

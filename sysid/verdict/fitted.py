@@ -78,6 +78,10 @@ class Fit(Shown):
         """Write fit, posterior and report into a folder; see `Posterior.save`."""
         return self.posterior.save(folder, loop)
 
+    def report(self, path: str | Path, loop: Any = None) -> Path:
+        """Write the report, one HTML file, to `path`; see `Posterior.report`."""
+        return self.posterior.report(path, loop)
+
     def predict(self, log: Log, bench: bool = True) -> Any:
         """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with its errors.
 
