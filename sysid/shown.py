@@ -1,4 +1,5 @@
-"""Results that show themselves: `repr` in a terminal, HTML in a notebook. What they say is made in `sysid.report.brief`."""
+"""Results that show themselves: `repr` in a terminal, HTML in a notebook. What they say is made in
+`sysid.report.brief`."""
 
 from typing import Any
 

@@ -26,7 +26,8 @@ def told(values=VALUES, scale=1.0, at=24.0, names=NAMES, logs=(), plate="A7"):
 
 
 def test_without_a_change_p_is_even():
-    """Of 400 pairs: Kolmogorov-Smirnov against the uniform distribution, which is missed at 0.001 once in a thousand."""
+    """Of 400 pairs: Kolmogorov-Smirnov against the uniform distribution, which is missed at 0.001 once in
+    a thousand."""
     rng = np.random.default_rng(0)
     factor = np.linalg.cholesky(told().covariance)
     draws = VALUES + rng.standard_normal((400, 2, 4)) @ factor.T
@@ -48,7 +49,8 @@ def test_chi_square_and_each_error_are_those_of_the_equations():
 
 
 def test_correlated_errors_show_what_each_alone_hides():
-    """G and tau that part against their correlation: neither by three standard deviations, both by much more."""
+    """G and tau that part against their correlation: neither by three standard deviations, both by much
+    more."""
     moved = VALUES + np.array([2, -2, 0, 0]) * np.sqrt(2) * STD
     change = compare_fits(told(moved), told())
     assert (

@@ -1,17 +1,20 @@
-"""A posterior with its fit as one file of arrays (.npz) and a tree of plain values (JSON): no pickle, nothing that runs.
+"""A posterior with its fit as one file of arrays (.npz) and a tree of plain values (JSON): no pickle, nothing
+that runs.
 
 The tree holds None, booleans, numbers, texts and lists as they are; all else as an object of one key:
 
-    {"array": k}   {"complex": [re, im]}   {"tuple": [...]}   {"dict": {...}}   {"Trial": {"log": {"Log": {...}}, ...}}
+    {"array": k}  {"complex": [re, im]}  {"tuple": [...]}  {"dict": {...}}  {"Trial": {"log": {"Log": {...}}}}
 
-Types are those of TYPES, by name; a field that an older file lacks takes its default. An object that was one stays one: where it
-comes again stands {"same": n}, the n-th that was complete. Arrays of the same content are one.
+Types are those of TYPES, by name; a field that an older file lacks takes its default. An object that was
+one stays one: where it comes again stands {"same": n}, the n-th that was complete. Arrays of the same
+content are one.
 """
 
 import dataclasses
 import hashlib
 import io
 import json
+import struct
 import zipfile
 import zlib
 from enum import Enum
@@ -44,6 +47,11 @@ TIMES = ("seconds", "pace", "exact_pace")  # of a run, which the same result doe
 TREE = "tree.json"
 FAST = 1  # zlib's level: noise hardly shrinks, and inputs that are held do at any
 LARGEST = 1 << 32  # bytes of all that is in a file
+# What reading a file of any other content may raise.
+UNUSABLE = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError, AttributeError, LookupError),
+    *(MemoryError, OverflowError, RuntimeError, TypeError, ValueError),
+)
 KINDS = "biufcU"  # of arrays: numbers and texts
 
 
@@ -74,20 +82,12 @@ def unpack(whole: bytes) -> Any:
             tree = json.loads(file.read(TREE))
             names = [name for name in file.namelist() if name != TREE]
             arrays = {name.removesuffix(".npy"): _array(file.read(name)) for name in names}
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        KeyError,
-        EOFError,
-        ValueError,
-        NotImplementedError,
-        RecursionError,
-    ) as error:
+    except UNUSABLE as error:
         raise KeptError(f"found no kept result ({error}), expected what identify or fit.save wrote") from None
     version = tree.get("version") if isinstance(tree, dict) else None
     try:
         return _Unpacker(arrays).made(tree["posterior"])
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, RecursionError) as error:
+    except UNUSABLE as error:
         said = f"found a result of version {version} that this one, {__version__}, cannot take up ({error})"
         raise KeptError(f"{said}, expected one of its own; run identify again on the logs") from None
 
@@ -101,7 +101,8 @@ def _array(content: bytes) -> np.ndarray:
 
 
 class _Packer:
-    """Trees of values; their `arrays` by content, numbered, and the numbers of complete `objects` by identity."""
+    """Trees of values; their `arrays` by content, numbered, and the numbers of complete `objects` by
+    identity."""
 
     def __init__(self) -> None:
         self.arrays: dict[tuple, tuple[int, np.ndarray]] = {}

@@ -34,11 +34,12 @@ def report(posterior: Posterior, path: str | Path, loop: Any = None) -> Path:
 
 
 def load(folder: str | Path) -> Fit:
-    """The fit of a set that `identify`, `fit.save` or `posterior.save` wrote, and as `fit.posterior` the posterior with it.
+    """The fit of a set that `identify`, `fit.save` or `posterior.save` wrote, and as `fit.posterior` the
+    posterior with it.
 
-    Nothing of it is run: the file holds numbers, texts and names of a few types. Raises ValueError, with the file, what was found
-    and what was expected, for a folder without a set, for files that are cut off, changed or of another run, and for a set of
-    another version whose parts have changed since.
+    Nothing of it is run: the file holds numbers, texts and names of a few types. Raises ValueError, with
+    the file, what was found and what was expected, for a folder without a set, for files that are cut off,
+    changed or of another run, and for a set of another version whose parts have changed since.
     """
     folder = Path(folder)
     wanted = _digest(folder / outputs.FIT)
@@ -49,7 +50,7 @@ def load(folder: str | Path) -> Fit:
         raise ValueError(f"{path}: cannot be read: {error}") from None
     if hashlib.sha256(whole).hexdigest() != wanted:
         raise ValueError(
-            f"{path}: found other bytes than {outputs.FIT} says, expected those of its run: cut off, or of another"
+            f"{path}: found other bytes than {outputs.FIT} says: cut off, changed or of another run"
         )
     try:
         posterior = unpack(whole)
@@ -76,7 +77,9 @@ def described(
 
     fit = posterior.fit
     compared = compare(fit) if fit.result.bounded else ()
-    return outputs.document(posterior, loop and as_dict(loop), warnings, compared, nuisances(fit), advice, change)
+    return outputs.document(
+        posterior, loop and as_dict(loop), warnings, compared, nuisances(fit), advice, change
+    )
 
 
 def put(
@@ -86,7 +89,8 @@ def put(
     loop: Any,
     drawn: Mapping[str, bytes] | None = None,
 ) -> None:
-    """Write all files but fit.json into `fresh`. `drawn`: the figures of the logs, where there are any already."""
+    """Write all files but fit.json into `fresh`. `drawn`: the figures of the logs, where there are any
+    already."""
     from controller import export_c
     from sysid.report import html
 
@@ -102,7 +106,8 @@ def put(
 
 
 def finish(fresh: Path, content: dict[str, Any], cost: Mapping[str, Any] | None = None) -> str:
-    """Enter the files of `fresh` and the `cost` into the content, and write it as fit.json; returns its text."""
+    """Enter the files of `fresh` and the `cost` into the content, and write it as fit.json; returns its
+    text."""
     content |= {"files": outputs.digests(fresh), "cost": dict(cost or {})}
     text = outputs.to_json(content)
     (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")

@@ -37,11 +37,11 @@ def words(log: Log) -> dict[str, Any]:
 def write_log(
     log: Log, path: str | Path, append: bool = False, further: Mapping[str, np.ndarray] | None = None
 ) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
-    temperature that was not read from text is stated to be exact).
+    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns
+    aside; one temperature that was not read from text is stated to be exact).
 
-    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
-    `append`: more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
+    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`. `append`:
+    more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
     """
     recorded = {name: values.tolist() for name, values in (columns(log) | dict(further or {})).items()}
     with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:

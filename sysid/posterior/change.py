@@ -1,10 +1,11 @@
-"""Whether a plate has changed from one fit to another: by how much each parameter, and how surely all together.
+"""Whether a plate has changed from one fit to another: by how much each parameter, and how surely all
+together.
 
     d = new - old        C = C_new + C_old        chi^2 = d^T C^-1 d
 
-of the parameters that both determine, from logs that have none in common. Without a change chi^2 is above what it is with
-probability p (that of k parameters). Errors are what the fits state: a bench that differs by more than they hold, as another gain
-of its sensor, is a change of G here.
+of the parameters that both determine, from logs that have none in common. Without a change chi^2 is above
+what it is with probability p (that of k parameters). Errors are what the fits state: a bench that differs
+by more than they hold, as another gain of its sensor, is a change of G here.
 """
 
 import json
@@ -24,8 +25,9 @@ SURE = 0.01  # probability of a chi-square by chance, below which the plate coun
 
 @dataclass(frozen=True)
 class Told:
-    """What a fit tells of a plate: `values` (k,) of the determined parameters `names`, their `covariance` (k, k) and `units`; f0
-    at the temperature `at` (degC, None: none was recorded); the plate's name, and the hashes of the logs."""
+    """What a fit tells of a plate: `values` (k,) of the determined parameters `names`, their `covariance`
+    (k, k) and `units`; f0 at the temperature `at` (degC, None: none was recorded); the plate's name, and
+    the hashes of the logs."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -37,7 +39,8 @@ class Told:
 
     @classmethod
     def of(cls, source: Any) -> "Told":
-        """Of a fit, a posterior, the content of a fit.json, its path, or its folder's. Raises ValueError for what is none."""
+        """Of a fit, a posterior, the content of a fit.json, its path, or its folder's. Raises ValueError
+        for what is none."""
         if isinstance(source, cls):
             return source
         if isinstance(source, str | Path):
@@ -103,7 +106,8 @@ class Told:
 
 @dataclass(frozen=True)
 class Difference:
-    """Of one parameter: `change` = new - old, its standard deviation `std`, and the probability `p` of one as large by chance."""
+    """Of one parameter: `change` = new - old, its standard deviation `std`, and the probability `p` of one
+    as large by chance."""
 
     old: float
     new: float
@@ -126,8 +130,9 @@ class Difference:
 
 @dataclass(frozen=True, repr=False)
 class Change(Shown):
-    """From an old fit to a new one: `parameters` that both determine, with what they changed by; `chi_square` of all together and
-    its probability `p` by chance; why others are `left_out`; `notes` on what the comparison assumes."""
+    """From an old fit to a new one: `parameters` that both determine, with what they changed by;
+    `chi_square` of all together and its probability `p` by chance; why others are `left_out`; `notes` on
+    what the comparison assumes."""
 
     parameters: dict[str, Difference]
     chi_square: float
@@ -164,10 +169,11 @@ class Change(Shown):
 
 
 def compare_fits(new: Any, old: Any) -> Change:
-    """Whether the plate of `old` has changed in `new`, each a fit, a posterior, the content of a fit.json, or a path to one.
+    """Whether the plate of `old` has changed in `new`, each a fit, a posterior, the content of a fit.json, or
+    a path to one.
 
-    f0 is compared at one temperature: where the fits' differ, by the k_T of one that determines it. Raises ValueError for what is
-    no fit, and for units that differ.
+    f0 is compared at one temperature: where the fits' differ, by the k_T of one that determines it. Raises
+    ValueError for what is no fit, and for units that differ.
     """
     told = [Told.of(new), Told.of(old)]
     left_out, notes = {}, []
@@ -197,7 +203,8 @@ def compare_fits(new: Any, old: Any) -> Change:
 
 
 def covariance(fit: Fit, parameters: Mapping[str, Any]) -> tuple[tuple[str, ...], np.ndarray]:
-    """The determined parameters and their covariance: the fit's correlations, with the standard deviations of `parameters`."""
+    """The determined parameters and their covariance: the fit's correlations, with the standard deviations
+    of `parameters`."""
     names = tuple(name for name in fit.names if parameters[name]["determined"])
     index = [fit.names.index(name) for name in names]
     found = fit.covariance[np.ix_(index, index)]
@@ -213,7 +220,8 @@ def plate_of(fit: Fit) -> str | None:
 
 
 def _joint(new: Told, old: Told) -> tuple[float, float, np.ndarray]:
-    """Chi-square of all parameters, its probability by chance, and the standard deviation of each difference."""
+    """Chi-square of all parameters, its probability by chance, and the standard deviation of each
+    difference."""
     total = new.covariance + old.covariance
     std = np.sqrt(np.diag(total))
     z = (new.values - old.values) / std

@@ -1,5 +1,5 @@
-"""Convergence of Markov chains: effective sample size and split R-hat, of the draws themselves and of their normal scores
-(Vehtari et al., Bayesian Analysis 16, 667, 2021)."""
+"""Convergence of Markov chains: effective sample size and split R-hat, of the draws themselves and of
+their normal scores (Vehtari et al., Bayesian Analysis 16, 667, 2021)."""
 
 from typing import NamedTuple
 
@@ -10,8 +10,8 @@ TAIL = (0.05, 0.95)  # quantiles whose effective sample size is that of the tail
 
 
 class Convergence(NamedTuple):
-    """Of one parameter: rank-normalised split `rhat` (the larger of location's and scale's), effective draws for the middle of
-    the distribution, `ess_bulk`, and for its tails, `ess_tail`."""
+    """Of one parameter: rank-normalised split `rhat` (the larger of location's and scale's), effective
+    draws for the middle of the distribution, `ess_bulk`, and for its tails, `ess_tail`."""
 
     rhat: float
     ess_bulk: float
@@ -53,7 +53,8 @@ def rhat(chains: np.ndarray) -> float:
 
 
 def ess(chains: np.ndarray) -> float:
-    """Effective sample size of (chain, draw): Geyer's initial positive, monotone sequence over split chains."""
+    """Effective sample size of (chain, draw): Geyer's initial positive, monotone sequence over split
+    chains."""
     if np.ptp(chains) == 0:
         return float("nan")
     halves = split(chains)

@@ -1,4 +1,5 @@
-"""What a fit predicts of a log that it has not seen, with the error of the model and of the noise beside it."""
+"""What a fit predicts of a log that it has not seen, with the error of the model and of the noise beside
+it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,11 +20,13 @@ ALIKE = 1e-9  # of a column: what is left of one that is nearly a sum of others
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Shown):
-    """The response (n,) predicted at the inputs of `log`, which is the one given as it is read, in its `response_unit`.
+    """The response (n,) predicted at the inputs of `log`, which is the one given as it is read, in its
+    `response_unit`.
 
-    Of d/q logs `response`, `std` and `noise_std` are complex: their real parts are of Wd, their imaginary ones of Wq. `std`
-    (n,): one standard deviation of the model, from the covariance of the fit's parameters and what is left open of the log's
-    bench; `noise_std`: of one reading's noise, as the logs of the fit that are of the same `kind` have it.
+    Of d/q logs `response`, `std` and `noise_std` are complex: their real parts are of Wd, their imaginary
+    ones of Wq. `std` (n,): one standard deviation of the model, from the covariance of the fit's
+    parameters and what is left open of the log's bench; `noise_std`: of one reading's noise, as the logs
+    of the fit that are of the same `kind` have it.
     """
 
     log: Log
@@ -44,7 +47,8 @@ class Prediction(Shown):
         return self.log.response - self.response
 
     def to_frame(self) -> Any:
-        """A pandas DataFrame: the log's rows, and beside each response prediction and errors; names end in their units."""
+        """A pandas DataFrame: the log's rows, and beside each response prediction and errors; names end in
+        their units."""
         from sysid.report.frames import of_prediction
 
         return of_prediction(self)
@@ -83,7 +87,8 @@ def predict(fit: Fit, log: Log, bench: bool = True) -> Prediction:
 
 
 def _bench(trial: Trial, plate: np.ndarray) -> tuple[complex, np.ndarray]:
-    """By what the log's demodulator turns the plate's response (n,), and the rest (n,) that its bench adds, by least squares."""
+    """By what the log's demodulator turns the plate's response (n,), and the rest (n,) that its bench
+    adds, by least squares."""
     use, shapes = trial.there, trial.columns.astype(complex).T
     gain = np.linalg.lstsq(np.column_stack([plate, shapes])[use], trial.log.response[use], rcond=ALIKE)[0][0]
     turn = gain / abs(gain) if gain else 1.0
@@ -92,8 +97,8 @@ def _bench(trial: Trial, plate: np.ndarray) -> tuple[complex, np.ndarray]:
 
 
 def _beside(trial: Trial, plate: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (2n, 6) of the derivatives less what the bench's numbers take up of them; and the share (2n,) of each row's noise that
-    is in those numbers, its leverage."""
+    """Rows (2n, 6) of the derivatives less what the bench's numbers take up of them; and the share (2n,)
+    of each row's noise that is in those numbers, its leverage."""
     shapes = trial.columns.astype(complex)
     basis = orthonormal(_real(np.column_stack([1j * plate, *shapes, *(1j * shapes)])), ALIKE)
     rows = _real(jacobian)
@@ -106,7 +111,8 @@ def _real(rows: np.ndarray) -> np.ndarray:
 
 
 def _check(fit: Fit, log: Log) -> None:
-    """LogError for a log of another plate's units or without a drive; ValueError for a fit that tells no plate."""
+    """LogError for a log of another plate's units or without a drive; ValueError for a fit that tells no
+    plate."""
     if not fit.result.bounded or fit.plant.G is None:
         raise ValueError(
             f"no prediction: {'no drive was recorded' if fit.result.bounded else fit.result.value}"

@@ -1,4 +1,5 @@
-"""Results in a few lines: a head, a table, and what to mind; as text for a terminal and as HTML for a notebook."""
+"""Results in a few lines: a head, a table, and what to mind; as text for a terminal and as HTML for a
+notebook."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +30,8 @@ Row = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Brief:
-    """What a result shows of itself: `rows` below their header `names`, which a text has where it is `headed`; `inline`: a text
-    is the head alone, as of results that come in lists."""
+    """What a result shows of itself: `rows` below their header `names`, which a text has where it is
+    `headed`; `inline`: a text is the head alone, as of results that come in lists."""
 
     head: str
     names: Row = ()
@@ -40,7 +41,8 @@ class Brief:
     headed: bool = False
 
     def text(self) -> str:
-        """At most LINES lines of plain text; a head of more than WIDTH characters goes on in the next line."""
+        """At most LINES lines of plain text; a head of more than WIDTH characters goes on in the next
+        line."""
         if self.inline:
             return clean(" ".join(self.head.split()))
         head = wrap(clean(self.head), WIDTH, subsequent_indent="  ")
@@ -59,7 +61,8 @@ class Brief:
         )
         heads = "".join(f"<th>{_escaped(name)}</th>" for name in self.names)
         table = f"<table><thead><tr>{heads}</tr></thead><tbody>{cells}</tbody></table>" if self.rows else ""
-        return f"<div><p>{_escaped(self.head)}</p>{table}{''.join(f'<p>{_escaped(line)}</p>' for line in self.tail)}</div>"
+        tail = "".join(f"<p>{_escaped(line)}</p>" for line in self.tail)
+        return f"<div><p>{_escaped(self.head)}</p>{table}{tail}</div>"
 
 
 def of_fit(fit: "Fit") -> Brief:
@@ -69,9 +72,9 @@ def of_fit(fit: "Fit") -> Brief:
 
 def of_posterior(posterior: "Posterior") -> Brief:
     """Of a posterior: its own parameters, and how exact they are."""
-    said = f"{posterior.accuracy}: {posterior.ess:.0f} effective draws, R-hat {posterior.rhat:.4f}, seed {posterior.seed}"
+    drawn = f"{posterior.ess:.0f} effective draws, R-hat {posterior.rhat:.4f}, seed {posterior.seed}"
     exact = f"means and intervals exact to {posterior.error:.1g} standard deviations"
-    tail = [said, exact, *_counted(posterior.fit)]
+    tail = [f"{posterior.accuracy}: {drawn}", exact, *_counted(posterior.fit)]
     return _identified("Posterior", posterior.fit, posterior.result.value, posterior.summary(), tail)
 
 
@@ -79,8 +82,11 @@ def of_log(log: "Log") -> Brief:
     """Of a log: its columns and their ranges."""
     from sysid.logs.written import columns
 
-    what = ", ".join(["amplitude" if log.amplitude_only else "Wd + j Wq", *_inputs(log)])
-    head = f"Log({log.path or log.name!r}, {len(log)} rows of {what}; kind={log.kind!r}, sampling={log.sampling!r})"
+    inputs = ("time", "drive", "frequency", "temperature", "force")
+    held = [name for name in inputs if getattr(log, name) is not None]
+    what = ", ".join(["amplitude" if log.amplitude_only else "Wd + j Wq", *held])
+    read = f"kind={log.kind!r}, sampling={log.sampling!r}"
+    head = f"Log({log.path or log.name!r}, {len(log)} rows of {what}; {read})"
     rows = tuple((name, f"{np.min(v):.6g}", f"{np.max(v):.6g}") for name, v in columns(log).items())
     return Brief(head, ("column", "from", "to"), rows, (*log.warnings, *log.notes), inline=True)
 
@@ -138,21 +144,16 @@ def of_advice(advice: "Advice | Raised") -> Brief:
     return Brief(f"{type(advice).__name__}({advice})", inline=True)
 
 
-def parameters(found: "Mapping[str, Parameter]", at: float | None = None) -> tuple[Row, ...]:
-    """A row for each parameter, in the form of the screen; `at`: degC, of f0."""
-    rows = []
-    for name, p in found.items():
-        where = f" at {at:.4g} degC" if name == "f0" and p.determined and at is not None else ""
-        value, interval, unit = row(p) if p.determined else ("not determined", "", p.unit)  # type: ignore[arg-type]
-        rows.append((name + where, value, interval, unit))
-    return tuple(rows)
-
-
 def _identified(
     kind: str, fit: "Fit", result: str, found: "Mapping[str, Parameter]", tail: Sequence[str]
 ) -> Brief:
-    head = f"{kind}: {verdict(result, found, len(fit.logs))}"
-    return Brief(head, PARAMETERS, parameters(found, fit.reference_temperature), tuple(tail))
+    """Of parameters, in the form of the screen."""
+    head, at, rows = f"{kind}: {verdict(result, found, len(fit.logs))}", fit.reference_temperature, []
+    for name, p in found.items():
+        where = f" at {at:.4g} degC" if name == "f0" and p.determined and at is not None else ""
+        cells = row(p) if p.determined else ("not determined", "", p.unit)
+        rows.append((name + where, *cells))
+    return Brief(head, PARAMETERS, tuple(rows), tuple(tail))
 
 
 def _counted(fit: "Fit") -> list[str]:
@@ -160,11 +161,6 @@ def _counted(fit: "Fit") -> list[str]:
     counts = [(len(fit.warnings), "warning"), (len(fit.notes), "note")]
     said = [f"{n} {what}{'s' * (n > 1)} (.{what}s)" for n, what in counts if n]
     return [" and ".join(said)] if said else []
-
-
-def _inputs(log: "Log") -> list[str]:
-    names = ("time", "drive", "frequency", "temperature", "force")
-    return [name for name in names if getattr(log, name) is not None]
 
 
 def _cut(line: str) -> str:

@@ -16,14 +16,16 @@ if TYPE_CHECKING:
 
 
 def of_log(log: "Log") -> pd.DataFrame:
-    """The rows by the contract's names, which end in their units; what a CSV file has above its header stands in `attrs`."""
+    """The rows by the contract's names, which end in their units; what a CSV file has above its header
+    stands in `attrs`."""
     frame = pd.DataFrame(columns(log))
     frame.attrs = {key: str(value) for key, value in words(log).items()}
     return frame
 
 
 def of_fit(fit: "Fit") -> pd.DataFrame:
-    """A row for each parameter, as fit.json has it: value, std, ends of the 95 % interval, unit, determined, why."""
+    """A row for each parameter, as fit.json has it: value, std, ends of the 95 % interval, unit,
+    determined, why."""
     rows = {name: _parameter(p) for name, p in fit.parameters.items()}
     frame = pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
     frame.attrs = {"result": fit.result.value, "reference_temperature_degC": fit.reference_temperature}
@@ -40,7 +42,8 @@ def of_posterior(posterior: "Posterior") -> pd.DataFrame:
 
 
 def of_prediction(prediction: "Prediction") -> pd.DataFrame:
-    """The log's rows, beside each response what is predicted of it, the model's standard deviation and that with the noise."""
+    """The log's rows, beside each response what is predicted of it, the model's standard deviation and
+    that with the noise."""
     frame, unit = of_log(prediction.log), prediction.log.response_unit
     parts = {"w": np.real} if prediction.log.amplitude_only else {"wd": np.real, "wq": np.imag}
     for name, part in parts.items():
@@ -51,7 +54,8 @@ def of_prediction(prediction: "Prediction") -> pd.DataFrame:
 
 
 def of_change(change: "Change") -> pd.DataFrame:
-    """A row for each parameter: old, new, change, its standard deviation, that in standard deviations, its probability."""
+    """A row for each parameter: old, new, change, its standard deviation, that in standard deviations, its
+    probability."""
     fields = ("old", "new", "change", "std", "sigmas", "p", "unit")
     rows = {name: [getattr(d, field) for field in fields] for name, d in change.parameters.items()}
     frame = pd.DataFrame.from_dict(rows, orient="index", columns=list(fields)).rename_axis("parameter")

@@ -1,4 +1,5 @@
-"""A posterior as ArviZ's own type, for its plots and statistics: draws, log density, the logs, stated priors."""
+"""A posterior as ArviZ's own type, for its plots and statistics: draws, log density, the logs, stated
+priors."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,8 @@ PRIOR = 1000  # draws of what is stated beforehand
 
 
 def of_posterior(posterior: "Posterior") -> Any:
-    """`arviz.InferenceData` of ArviZ 0.x, an `xarray.DataTree` of ArviZ 1.x. Raises ImportError, with what to install."""
+    """`arviz.InferenceData` of ArviZ 0.x, an `xarray.DataTree` of ArviZ 1.x. Raises ImportError, with what
+    to install."""
     try:
         import arviz
     except ImportError:

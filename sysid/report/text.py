@@ -68,8 +68,8 @@ def measured(value: float, std: float, others: Iterable[float] = (), unit: str =
     return [f"{x / 10**exponent:.{digits}f}{tail}" for x in (value, std, *others)], unit
 
 
-def row(parameter: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Value and error, 95 % interval, unit of a determined parameter in the form of fit.json."""
+def row(parameter: Any) -> tuple[str, str, str]:
+    """Value and error, 95 % interval, unit of a determined parameter, a `Parameter` or in the form of fit.json."""
     (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
     return f"{value} ± {std}", f"{low} to {high}", unit
 
