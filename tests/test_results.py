@@ -95,6 +95,7 @@ def test_a_fit_says_its_verdict_its_parameters_and_how_many_warnings(fit):
     assert (
         "±" in rows[0] and rows[0].endswith("um/V") and rows[1].endswith("ms") and "not determined" in rows[3]
     )
+    assert any(row.startswith("  k_T: ") for row in rows) and fit.parameters["k_T"].why in fit._repr_html_()
     counted = f"{len(fit.warnings)} warning"
     assert (counted in repr(fit)) == bool(fit.warnings)
 

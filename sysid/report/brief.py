@@ -47,12 +47,13 @@ class Brief:
             return clean(" ".join(self.head.split()))
         head = wrap(clean(self.head), WIDTH, subsequent_indent="  ")
         table = (self.names, *self.rows) if self.headed else self.rows
-        room = LINES - len(head) - len(self.tail)
+        room = LINES - len(head)  # the tail has what the table leaves
         rows = table if len(table) <= room else table[: room - 1]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         lines = ["  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip() for cells in rows]
         lines += [f"and {len(table) - len(rows)} more"] if len(rows) < len(table) else []
-        return "\n".join([*head, *(_cut(f"  {clean(line)}") for line in (*lines, *self.tail))])
+        below = [*lines, *self.tail][:room]
+        return "\n".join([*head, *(_cut(f"  {clean(line)}") for line in below)])
 
     def html(self) -> str:
         """The same as HTML, nothing of it cut."""
@@ -67,15 +68,17 @@ class Brief:
 
 def of_fit(fit: "Fit") -> Brief:
     """Of a fit."""
-    return _identified("Fit", fit, fit.result.value, fit.parameters, [*_counted(fit), *fit.warnings[:1]])
+    tail = [*_counted(fit), *_open(fit.parameters), *fit.warnings]
+    return _identified("Fit", fit, fit.result.value, fit.parameters, tail)
 
 
 def of_posterior(posterior: "Posterior") -> Brief:
     """Of a posterior: its own parameters, and how exact they are."""
     drawn = f"{posterior.ess:.0f} effective draws, R-hat {posterior.rhat:.4f}, seed {posterior.seed}"
     exact = f"means and intervals exact to {posterior.error:.1g} standard deviations"
-    tail = [f"{posterior.accuracy}: {drawn}", exact, *_counted(posterior.fit)]
-    return _identified("Posterior", posterior.fit, posterior.result.value, posterior.summary(), tail)
+    fit, found = posterior.fit, posterior.summary()
+    tail = [f"{posterior.accuracy}: {drawn}", exact, *_counted(fit), *_open(found)]
+    return _identified("Posterior", fit, posterior.result.value, found, tail)
 
 
 def of_log(log: "Log") -> Brief:
@@ -154,6 +157,11 @@ def _identified(
         cells = row(p) if p.determined else ("not determined", "", p.unit)
         rows.append((name + where, *cells))
     return Brief(head, PARAMETERS, tuple(rows), tuple(tail))
+
+
+def _open(found: "Mapping[str, Parameter]") -> list[str]:
+    """Why parameters are not determined."""
+    return [f"{name}: {p.why}" for name, p in found.items() if not p.determined]
 
 
 def _counted(fit: "Fit") -> list[str]:
