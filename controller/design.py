@@ -18,11 +18,12 @@ from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
 from controller.rig import Calibrated, Rig
 from controller.suited import checked
+from sysid.shown import Shown
 
 
 @final
-@dataclass(frozen=True)
-class Loop:
+@dataclass(frozen=True, repr=False)
+class Loop(Shown):
     """A designed controller. `control` is what runs (`init`, `step`): the `law` behind its sensor's correction and its guard;
     `machine` is that with what switches it on, as it is exported, None without a guard; `demodulator` what gives it Wd and Wq,
     None without f0. The rest says what it was made of, and for.
@@ -65,6 +66,11 @@ class Loop:
     reference_temperature: float | None = None
     notes: tuple[str, ...] = ()
     logs: tuple[str, ...] = ()  # sha256
+
+    def _brief(self) -> Any:
+        from controller.shown import of_loop
+
+        return of_loop(self)
 
     def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
         """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over frequency. `path`: a

@@ -10,7 +10,7 @@ between those of two samples.
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -24,16 +24,18 @@ from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, Ph
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 from sysid.scene.timeline import inputs_at
+from sysid.shown import Shown
 
 LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
 RECORDER = (Saturation, Quantisation)
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and what the controller
-    was told, `measured`, in the response unit; the command V (drive unit) and f (Hz); the `reference` that was asked for."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace(Shown):
+    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and what the
+    controller was told, `measured`, in the `response_unit`; the command V (`drive_unit`) and f (Hz); the `reference` that was
+    asked for. Units are None when nobody stated them."""
 
     time: np.ndarray
     Wd: np.ndarray
@@ -41,12 +43,31 @@ class Trace:
     V: np.ndarray
     f: np.ndarray
     reference: np.ndarray
-    measured: np.ndarray = field(repr=False)
+    measured: np.ndarray
+    response_unit: str | None = None
+    drive_unit: str | None = None
 
     @property
     def W(self) -> np.ndarray:
         """Peak amplitude |Wd + j Wq|."""
         return np.hypot(self.Wd, self.Wq)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, one row for each sample; names end in their units."""
+        from controller.shown import trace_frame
+
+        return trace_frame(self)
+
+    def plot(self) -> Any:
+        """A figure of matplotlib: the amplitude beside what was asked for, Wd and Wq, the voltage, the frequency."""
+        from controller.shown import trace_figure
+
+        return trace_figure(self)
+
+    def _brief(self) -> Any:
+        from controller.shown import of_trace
+
+        return of_trace(self)
 
 
 def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
@@ -208,7 +229,8 @@ class _Run:
         """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
         reference = self._asked(inputs_at(self.scene, self.time)["drive"])
-        return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured)
+        units = (getattr(self.loop, name, None) for name in ("response_unit", "drive_unit"))  # of a law alone nobody says
+        return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured, *units)
 
 
 def _playable(scene: Scene) -> Scene:

@@ -43,7 +43,7 @@ class TouchFile:
         return TouchFile(self.scene.with_plant(plant))
 
     def write(self, seed: int, path: Path, rate: float | None) -> Iterator[int]:
-        from sysid.logs.log import write_log
+        from sysid.logs.written import write_log
         from sysid.scene.scene import SceneError
 
         if rate is not None:

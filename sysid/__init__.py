@@ -7,6 +7,7 @@ from importlib import import_module
 
 _HOME = {
     "Advice": "sysid.posterior.planning",
+    "Change": "sysid.posterior.change",
     "Comparison": "sysid.verdict.comparison",
     "Fit": "sysid.verdict.fitted",
     "FittedLog": "sysid.verdict.fitted",
@@ -14,6 +15,7 @@ _HOME = {
     "LogError": "sysid.logs.log",
     "Parameter": "sysid.verdict.result",
     "Plant": "sysid.model.plant",
+    "Prediction": "sysid.posterior.prediction",
     "Posterior": "sysid.posterior.posterior",
     "Profile": "sysid.scene.profile",
     "Result": "sysid.verdict.result",
@@ -21,11 +23,13 @@ _HOME = {
     "SceneError": "sysid.scene.scene",
     "advise": "sysid.posterior.planning",
     "compare": "sysid.verdict.comparison",
+    "compare_fits": "sysid.posterior.change",
     "fit": "sysid.fitting",
+    "load": "sysid.command.sets",
     "nuisances": "sysid.verdict.bench",
     "read_logs": "sysid.logs.log",
     "sample": "sysid.posterior.posterior",
-    "write_log": "sysid.logs.log",
+    "write_log": "sysid.logs.written",
 }
 __version__ = "0.1.0"
 __all__ = sorted(_HOME)

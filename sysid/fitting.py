@@ -36,7 +36,7 @@ WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that
 
 @float64
 def fit(
-    logs: Sequence[Log],
+    logs: Log | Sequence[Log],
     *,
     nuisances: Sequence[str] = NUISANCES,
     priors: Mapping[str, tuple[float, float]] | None = None,
@@ -44,7 +44,7 @@ def fit(
     start: Plant | None = None,
     meanwhile: Callable[[State, tuple[float, float]], None] | None = None,
 ) -> Fit:
-    """Fit one plant to all `logs`, from no start values.
+    """Fit one plant to all `logs`, or to one, from no start values.
 
     `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
     (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
@@ -59,6 +59,7 @@ def fit(
     its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or
     for a prior that is none.
     """
+    logs = [logs] if isinstance(logs, Log) else logs
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:

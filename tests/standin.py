@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sysid.logs.log import Log
+from sysid.posterior.diagnostics import Convergence
 from sysid.verdict.result import Parameter, Result
 
 UNITS = {"G": "um/V", "tau": "s", "f0": "Hz", "k_T": "Hz/degC"}
@@ -47,9 +48,12 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
         found[name] = Parameter(float(x.mean()), float(x.std()), (float(low), float(high)), UNITS[name], True)
     logs = tuple(logs or (fitted(), fitted("sweep.csv", "steady", 60)))
     told = {"parameters": found, "units": UNITS, "reference_temperature": 24.0, "warnings": (), "priors": {}}
-    fit = SimpleNamespace(logs=logs, result=result, notes=(), **told)
+    names = tuple(MEANS)
+    covariance = np.diag([STDS[name] ** 2 for name in names])
+    fit = SimpleNamespace(logs=logs, result=result, notes=(), names=names, covariance=covariance, **told)
     off = {name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0) for name in draws}
     given = {"fit": fit, "draws": draws, "summary": lambda: found, "ess": ess, "rhat": 1.004, "result": result, "seed": 3}
+    given |= {"convergence": {name: Convergence.of(x) for name, x in draws.items()}}
     given |= {"errors": off, "twice": lambda: 0.84, "offer": lambda: None}
     quick = SimpleNamespace(accuracy="quick", evaluations=32, error=0.04, moved=None, below=None, **given)
     given |= {"method": "emcee", "accuracy": "standard", "evaluations": 1376, "error": 0.004, "moved": 0.03, "below": quick}

@@ -16,7 +16,7 @@ from sysid.command.arguments import parser
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
-ALL = {"fit.json", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
+ALL = {"fit.json", "fit.npz", "posterior.nc", "report.html", "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 Z = 4.5  # standard deviations of Monte-Carlo error
 CONTROLLER = {"controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"}
 
@@ -35,7 +35,8 @@ def files(folder):
 
 
 def without_cost(content):
-    return {key: value for key, value in json.loads(content).items() if key != "cost"}
+    """What is the same from run to run."""
+    return {key: value for key, value in json.loads(content).items() if key not in ("cost", "created")}
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +60,9 @@ def second(bench, first):
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory, second):
-    return identify("--json", "--accuracy", "quick", *LOGS, cwd=tmp_path_factory.mktemp("quick"))
+def quick(bench, tmp_path_factory, second):
+    older = ("--compare", bench / "identified")
+    return identify("--json", "--accuracy", "quick", *older, *LOGS, cwd=tmp_path_factory.mktemp("quick"))
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +83,7 @@ def refused(bench, second):
         "budget": ("--budget=-1", *LOGS),
         "both": ("--budget", "9", "--accuracy", "quick", *LOGS),
         "temperature": ("--reference-temperature", "nan", *LOGS),
+        "compare": ("--compare", LOGS[0], *LOGS),
         "mapping": ("--columns", "absent.toml", *LOGS),
         "unwritable": ("-o", "file", *LOGS),
         "below a file": ("-o", "file/below", *LOGS),
@@ -135,6 +138,13 @@ def test_quick_is_the_standard_within_the_error_that_it_states(first, quick):
     assert content["cost"]["twice_as_exact_s"] is None and content["cost"]["next"]["accuracy"] == "standard"
 
 
+def test_an_older_fit_of_the_same_logs_shows_no_change(quick):
+    change = json.loads(quick.out)["change"]
+    assert not change["changed"] and change["sentence"].startswith("no change of the plate is seen")
+    assert list(change["parameters"]) == ["G", "tau", "f0"] and "share logs" in change["notes"][0]
+    assert "Change from an older fit" in quick.files["report.html"].decode()
+
+
 def test_parameters_are_those_that_the_logs_were_made_from(first):
     parameters = json.loads(first.files["fit.json"])["parameters"]
     # data/synthetic/truth.toml; four standard deviations, one chance in ten thousand
@@ -180,6 +190,36 @@ def test_the_same_logs_give_the_same_bytes(first, second):
     assert without_cost(first.files["fit.json"]) == without_cost(second.files["fit.json"])
 
 
+def test_save_writes_what_the_command_writes(second, tmp_path):
+    import controller
+    import sysid
+
+    fit = sysid.fit(sysid.read_logs(LOGS))
+    fit.save(tmp_path / "saved", controller.design(fit.posterior))
+    saved = files(tmp_path / "saved")
+    assert set(saved) == ALL
+    assert {name for name in ALL - {"fit.json"} if saved[name] != second.files[name]} == set()
+    assert without_cost(saved["fit.json"]) == without_cost(second.files["fit.json"])
+
+
+def test_fit_json_keeps_its_schema(second, failed, undriven):
+    import jsonschema
+
+    from sysid.report import html
+
+    schema = json.loads((Path(html.__file__).parent / "fit.schema.json").read_text(encoding="utf-8"))
+    for answer in (second, failed, undriven):
+        jsonschema.Draft202012Validator(schema).validate(json.loads(answer.files["fit.json"]))
+
+
+def test_what_the_command_wrote_is_loaded(bench, undriven):
+    import sysid
+
+    fit = sysid.load(bench / "identified")
+    written = json.loads(undriven.files["fit.json"])["parameters"]
+    assert {n: p.value for n, p in fit.posterior.summary().items()} == {n: p["value"] for n, p in written.items()}
+
+
 @pytest.mark.parametrize(
     ("case", "words"),
     [
@@ -193,6 +233,7 @@ def test_the_same_logs_give_the_same_bytes(first, second):
         ("both", ("--budget", "not allowed with", "--accuracy")),
         ("seed", ("--seed", "expected a whole number from 0 to")),
         ("temperature", ("--reference-temperature", "nan")),
+        ("compare", ("--compare", "sweep_24C.csv", "found no JSON")),
         ("mapping", ("absent.toml",)),
         ("unwritable", ("file", "cannot be written", "file is a file, expected a directory")),
         ("below a file", ("below", "cannot be written", "file is a file, expected a directory")),
@@ -212,7 +253,7 @@ def test_failure_says_why_and_removes_the_stale_controller(failed):
     assert set(failed.files) == ALL - CONTROLLER | {"notes.txt"}
     content = json.loads(failed.files["fit.json"])
     assert content["result"] == "the model does not describe the logs" and content["controller"] is None
-    assert set(content["files"]) == {"posterior.nc", "report.html"}
+    assert set(content["files"]) == {"posterior.nc", "report.html", "fit.npz"}
     assert content["result"] in failed.out and "no controller" in failed.out
     assert "warning: " in failed.err and ".csv" in failed.err and content["warnings"]
 

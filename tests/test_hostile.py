@@ -14,7 +14,8 @@ import standin
 import controller
 from controller.export import texts
 from sysid.command import outputs
-from sysid.logs.log import LogError, read_logs, write_log
+from sysid.logs.log import LogError, read_logs
+from sysid.logs.written import write_log
 from sysid.report import html, screen, text
 
 TEXTS = [

@@ -15,7 +15,8 @@ from refusal import refused
 
 from sysid import fit
 from sysid.logs import csvbody, units
-from sysid.logs.log import Log, LogError, read_logs, write_log
+from sysid.logs.log import Log, LogError, read_logs
+from sysid.logs.written import write_log
 
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
 ROWS = "0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"

@@ -7,9 +7,11 @@ import os
 import signal
 import subprocess
 import sys
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import h5netcdf
+import jsonschema
 import numpy as np
 import pytest
 import standin
@@ -19,8 +21,8 @@ from sysid.command import outputs
 from sysid.verdict.result import Result
 
 # What every fit.json holds, in its order.
-KEYS = ["schema", "result", "parameters", "reference_temperature_degC", "uncertainty", "warnings", "notes", "logs", "models"]
-KEYS += ["advice"]
+KEYS = ["schema", "result", "verdict", "plate", "created", "parameters", "derived", "covariance", "reference_temperature_degC"]
+KEYS += ["uncertainty", "warnings", "notes", "logs", "models", "advice", "change"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 
@@ -37,6 +39,59 @@ def test_fit_json_has_the_promised_keys_in_order():
     assert list(content["parameters"]["tau"]) == ["value", "std", "ci95", "unit", "determined", "why"]
     assert list(content["logs"][0])[:5] == ["path", "sha256", "kind", "rows", "nrmse_percent"]
     assert set(content["versions"]) == {"python", "sysid", "jax", "optimistix", "emcee", "numpy", "pandas"}
+
+
+SCHEMA = json.loads((Path(outputs.__file__).parents[1] / "report" / "fit.schema.json").read_text(encoding="utf-8"))
+
+
+def holds(content):
+    """The content keeps the schema in the package."""
+    jsonschema.Draft202012Validator(SCHEMA).validate(json.loads(outputs.to_json(content)))
+
+
+def test_the_schema_is_one_and_names_every_key():
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+    assert SCHEMA["required"] == KEYS == list(SCHEMA["properties"])
+    assert SCHEMA["properties"]["result"]["enum"] == [r.value for r in Result]
+
+
+@pytest.mark.parametrize("result", list(Result))
+def test_fit_json_keeps_its_schema_however_it_ended(result):
+    holds(outputs.document(standin.posterior(result=result, missing=("G",), modes=({"value": 1.0},)), None, ["careful"]))
+
+
+@pytest.mark.parametrize(("key", "value"), [("result", "good"), ("parameters", {}), ("extra", 1), ("seed", -1), ("logs", [])])
+def test_the_schema_refuses_what_is_none_of_ours(key, value):
+    content = outputs.document(standin.posterior(), None, []) | {key: value}
+    with pytest.raises(jsonschema.ValidationError):
+        holds(content)
+
+
+def test_fit_json_says_in_one_sentence_what_is_determined():
+    said = outputs.document(standin.posterior(), None, [])["verdict"]
+    assert said == "G, tau and f0 are determined from 2 logs; k_T is not"
+    failed = outputs.document(standin.posterior(result=Result.not_converged), None, [])["verdict"]
+    assert failed.startswith("the fit did not converge: ")
+
+
+def test_the_plate_and_the_date_are_said():
+    logs = [standin.fitted(metadata={"Plate": "A7"}), standin.fitted("sweep.csv", "steady")]
+    content = outputs.document(standin.posterior(logs), None, [])
+    assert content["plate"] == "A7" and outputs.document(standin.posterior(), None, [])["plate"] is None
+    assert datetime.now(UTC) - datetime.fromisoformat(content["created"]) < timedelta(minutes=5)
+
+
+def test_covariance_and_derived_quantities_agree_with_the_parameters():
+    posterior = standin.posterior()
+    content = outputs.document(posterior, None, [])
+    names, matrix = content["covariance"]["names"], np.array(content["covariance"]["matrix"])
+    assert names == ["G", "tau", "f0"]
+    np.testing.assert_allclose(np.sqrt(np.diag(matrix)), [content["parameters"][n]["std"] for n in names], rtol=1e-12)
+    # Q = pi f0 tau, its relative error that of tau: f0's is a thousand times less
+    Q, tau = content["derived"]["Q"], content["parameters"]["tau"]
+    assert Q["value"] == pytest.approx(np.pi * 32300 * tau["value"], rel=1e-4)
+    assert Q["std"] / Q["value"] == pytest.approx(tau["std"] / tau["value"], rel=0.01)
+    assert content["derived"]["half_bandwidth"]["value"] == pytest.approx(1 / (2 * np.pi * tau["value"]), rel=1e-3)
 
 
 def test_a_parameter_that_is_not_determined_is_null_with_a_reason():
@@ -94,6 +149,7 @@ def older(tmp_path):
         outputs.HEADER,
         outputs.SOURCE,
         outputs.PLATE,
+        outputs.KEPT,
         "notes.txt",
     ):
         (folder / name).write_text(f"older {name}")
@@ -129,7 +185,7 @@ def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatc
     rename = os.replace
     monkeypatch.setattr(os, "replace", replace)
     stage(older, *outputs.FILES)
-    assert len(seen) == 14 and not any(outputs.FIT in files for files in seen[:-1])
+    assert len(seen) == 2 * len(outputs.FILES) and not any(outputs.FIT in files for files in seen[:-1])
     assert set(seen[-1].values()) == {"newer"} and set(seen[-1]) == set(outputs.FILES)
     names = (outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, outputs.PLATE)
     controllers = [{files[name] for name in names if name in files} for files in seen]

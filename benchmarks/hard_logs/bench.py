@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sysid import Log, read_logs
-from sysid.logs.log import write_log
+from sysid.logs.written import write_log
 
 REFERENCE = Path(__file__).parents[2] / "tests" / "reference.py"
 reference = SimpleNamespace(**runpy.run_path(str(REFERENCE), run_name="reference"))

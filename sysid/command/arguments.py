@@ -10,8 +10,8 @@ from sysid.posterior.accuracy import NAMES
 REFERENCE = 24.0  # degC
 ABSOLUTE_ZERO = -273.15  # degC
 # What a check of a closed loop, and a cost curve, have no use for.
-UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature")
-UNMEASURED = ("advise", "rig")
+UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature", "compare")
+UNMEASURED = ("advise", "rig", "compare")
 
 
 def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -70,6 +70,9 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
+    )
+    command.add_argument(
+        "--compare", metavar="FILE", help="the fit.json of an older fit, or its folder: say whether the plate has changed since"
     )
     spent = command.add_mutually_exclusive_group()
     spent.add_argument(

@@ -87,11 +87,19 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         rig = _rig(arguments.rig, logs[0].drive_unit, logs[0].response_unit)
     except ValueError as error:
         return _refuse(str(error))
+    try:
+        older = _older(arguments.compare)
+    except ValueError as error:
+        return _refuse(f"--compare: {error}")
     posterior, drawn = _posterior(logs, arguments, stages, budget)
+    try:
+        change = _change(posterior, older)
+    except ValueError as error:
+        return _refuse(f"--compare: {arguments.compare}: {error}")
     with stages("design", "designing the controller"):
         loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig), folder, stages, budget)
+        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget)
     except OSError as error:
         return _refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
@@ -236,38 +244,44 @@ def _write(
     loop: Any,
     warnings: list[str],
     drawn: dict[str, bytes],
-    wanted: tuple[str | None, Any],
+    wanted: tuple[str | None, Any, Any],
     folder: Path,
     stages: "Stages",
     budget: "Budget",
 ) -> tuple[dict, str]:
-    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, and the rig."""
-    import controller
-    from sysid.command import outputs
+    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, the rig, and
+    the change from an older fit."""
+    from sysid.command import outputs, sets
     from sysid.command.bill import bill
-    from sysid.report import html
-    from sysid.verdict.bench import nuisances
-    from sysid.verdict.comparison import compare
 
     with stages("compare", "comparing descriptions"):
-        compared = compare(posterior.fit) if posterior.fit.result.bounded else ()
-        added = nuisances(posterior.fit)
-        advice = _advised(posterior.fit, *wanted)
-    content = outputs.document(posterior, loop and controller.as_dict(loop), warnings, compared, added, advice)
+        content = sets.described(posterior, loop, warnings, _advised(posterior.fit, *wanted[:2]), wanted[2])
     with outputs.staging(folder) as fresh:
         budget.fresh = fresh
         with stages("report", "writing the report"):
-            outputs.write_draws(posterior, fresh / outputs.DRAWS)
-            (fresh / outputs.REPORT).write_text(html.render(content, posterior, drawn), encoding="utf-8", newline="\n")
-            if loop is not None:
-                (fresh / outputs.CONTROLLER).write_text(outputs.to_json(content["controller"]), encoding="ascii", newline="\n")
-                controller.export_c(loop, fresh / outputs.HEADER)
-        content |= {"files": outputs.digests(fresh), "cost": bill(posterior, budget)}
-        text = outputs.to_json(content)
-        (fresh / outputs.FIT).write_text(text, encoding="ascii", newline="\n")
+            sets.put(fresh, content, posterior, loop, drawn)
+        text = sets.finish(fresh, content, bill(posterior, budget))
         budget.keep()
         outputs.place(fresh, folder)
     return content, text
+
+
+def _older(path: str | None) -> Any:
+    """What an older fit tells; None where there is none to compare with. Raises ValueError."""
+    if path is None:
+        return None
+    from sysid.posterior.change import Told
+
+    return Told.of(path)
+
+
+def _change(posterior: Any, older: Any) -> Any:
+    """How far the plate is from the older fit's; None where there is none. Raises ValueError."""
+    if older is None:
+        return None
+    from sysid.posterior.change import compare_fits
+
+    return compare_fits(posterior, older)
 
 
 def _advised(fit: Any, wanted: str | None, rig: Any) -> tuple | None:

@@ -8,13 +8,16 @@ import os
 import platform
 import signal
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sysid.posterior.change import Change
     from sysid.posterior.foreseen import Raised
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
@@ -31,9 +34,10 @@ PRIORS = {  # sysid/model/likelihood.py has the equations
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
-FIT, DRAWS, REPORT = "fit.json", "posterior.nc", "report.html"
+FIT, DRAWS, REPORT, KEPT = "fit.json", "posterior.nc", "report.html", "fit.npz"
 CONTROLLER, HEADER, SOURCE, PLATE = "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"
-FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT)  # as an older set goes out; a new one comes in the other way
+# As an older set goes out; a new one comes in the other way.
+FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT, KEPT)
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 
@@ -44,14 +48,26 @@ def document(
     compared: "Sequence[Comparison]" = (),
     added: "Sequence[Mapping[str, Parameter]]" = (),
     advice: "Sequence[Advice | Raised] | None" = None,
+    change: "Change | None" = None,
 ) -> dict[str, Any]:
-    """The content of fit.json, with what the bench `added` to each log, and `advice` where it was asked for; `files` and `cost`
-    are empty until the other files are written."""
+    """The content of fit.json, with what the bench `added` to each log, and where they were asked for `advice`, and the `change`
+    from an older fit. `files` and `cost` are empty until the other files are written; `created` and `cost` alone differ from run
+    to run."""
+    from sysid.posterior.change import covariance, plate_of
+    from sysid.report.text import derived, verdict
+
     fit = posterior.fit
+    parameters = {name: _parameter(p) for name, p in posterior.summary().items()}
+    made, (names, matrix) = derived(posterior.draws, parameters), covariance(fit, parameters)
     content = {
         "schema": SCHEMA,
         "result": posterior.result.value,
-        "parameters": {name: _parameter(p) for name, p in posterior.summary().items()},
+        "verdict": verdict(posterior.result.value, parameters, len(fit.logs)),
+        "plate": plate_of(fit),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "parameters": parameters,
+        "derived": {name.replace(" ", "_"): p for name, p in made.items()},
+        "covariance": {"names": names, "matrix": matrix.tolist()},
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
@@ -59,6 +75,7 @@ def document(
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
+        "change": None if change is None else _change(change),
         "controller": controller,
         "files": {},
         "seed": posterior.seed,
@@ -77,6 +94,7 @@ def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
         {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved} for p in ladder(posterior)
     ]
     how = {"accuracy": posterior.accuracy, "method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat}
+    how["convergence"] = {n: c._asdict() for n, c in posterior.convergence.items()}
     stated = {n: f"normal about {value:g}, {std:g} wide" for n, (value, std) in posterior.fit.priors.items()}
     return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS | stated}
 
@@ -135,6 +153,16 @@ def _advice(a: "Advice | Raised") -> dict[str, Any]:
     else:
         found = {"promise": a.parameter, "before": a.before, "after": a.after, "exactly_known": a.best, "unit": a.unit}
     return {"sentence": str(a), **found, "seconds": a.seconds, "experiment": experiment}
+
+
+def _change(change: "Change") -> dict[str, Any]:
+    """How far the plate is from an older fit's."""
+    rows = {
+        name: {"old": d.old, "new": d.new, "change": d.change, "std": d.std, "sigmas": d.sigmas, "p": d.p, "unit": d.unit}
+        for name, d in change.parameters.items()
+    }
+    told = {"sentence": str(change), "changed": change.changed, "chi_square": change.chi_square, "p": change.p}
+    return told | {"parameters": rows, "left_out": change.left_out, "notes": list(change.notes)}
 
 
 def _plain(value: Any) -> Any:
@@ -209,8 +237,8 @@ def place(fresh: Path, folder: Path) -> None:
     fit.json goes out first and comes in last, so that it stands beside the files of its own run and no others, whenever the
     process is killed; older controller files go out next. Of two runs that end at once one waits. Ctrl-C waits too.
     """
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
+    main = threading.current_thread() is threading.main_thread()  # no other is interrupted
+    with _uninterrupted() if main else nullcontext():
         for path in fresh.iterdir():
             _sync(path)
         folder.mkdir(parents=True, exist_ok=True)
@@ -221,6 +249,13 @@ def place(fresh: Path, folder: Path) -> None:
             moves = [(folder / name, older / name) for name in FILES if (folder / name).exists()]
             moves += [(fresh / name, folder / name) for name in reversed(FILES) if (fresh / name).exists()]
             _move(moves)
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGINT, before)
 

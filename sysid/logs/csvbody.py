@@ -61,8 +61,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     spare: list[str] = []
     line = head.first_line
     delimiter, marks = str(head.dialect.delimiter), tuple(mark.encode() for mark in head.dialect.comment or ())
-    with open(head.path, "rb") as raw:
-        digest = hashlib.file_digest(raw, "sha256").hexdigest()
+    digest = _digest(head.path)
     with open_text(head.path) as file:
         gaps = find_gaps(file, (*head.header, b"")[0], head.start, line, rows_like(head.sample[0], delimiter), BLOCK)
         tables = (head.metadata, *(_of_table(head, gap) for gap in gaps))
@@ -91,14 +90,18 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     return Body(joined, table, digest, blank_lines, tuple(notes), None if table is None else tables)
 
 
+def _digest(path: str) -> str:
+    with open(path, "rb") as raw:
+        return hashlib.file_digest(raw, "sha256").hexdigest()
+
+
 def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection[int]) -> Body:
     """The same of a table that is in memory."""
     sheet, decimal = head.sheet, str(head.dialect.decimal)
     texts = [column for column in dated if column in columns and sheet.columns[column].dtype == object]
     numbers = {column: sheet.numbers(column, decimal) for column in columns if column not in texts}
     numbers |= {column: seconds_since(head.first(column), sheet.texts(column).tolist()) for column in texts}
-    with open(head.path, "rb") as raw:
-        digest = sheet.sha256 or hashlib.file_digest(raw, "sha256").hexdigest()
+    digest = sheet.sha256 if sheet.sha256 is not None else _digest(head.path)
     return Body(numbers, None if key is None else sheet.texts(key), digest)
 
 

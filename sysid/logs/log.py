@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.benchwords import BENCH, bench_of, misread
+from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.capture import captures, side_by_side
 from sysid.logs.cells import Dialect, decimals, listed
 from sysid.logs.csvbody import Body, read_body
@@ -47,9 +47,11 @@ from sysid.logs.mapping import (
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.stamps import coarse
 from sysid.logs.textfile import unchanged
+from sysid.logs.together import doubted, in_common_units, of_one_plate
 from sysid.logs.waveform import from_samples, sample_times, uneven
+from sysid.shown import Shown
 
-__all__ = ["Log", "LogError", "read_logs", "write_log"]
+__all__ = ["Log", "LogError", "read_logs"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
@@ -60,13 +62,12 @@ POSSIBLE = {
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
 FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
-ROOM = (273.15, 333.15)  # K
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Shown):
     """One experiment: n rows of inputs and the measured response, peak amplitudes, in rows as recorded.
 
     `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in `response_unit`;
@@ -133,6 +134,46 @@ class Log:
             return "transient"
         return None if (self.frequency[1:] != self.frequency[:-1]).all() else "transient"
 
+    @classmethod
+    def from_frame(cls, frame: Any, name: str = "log", **constants: Any) -> "Log":
+        """The log of a table, a pandas DataFrame or a mapping of columns (n,), whose names are the contract's and end in their
+        units. `constants`: what a file states above its header. A frame's `attrs` that state something of the kind are taken too,
+        as `log.to_frame()` has them. Raises LogError as `read_logs` does, and where the table holds several experiments.
+
+        >>> columns = {"frequency_kHz": [32.2, 32.3, 32.4], "wd_nm": [900, 2000, 900], "wq_nm": [1000, 0, -1000]}
+        >>> Log.from_frame(columns, voltage_V=100, temperature_degC=24).frequency
+        array([32200., 32300., 32400.])
+        """
+        from sysid.logs.made import of_table
+
+        return of_table(frame, name, constants)
+
+    @classmethod
+    def from_arrays(cls, response: Any, *, name: str = "log", **fields: Any) -> "Log":
+        """The log of arrays (n,), in the units of the fields of a Log; a number stands for a constant.
+
+        >>> Log.from_arrays([1j, 2, -1j], drive=100, frequency=[32200, 32300, 32400], temperature=24.0).drive
+        array([100., 100., 100.])
+        """
+        from sysid.logs.made import of_arrays
+
+        return of_arrays(response, name, fields)
+
+    @classmethod
+    def from_waveform(cls, drive: Any, response: Any, rate: float, *, name: str = "log", **constants: Any) -> "Log":
+        """The log of raw carrier samples (n,) of drive (V) and response (um) at `rate` Hz, demodulated by the drive's own phase.
+        `drive_unit`, `response_unit`: other units; further constants as in `from_frame`. Raises LogError where the drive is no
+        carrier, or is sampled too seldom.
+
+        >>> t = np.arange(20_000) / 1e6
+        >>> log = Log.from_waveform(100 * np.cos(2e5 * t), np.sin(2e5 * t), 1e6)
+        >>> print(f"{log.frequency[0]:.0f} Hz, {abs(log.response[5]):.3f} {log.response_unit}")
+        31831 Hz, 1.000 um
+        """
+        from sysid.logs.made import of_waveform
+
+        return of_waveform(drive, response, rate, name, constants)
+
     @property
     def amplitude_only(self) -> bool:
         """Whether the response is the real amplitude W, not the vector Wd + j Wq."""
@@ -141,10 +182,22 @@ class Log:
     def __len__(self) -> int:
         return len(self.response)
 
-    def __repr__(self) -> str:
-        held = [name for name in ("time", "drive", "frequency", "temperature", "force") if getattr(self, name) is not None]
-        shown = ", ".join(["amplitude" if self.amplitude_only else "Wd + j Wq", *held])
-        return f"Log({self.path or self.name!r}, {len(self)} rows of {shown}; kind={self.kind!r}, sampling={self.sampling!r})"
+    def to_frame(self) -> Any:
+        """A pandas DataFrame of the rows by the contract's names; what is known of the whole log stands in `attrs`."""
+        from sysid.report.frames import of_log
+
+        return of_log(self)
+
+    def plot(self) -> Any:
+        """A figure of matplotlib: the rows over time, or a sweep with its circle."""
+        from sysid.report.plots import log_figure
+
+        return log_figure(self)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_log
+
+        return of_log(self)
 
 
 def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
@@ -163,53 +216,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
             logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
         else:
             logs[read[0].sha256] = read
-    return [_doubted(log) for log in _in_common_units(_of_one_plate([log for read in logs.values() for log in read]))]
-
-
-def write_log(
-    log: Log, path: str | Path, append: bool = False, further: Mapping[str, np.ndarray] | None = None
-) -> None:
-    """Write a log as a contract CSV, which reads back equal to the last bit (metadata that became columns aside; one
-    temperature that was not read from text is stated to be exact).
-
-    The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`.
-    `append`: more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
-    """
-    columns = {"time_s": log.time, _label(log.drive_unit, "drive"): log.drive, "frequency_Hz": log.frequency}
-    columns |= {"temperature_degC": log.temperature, "force_N": log.force, "carrier_rad": log.theta}
-    if log.amplitude_only:
-        columns[_label(log.response_unit, "w")] = log.response
-    else:
-        columns[_label(log.response_unit, "wd")] = log.response.real
-        columns[_label(log.response_unit, "wq")] = log.response.imag
-    recorded = {name: values.tolist() for name, values in (columns | dict(further or {})).items() if values is not None}
-    words: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
-    if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
-        words.setdefault("temperature_std_degC", 0.0)  # nobody read it: what is written of it is no step of a thermometer
-    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
-    with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
-        if not append:
-            words_given = ((key, value) for key, value in (kept | words).items() if value is not None)
-            file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words_given)
-            file.write(",".join(recorded) + "\n")
-        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
-
-
-def _one_line(value: Any) -> str:
-    """Text that ends neither its line nor, by a NUL, the file's being text."""
-    return " ".join(str(value).replace("\x00", " ").split())
-
-
-def _label(unit: str, quantity: str) -> str:
-    if quantity == "drive" and unit in ("V", "duty"):
-        return "voltage_V" if unit == "V" else "duty"
-    return f"{quantity} [{unit}]" if set(unit) & set("_ ,") else f"{quantity}_{unit}"
-
-
-def _is_interpreted(key: str) -> bool:
-    """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
-    known = key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
-    return known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
+    return [doubted(log) for log in in_common_units(of_one_plate([log for read in logs.values() for log in read]))]
 
 
 def _expand(paths: Iterable[str | Path]) -> list[str]:
@@ -244,25 +251,30 @@ def _read_file(group: dict[str, str], mapping: MappingFile | None) -> list[Log]:
                 stack.enter_context(unchanged(part))
             several = mapping is not None and bool(mapping.files)
             head = side_by_side(group, mapping) if several else open_head(path, mapping.dialect if mapping else Dialect())
-            plan = file_plan(head, mapping)
-            wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
-            dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
-            body = read_body(head, wanted, plan.split, dated)
-            notes = (*counted(head, dated), *body.notes)
-            values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
-            if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
-                raise LogError(f"{path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
-            rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
-            tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
-            plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
-            doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
-            plans = [
-                dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
-                for plan, doubt in zip(plans, doubts, strict=True)
-            ]
-            return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
+            return logs_of(head, mapping)
     except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
         raise LogError(f"{path}: cannot be read: {error}") from None
+
+
+def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
+    """The logs of a file's table. Raises LogError."""
+    plan = file_plan(head, mapping)
+    wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
+    dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
+    body = read_body(head, wanted, plan.split, dated)
+    notes = (*counted(head, dated), *body.notes)
+    values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
+    if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
+        raise LogError(f"{head.path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
+    rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
+    tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
+    plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
+    doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
+    plans = [
+        dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
+        for plan, doubt in zip(plans, doubts, strict=True)
+    ]
+    return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
 
 
 def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
@@ -414,37 +426,3 @@ def _decrease(time: np.ndarray) -> int | None:
     """The first row whose time lies below the one before."""
     below = time[1:] < time[:-1]
     return int(np.argmax(below)) + 1 if below.any() else None
-
-
-def _of_one_plate(logs: list[Log]) -> list[Log]:
-    named = [(log, plate) for log in logs if (plate := stated(log.metadata, "plate"))]
-    for log, plate in named[1:]:
-        if plate != named[0][1]:
-            first = f"{named[0][0].path} names the plate {named[0][1]!r}"
-            raise LogError(f"{first} and {log.path} the plate {plate!r}, expected logs of one plate")
-    return logs
-
-
-def _doubted(log: Log) -> Log:
-    """The log, with a note where its temperature is a room's in kelvin: it may be right, and moves k_T by far if it is not."""
-    if log.temperature is None or not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
-        return log
-    note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
-    return dataclasses.replace(log, notes=(*log.notes, note))
-
-
-def _in_common_units(logs: list[Log]) -> list[Log]:
-    """All responses in the first log's unit, and all drives in the first recorded drive's."""
-    responses = [_as_first(log, logs[0], "response") for log in logs]
-    driven = next((log for log in responses if log.drive is not None), None)
-    return [_as_first(log, driven, "drive") if driven and log.drive is not None else log for log in responses]
-
-
-def _as_first(log: Log, first: Log, what: str) -> Log:
-    unit, wanted = getattr(log, f"{what}_unit"), getattr(first, f"{what}_unit")
-    if unit == wanted:
-        return log
-    if "duty" in (unit, wanted) or not units.same_kind(unit, wanted):
-        raise LogError(f"{log.path}: found the {what} in {unit}, expected a unit such as {wanted} as in {first.path}")
-    values = units.convert(getattr(log, what), unit, wanted)
-    return dataclasses.replace(log, **{what: values, f"{what}_unit": wanted})

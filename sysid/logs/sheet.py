@@ -16,7 +16,7 @@ class Sheet:
 
     columns: tuple[np.ndarray, ...]
     where: Callable[[int, int], str]
-    sha256: str = ""  # of all its files, where there are several
+    sha256: str | None = None  # of all its files, where there are several; "" of a table that is in none
 
     def __len__(self) -> int:
         return len(self.columns[0])

@@ -310,6 +310,12 @@ class Plant:
     """One resonance: G (response per drive), tau (s), f0 (Hz) at `reference_temperature` (degC), k_T (Hz/degC).
 
     A JAX pytree: `jax.grad`, `jax.vmap` and `jax.jit` go through it. `f0` None: a first-order plant, driven at resonance.
+
+    >>> plant = Plant(G=0.02, tau=1.669e-3, f0=32300.0)
+    >>> round(plant.Q, 1)
+    169.4
+    >>> print(f"{plant.steady(100.0, 32300.0):.2f}")
+    2.00+0.00j
     """
 
     G: float | None

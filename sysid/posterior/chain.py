@@ -90,6 +90,10 @@ class Chain:
         """(chain, draw, parameter) in z."""
         return np.swapaxes(self._sampler.get_chain(discard=BURN), 0, 1)
 
+    def log_density(self) -> np.ndarray:
+        """(chain, draw) of the draws."""
+        return np.swapaxes(self._sampler.get_log_prob(discard=BURN), 0, 1)
+
     def proposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All proposals z (n, p), the target's log density and the proposal's at them."""
         z, density, proposed = (np.concatenate(part) for part in zip(*self._move.seen, strict=True))

@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid.model.prior import NAMES, PLANT, carried, in_units
 from sysid.posterior.mixture import Mixture
+from sysid.shown import Shown
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import limits, seconds
 from sysid.verdict.result import NORMAL95, Parameter
@@ -73,8 +74,8 @@ def promised(fit: Fit, covariance: np.ndarray, design: Design, quantity: Quantit
     return float(getattr(design(Foreseen.of(fit, covariance)).promise, quantity.field))
 
 
-@dataclass(frozen=True)
-class Raised:
+@dataclass(frozen=True, repr=False)
+class Raised(Shown):
     """An experiment with the promise for the closed loop `before` and `after` it, its seconds at the bench, and the promise for
     an exactly known plate (`best`). `parameter`: "margin" (1) or "settling" (s)."""
 
@@ -84,6 +85,11 @@ class Raised:
     after: float
     best: float
     seconds: float
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_advice
+
+        return of_advice(self)
 
     def __str__(self) -> str:
         quantity = PROMISES[self.parameter]

@@ -8,6 +8,7 @@ error that is then left, or what a controller promises with it, stands against t
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from sysid.logs.log import Log
 from sysid.model.prior import NAMES, PLANT
 from sysid.posterior.foreseen import PROMISES, Design, Raised, promised
 from sysid.posterior.mixture import Mixture
+from sysid.shown import Shown
 from sysid.trials.noise import Level
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
@@ -76,8 +78,8 @@ class Experiment:
         )
 
 
-@dataclass(frozen=True)
-class Advice:
+@dataclass(frozen=True, repr=False)
+class Advice(Shown):
     """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
     the largest standard deviation that counts as determined. What is left after it depends on the plate, of which the logs leave
     several possible: `after` is the median over them, `between` the 5 and 95 % quantiles."""
@@ -90,6 +92,11 @@ class Advice:
     limit: float
     unit: str
     between: tuple[float, float]
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_advice
+
+        return of_advice(self)
 
     def __str__(self) -> str:
         before = "what the logs do not tell" if self.before > 0.9 * UNKNOWN * self.limit else f"± {self.before:.2g}"

@@ -5,16 +5,18 @@ Reported are the mean, standard deviation and interval of the normal approximati
 """
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.posterior.accuracy import Rung, above, up_to
-from sysid.posterior.diagnostics import ess, rhat
+from sysid.posterior.diagnostics import Convergence, ess, rhat
 from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target
 from sysid.precision import float64
+from sysid.shown import Shown
 from sysid.verdict.determined import parameter, usable
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter, Result
@@ -39,17 +41,19 @@ class Offer:
     brings: str
 
 
-@dataclass(frozen=True)
-class Posterior:
+@dataclass(frozen=True, repr=False)
+class Posterior(Shown):
     """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature.
 
     `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
     approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one;
-    `exact_pace` for one without a polynomial of the residual.
+    `exact_pace` for one without a polynomial of the residual. `log_density` (chain, draw): of the draws, up to
+    a constant.
     """
 
     fit: Fit
     draws: dict[str, np.ndarray] = field(repr=False)
+    log_density: np.ndarray
     ess: float
     rhat: float
     method: str
@@ -64,11 +68,54 @@ class Posterior:
     exact_pace: float
     below: "Posterior | None" = field(repr=False)
 
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, a row for each (chain, draw); the units of its columns stand in `attrs`."""
+        from sysid.report.frames import of_posterior
+
+        return of_posterior(self)
+
+    def plot(self) -> Any:
+        """A figure of matplotlib: marginals of the draws, and pairs; None where the logs bound no parameter."""
+        from sysid.report.plots import Figures, of_posterior
+
+        return Figures.of(of_posterior(self, self.summary())).get("Posterior")
+
+    def save(self, folder: str | Path, loop: Any = None) -> Path:
+        """Write the set of files that `identify` writes into a folder, in the place of an older one, with `loop`, the controller
+        that was designed for it, where one is given; returns the folder. `sysid.load` gives all of it back. The bytes are the
+        command's but for `created` and `cost` in fit.json. Raises OSError where it cannot be written; older files then stay."""
+        from sysid.command.sets import save
+
+        return save(self, folder, loop)
+
+    def report(self, path: str | Path, loop: Any = None) -> Path:
+        """Write the report alone, one HTML file with all its figures, to `path`, which is returned; `loop` as in `save`."""
+        from sysid.command.sets import report
+
+        return report(self, path, loop)
+
+    def to_inferencedata(self) -> Any:
+        """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated. Raises ImportError
+        where ArviZ is not installed."""
+        from sysid.report.inference import of_posterior
+
+        return of_posterior(self)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_posterior
+
+        return of_posterior(self)
+
     def summary(self) -> dict[str, Parameter]:
         """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: draws
         about its minima do not settle what the fit leaves open."""
         told = {n: e for n, e in self.estimates.items() if self.fit.parameters[n].determined}
         return self.fit.parameters | {n: parameter(self.fit, n, e.value, e.std, (e.low, e.high)) for n, e in told.items()}
+
+    @property
+    def convergence(self) -> dict[str, Convergence]:
+        """Of each parameter's draws."""
+        return {name: Convergence.of(draws) for name, draws in self.draws.items()}
 
     @property
     def error(self) -> float:
@@ -159,6 +206,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     return Posterior(
         fit,
         draws,
+        normal.log_density(z).reshape(CHAINS, EVEN),
         ess=min(ess(v) for v in draws.values()),
         rhat=max(rhat(v) for v in draws.values()),
         method=method,
@@ -212,6 +260,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     return Posterior(
         fit,
         draws,
+        chain.log_density(),
         ess=chain.ess,
         rhat=chain.rhat,
         method=method,

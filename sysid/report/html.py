@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import advice, cell, clean, derived, gains, grouped, mode, number, promised, row, seconds, taken_for
+from sysid.report.text import advice, cell, clean, derived, gains, grouped, mode, moved, number, promised, row, seconds, taken_for
 
 if TYPE_CHECKING:
     from sysid.posterior.posterior import Posterior
@@ -33,6 +33,7 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
         gains=gains(document["controller"]) if document["controller"] else [],
         promised=promised(document["controller"]) if document["controller"] else [],
         notes=grouped(document),
+        moved=moved(document["change"]) if document["change"] else [],
         added=_added(document["logs"]),
         images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,

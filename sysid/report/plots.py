@@ -1,13 +1,14 @@
-"""The report's figures, drawn straight on the raster canvas: one per kind of log, the residuals, the posterior.
+"""The figures of the report, which `plot()` of a result gives too: one per kind of log, the residuals, the posterior.
 
 Wd is blue and Wq is orange throughout; what was recorded is dots, the fit is lines.
 """
 
 import io
 import warnings
+from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -18,7 +19,9 @@ from matplotlib.figure import Figure
 from sysid.report.text import PREFIXES, clean, measured
 
 if TYPE_CHECKING:
+    from sysid.logs.log import Log
     from sysid.posterior.posterior import Posterior
+    from sysid.posterior.prediction import Prediction
     from sysid.verdict.fitted import Fit, FittedLog
 
 POINTS = 2000  # of one log in one figure
@@ -44,25 +47,57 @@ Numbered = tuple[int, "FittedLog"]
 Wanted = Sequence[tuple[str, Callable[[], Figure], Any]]  # a title, what draws it, and whether there is anything to draw
 
 
+class Bare(NamedTuple):
+    """A log without a model, where a `FittedLog` may stand."""
+
+    log: "Log"
+    kind: str
+    response: None = None
+
+
 def log_figures(fit: "Fit") -> dict[str, bytes]:
     """PNG images of the logs and their fit by title, of the kinds that there are."""
-    logs = list(enumerate(fit.logs, 1))
-    sweeps = [(i, f) for i, f in logs if _is_sweep(f)]
-    others = [(i, f) for i, f in logs if not _is_sweep(f)]
-    return drawn(
-        [
-            ("Over time", lambda: _panels(others[:PANELS]), others),
-            ("Sweeps", lambda: _sweeps(sweeps), sweeps),
-            ("Residuals, in units of the noise", lambda: _residuals(logs), True),
-        ]
-    )
+    return drawn(of_logs(fit.logs))
+
+
+def of_logs(logs: "Sequence[FittedLog]") -> Wanted:
+    """What there is to draw of logs and their fit."""
+    numbered = list(enumerate(logs, 1))
+    sweeps = [(i, f) for i, f in numbered if _is_sweep(f)]
+    others = [(i, f) for i, f in numbered if not _is_sweep(f)]
+    return [
+        ("Over time", lambda: _panels(others[:PANELS]), others),
+        ("Sweeps", lambda: _sweeps(sweeps), sweeps),
+        ("Residuals, in units of the noise", lambda: _residuals(numbered), True),
+    ]
+
+
+def log_figure(log: "Log") -> Figure:
+    """A log as it was recorded: over time, or a sweep and its circle."""
+    bare: Any = (1, Bare(log, log.kind or "steady"))
+    return styled(lambda: _sweeps([bare]) if _is_sweep(bare[1]) else _panels([bare]))
 
 
 def posterior_figure(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, bytes]:
     """PNG image of the draws by its title; `parameters` as in fit.json. The same draws give the same bytes."""
-    # Draws of what the logs do not bound may reach to infinity.
-    names = [name for name, p in parameters.items() if name in posterior.draws and (p["determined"] or "modes" in p)]
-    return drawn([("Posterior", lambda: _corner(posterior, parameters, names), names)])
+    return drawn(of_posterior(posterior, parameters))
+
+
+def of_posterior(posterior: "Posterior", parameters: Mapping[str, Any]) -> Wanted:
+    """The draws, of parameters whose draws the logs bound: others may reach to infinity."""
+    bounded = [name for name, p in parameters.items() if p["determined"] or _modes(p)]
+    names = [name for name in bounded if name in posterior.draws]
+    return [("Posterior", lambda: _corner(posterior, parameters, names), names)]
+
+
+def _modes(parameter: Any) -> bool:
+    """Whether a parameter, of fit.json or of a summary, has separate values."""
+    return bool(parameter.get("modes") if isinstance(parameter, Mapping) else parameter.modes)
+
+
+def prediction_figure(prediction: "Prediction") -> Figure:
+    """What was recorded of a log, what is predicted, the model's error about that, and the noise's beside it."""
+    return styled(lambda: _predicted(prediction))
 
 
 def step_figure(controller: Mapping[str, Any] | None) -> dict[str, bytes]:
@@ -79,6 +114,27 @@ def drawn(wanted: Wanted) -> dict[str, bytes]:
         return {title: _png(draw()) for title, draw, needed in wanted if needed}
 
 
+def styled(draw: Callable[[], Figure]) -> Figure:
+    """A figure in the report's style."""
+    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+        return draw()
+
+
+class Figures(dict[str, Figure]):
+    """Figures by title, which a notebook shows one below the other."""
+
+    @classmethod
+    def of(cls, wanted: Wanted) -> "Figures":
+        """The wanted figures."""
+        return cls({title: styled(draw) for title, draw, needed in wanted if needed})
+
+    def _repr_html_(self) -> str:
+        return "".join(
+            f'<p>{title}</p><img alt="{title}" src="data:image/png;base64,{b64encode(_png(figure)).decode()}">'
+            for title, figure in self.items()
+        )
+
+
 def _png(figure: Figure) -> bytes:
     """The image without the program's name or any time in it."""
     buffer = io.BytesIO()
@@ -91,7 +147,7 @@ def blank(width: float, height: float) -> Figure:
     return Figure((width, height), dpi=110)
 
 
-def _is_sweep(fitted: "FittedLog") -> bool:
+def _is_sweep(fitted: "FittedLog | Prediction") -> bool:
     frequency = fitted.log.frequency
     return fitted.kind == "steady" and frequency is not None and bool(np.ptp(frequency) > 0)
 
@@ -117,27 +173,34 @@ def _panels(logs: Sequence[Numbered]) -> Figure:
 def _over_inputs(axes: Axes, fitted: "FittedLog") -> str:
     """One log against time, or settled points against what changes from one to the next; returns the label of that axis."""
     log, keep = fitted.log, _thin(len(fitted.log))
-    if fitted.kind == "transient" and log.time is not None:
-        x, label = _seconds(log.time - log.time[0])
-    elif log.drive is not None and np.ptp(log.drive) > 0:
-        x, label = log.drive, f"drive ({log.drive_unit})"
-    else:
-        x, label = np.arange(len(log)), "row"
+    x, label = _inputs(fitted)
     line = "-" if fitted.kind == "transient" else "x"
-    for part, colour, name in _parts(fitted):
+    for part, colour, name in _parts(log):
         axes.plot(x[keep], part(log.response)[keep], color=colour, label=f"{name} recorded", **DOTS)
-        axes.plot(x[keep], part(fitted.response)[keep], line, color=colour, label=f"{name} fitted")
+        if fitted.response is not None:
+            axes.plot(x[keep], part(fitted.response)[keep], line, color=colour, label=f"{name} fitted")
     return label
 
 
-def _seconds(time: np.ndarray) -> tuple[np.ndarray, str]:
-    """Time in a unit that gives short numbers, and the label of its axis."""
+def _inputs(fitted: "FittedLog | Prediction") -> tuple[np.ndarray, str]:
+    """(n,) what the rows of one log that is no sweep go by, and the label of that axis."""
+    log = fitted.log
+    if fitted.kind == "transient" and log.time is not None:
+        return time_axis(log.time)
+    if log.drive is not None and np.ptp(log.drive) > 0:
+        return log.drive, f"drive ({log.drive_unit})"
+    return np.arange(len(log)), "row"
+
+
+def time_axis(time: np.ndarray) -> tuple[np.ndarray, str]:
+    """Time from its first in a unit that gives short numbers, and the label of its axis."""
+    time = time - time[0]
     unit, factor = next((p for p in PREFIXES if time[-1] * p[1] >= 2), PREFIXES[-1])
     return factor * time, f"time ({unit})"
 
 
-def _parts(fitted: "FittedLog") -> list[tuple[Callable[[np.ndarray], np.ndarray], str, str]]:
-    if fitted.log.amplitude_only:
+def _parts(log: "Log") -> list[tuple[Callable[[np.ndarray], np.ndarray], str, str]]:
+    if log.amplitude_only:
         return [(np.real, GREY, "W")]
     return [(np.real, BLUE, "Wd"), (np.imag, ORANGE, "Wq")]
 
@@ -148,7 +211,7 @@ def _sweeps(logs: Sequence[Numbered]) -> Figure:
     frequencies = np.concatenate([f.log.frequency for _, f in logs if f.log.frequency is not None])
     middle = float(np.round(np.median(frequencies)))
     shift = middle if np.ptp(frequencies) < 0.2 * middle else 0.0
-    kinds = [name for name in ("Wd", "Wq", "W") if any(part[2] == name for _, f in logs for part in _parts(f))]
+    kinds = [name for name in ("Wd", "Wq", "W") if any(part[2] == name for _, f in logs for part in _parts(f.log))]
     stack: dict[str, Axes] = {}
     for k, name in enumerate(kinds):
         stack[name] = figure.add_subplot(len(kinds), 2, 2 * k + 1, sharex=stack.get(kinds[0]))
@@ -172,13 +235,14 @@ def _one_sweep(stack: Mapping[str, Axes], circle: Axes, fitted: "FittedLog", shi
     log = fitted.log
     assert log.frequency is not None
     order = np.argsort(log.frequency, kind="stable")[_thin(len(log))]
-    x, recorded, model = log.frequency[order] - shift, log.response[order], fitted.response[order]
-    for part, _, which in _parts(fitted):
-        stack[which].plot(x, part(recorded), color=colour, **DOTS)
-        stack[which].plot(x, part(model), color=colour, lw=1.0, label=name)
-    if not log.amplitude_only:
-        circle.plot(recorded.real, recorded.imag, color=colour, **DOTS)
-        circle.plot(model.real, model.imag, color=colour, lw=1.0)
+    x, recorded = log.frequency[order] - shift, log.response[order]
+    lines: list[tuple[np.ndarray, Any]] = [(recorded, DOTS | ({"label": name} if fitted.response is None else {}))]
+    lines += [] if fitted.response is None else [(fitted.response[order], {"lw": 1.0, "label": name})]
+    for values, style in lines:
+        for part, _, which in _parts(log):
+            stack[which].plot(x, part(values), color=colour, **style)
+        if not log.amplitude_only:
+            circle.plot(values.real, values.imag, color=colour, **style)
 
 
 def _handles(stack: Mapping[str, Axes], most: int) -> tuple[list, list[str]]:
@@ -198,7 +262,7 @@ def _residuals(logs: Sequence[Numbered]) -> Figure:
         keep = _thin(len(fitted.log))
         x = place + 0.04 + 0.92 * (np.arange(len(fitted.log)) + 0.5)[keep] / len(fitted.log)
         stds = [level.std for level in fitted.levels] or 2 * [fitted.noise_std or 1.0]
-        for (part, colour, _), std in zip(_parts(fitted), stds, strict=False):
+        for (part, colour, _), std in zip(_parts(fitted.log), stds, strict=False):
             axes.plot(x, part(fitted.residual)[keep] / std, ".", color=colour, alpha=0.5, mew=0)
     axes.set_xticks(np.arange(len(logs)) + 0.5, [str(number) for number, _ in logs])
     axes.vlines(np.arange(1, len(logs)), 0, 1, transform=axes.get_xaxis_transform(), color="#bbbbbb", lw=0.6)
@@ -234,11 +298,32 @@ def _corner(posterior: "Posterior", parameters: Mapping[str, Mapping[str, Any]],
     return figure
 
 
+def _predicted(prediction: "Prediction") -> Figure:
+    """A panel each of Wd and Wq, or of W."""
+    log, keep = prediction.log, _thin(len(prediction.log))
+    sweep = _is_sweep(prediction)
+    x, label = (log.frequency, "frequency (Hz)") if sweep else _inputs(prediction)
+    order = np.argsort(x, kind="stable")[keep]
+    parts = _parts(log)
+    figure = blank(5.0 * len(parts), 2.9)
+    for axes, (part, colour, name) in zip(figure.subplots(1, len(parts), squeeze=False).flat, parts, strict=True):
+        middle, std, noise = (part(v)[order] for v in (prediction.response, prediction.std, prediction.total_std))
+        for width, alpha, said in ((noise, 0.15, "with the noise"), (std, 0.5, "of the model")):
+            axes.fill_between(x[order], middle - width, middle + width, color=colour, alpha=alpha, lw=0, label=f"± 1 std {said}")
+        axes.plot(x[order], part(log.response)[order], color=colour, label="recorded", **DOTS)
+        axes.plot(x[order], middle, color=colour, label="predicted")
+        axes.set_ylabel(clean(f"{name} ({log.response_unit})"))
+        axes.set_xlabel(label)
+        axes.legend(frameon=False)
+    figure.subplots_adjust(0.35 / figure.get_figwidth() * 1.6, 0.17, 0.985, 0.97, 0.22)
+    return figure
+
+
 def step_of(controller: Mapping[str, Any]) -> Figure:
     """The median over the plants in the band from 5 to 95 % of them, and the 5 % within which it counts as settled; beside it the
     voltage, with its limit."""
     shown = {name: np.array(values) for name, values in controller["promise"]["step_response"].items()}
-    time, unit = _seconds(shown["time_s"])
+    time, unit = time_axis(shown["time_s"])
     wanted = controller["range"]["amplitude"]
     figure = blank(5.2, 2.2)
     axes, beside = figure.subplots(1, 2)

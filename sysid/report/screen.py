@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import advice, clean, gains, grouped, mode, number, row, spent, taken_for
+from sysid.report.text import advice, clean, gains, grouped, mode, moved, number, row, spent, taken_for
 
 WIDTH = 100  # columns where the output is no terminal
 NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask for"
@@ -85,6 +85,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
         lines.append(("models", document["models"]["verdict"]))
     if document["advice"] is not None:
         lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
+    if document["change"] is not None:
+        lines.append(("change", "\n".join([document["change"]["sentence"], *moved(document["change"])])))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
     if cost := document["cost"]:
         lines.append(("cost", f"{spent(cost)}; {cost['sentence']}"))

@@ -1,7 +1,7 @@
 """Numbers and names in words: two digits of the error, readable units, nothing that a terminal would obey."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,20 @@ SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one 
 def advice(result: str, logs: int) -> str:
     """What to do about a fit of so many logs that ended so; empty where that went well."""
     return (SEVERAL if logs > 1 else {}).get(result) or ADVICE.get(result, "")
+
+
+def verdict(result: str, parameters: Mapping[str, Any], logs: int) -> str:
+    """One sentence on a fit of so many logs: what is determined and what is not, or how it ended and what to do."""
+    if result != "successful":
+        return f"{result}: {advice(result, logs)}"
+    known = [name for name, p in parameters.items() if p["determined"]]
+    open_ = [name for name, p in parameters.items() if not p["determined"]]
+    said = f"{_listed(known)} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
+    return f"{said}; {_listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([*filter(None, [", ".join(names[:-1])]), *names[-1:]])
 
 
 def clean(text: str) -> str:
@@ -54,8 +68,8 @@ def measured(value: float, std: float, others: Iterable[float] = (), unit: str =
     return [f"{x / 10**exponent:.{digits}f}{tail}" for x in (value, std, *others)], unit
 
 
-def row(parameter: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Value and error, 95 % interval, unit of a determined parameter in the form of fit.json."""
+def row(parameter: Any) -> tuple[str, str, str]:
+    """Value and error, 95 % interval, unit of a determined parameter, a `Parameter` or in the form of fit.json."""
     (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
     return f"{value} ± {std}", f"{low} to {high}", unit
 
@@ -120,6 +134,16 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
             f" {tracker['max_step_Hz']:.4g} Hz at once, from {tracker['start_Hz']:.8g} Hz"
         )
     return [*lines, *_promise(controller), *controller["notes"]]
+
+
+def moved(change: Mapping[str, Any]) -> list[str]:
+    """By how much each parameter is away from an older fit's, and what the comparison leaves out and assumes."""
+    lines = []
+    for name, d in change["parameters"].items():
+        (by, std), unit = measured(d["change"], d["std"], unit=d["unit"])
+        lines.append(f"{name} {'' if by.startswith('-') else '+'}{by} ± {std} {unit} ({d['sigmas']:+.1f} standard deviations)")
+    lines += [f"{name} is left out: {why}" for name, why in change["left_out"].items()]
+    return [*lines, *change["notes"]]
 
 
 def spent(cost: Mapping[str, Any]) -> str:

@@ -122,7 +122,7 @@ class SceneFile:
 
             yield from write_waveform(self.scene, rate, seed, path)
             return
-        from sysid.logs.log import write_log
+        from sysid.logs.written import write_log
 
         done = 0
         for log in self.scene.stream(seed):

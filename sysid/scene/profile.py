@@ -12,6 +12,11 @@ class Profile:
 
     Before the first time the first value holds, after the last one the last. Raises ValueError for times that do not
     increase, or values that are not finite.
+
+    >>> Profile([0.0, 1.0], [0.0, 5.0]).at(np.array([0.5, 1.0])).tolist()
+    [0.0, 5.0]
+    >>> Profile([0.0, 1.0], [0.0, 5.0], held=False).at(np.array([0.5])).tolist()
+    [2.5]
     """
 
     times: np.ndarray

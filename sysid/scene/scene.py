@@ -37,6 +37,7 @@ from sysid.scene.effects import (
     SelfHeating,
 )
 from sysid.scene.profile import Profile
+from sysid.shown import Shown
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 MOST_STEPS = 16384  # between two rows
@@ -47,8 +48,8 @@ class SceneError(ValueError):
     """A scene that cannot be: says the file, the key, what was found and what was expected."""
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Shown):
     """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC),
     "force" (N) and "contact" (see `effects.Inputs`).
 
@@ -84,6 +85,11 @@ class Scene:
         for said in _contradictions(self):
             raise SceneError(f"{self.name}: {said}")
         object.__setattr__(self, "inputs", {name: p.snapped(self.rate, NEAR) for name, p in self.inputs.items()})
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_scene
+
+        return of_scene(self)
 
     @classmethod
     def from_toml(cls, path: str | Path) -> "Scene":

@@ -13,10 +13,12 @@ narrow.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from sysid.model.prior import NAMES
+from sysid.shown import Shown
 from sysid.trials.extra import EXTRA, FILTER, UNITS
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict.fitted import Fit
@@ -27,8 +29,8 @@ from sysid.verdict.view import View
 NEEDED = 1.2
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """A description beside the fit's: `difference` of elpd (negative: it predicts worse) and its standard `error`; `moves`, by
     parameter, how far the estimate would go, in standard deviations."""
 
@@ -36,6 +38,11 @@ class Comparison:
     difference: float
     error: float
     moves: dict[str, float]
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_comparison
+
+        return of_comparison(self)
 
     @property
     def worse(self) -> bool:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from sysid.minimum.minimise import State
 from sysid.model.plant import Plant
 from sysid.model.prior import NAMES
 from sysid.rows.condense import taken
+from sysid.shown import Shown
 from sysid.trials.noise import Level
 from sysid.verdict import wording
 from sysid.verdict.flank import Flank, seen
@@ -33,8 +36,8 @@ class FittedLog:
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
 
 
-@dataclass(frozen=True)
-class Fit:
+@dataclass(frozen=True, repr=False)
+class Fit(Shown):
     """The plant that explains the logs. `covariance` is over `names`, in the units of `units`."""
 
     plant: Plant
@@ -51,6 +54,50 @@ class Fit:
     priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
     notes: tuple[str, ...] = ()  # what is only information: nothing is asked for
     lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, a row for each parameter: value, std, ci95_low, ci95_high, unit, determined, why."""
+        from sysid.report.frames import of_fit
+
+        return of_fit(self)
+
+    def plot(self) -> Any:
+        """Figures of matplotlib by title: logs and fit over time, sweeps, residuals; those of the report."""
+        from sysid.report.plots import Figures, of_logs
+
+        return Figures.of(of_logs(self.logs))
+
+    @cached_property
+    def posterior(self) -> Any:
+        """Its `Posterior`: of a fit that was loaded the one that was saved, else that of `sysid.sample(fit)`."""
+        from sysid.posterior.posterior import sample
+
+        return sample(self)
+
+    def save(self, folder: str | Path, loop: Any = None) -> Path:
+        """Write fit, posterior and report into a folder; see `Posterior.save`."""
+        return self.posterior.save(folder, loop)
+
+    def report(self, path: str | Path, loop: Any = None) -> Path:
+        """Write the report, one HTML file, to `path`; see `Posterior.report`."""
+        return self.posterior.report(path, loop)
+
+    def predict(self, log: Log, bench: bool = True) -> Any:
+        """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with its errors.
+
+        `bench`: with what is no plate's but each d/q log's own, the turn of its demodulator, an offset and a feedthrough, found
+        from its rows by least squares; else the plate alone. A transient begins at rest. Where no temperature is recorded the
+        plate is at the mean of the fit's logs. Raises LogError for a log in other units or without a drive, ValueError where the
+        fit tells no plate.
+        """
+        from sysid.posterior.prediction import predict
+
+        return predict(self, log, bench)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_fit
+
+        return of_fit(self)
 
     def estimate(self, name: str) -> tuple[float, float]:
         """What the best minimum makes of a parameter, and its standard deviation; NaN and infinity where it is not fitted."""

@@ -1,14 +1,18 @@
 """How a fit ended, and what is known of one parameter."""
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Any
 
 NORMAL95 = 1.959964  # standard deviations within which 95 % of normal numbers lie
 
 
-class Result(Enum):
-    """How it ended; the value is the message."""
+class Result(StrEnum):
+    """How it ended; a member is its message.
+
+    >>> Result.successful == "successful", Result.misfit.bounded
+    (True, True)
+    """
 
     successful = "successful"
     not_converged = "the fit did not converge"

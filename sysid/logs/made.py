@@ -1,0 +1,57 @@
+"""Logs made in Python: of tables, arrays and raw samples, read as a file of the same columns would be."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sysid.logs.cells import Dialect
+from sysid.logs.log import Log, LogError, logs_of
+from sysid.logs.store import Store
+from sysid.logs.together import doubted
+from sysid.logs.written import label
+
+SERIES = ("time", "drive", "frequency", "temperature", "force", "theta")
+
+
+def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
+    """The log of a DataFrame, or of columns by name."""
+    store = Store(name, "a table")
+    store.constants = {key: str(value) for key, value in {**getattr(table, "attrs", {}), **constants}.items()}
+    for column in table:
+        store.add("", str(column), np.asarray(table[column]))
+    head = store.head(Dialect())
+    head = dataclasses.replace(head, sheet=dataclasses.replace(head.sheet, sha256=""))
+    with np.errstate(all="ignore"):  # the log refuses what is not finite
+        found = logs_of(head)
+    if len(found) != 1:
+        raise LogError(
+            f"{name}: found {len(found)} experiments, expected one; make a log of each, by frame.groupby('log')"
+        )
+    return doubted(dataclasses.replace(found[0], name=name, path="", sha256=""))
+
+
+def of_arrays(response: Any, name: str, fields: Mapping[str, Any]) -> Log:
+    """The log of arrays, numbers spread over its rows."""
+    rows = len(np.atleast_1d(response))
+    series = {
+        key: np.full(rows, value) for key, value in fields.items() if key in SERIES and np.ndim(value) == 0
+    }
+    series = {key: values for key, values in series.items() if fields[key] is not None}
+    return doubted(Log(name, np.atleast_1d(response), **{**fields, **series}))
+
+
+def of_waveform(drive: Any, response: Any, rate: float, name: str, constants: Mapping[str, Any]) -> Log:
+    """The log of samples."""
+    drive, response = np.asarray(drive, float), np.asarray(response, float)
+    if drive.ndim != 1 or drive.shape != response.shape:
+        raise LogError(
+            f"{name}: found samples of shapes {drive.shape} and {response.shape}, expected two alike (n,)"
+        )
+    units = {"drive_unit": "V", "response_unit": "um", **constants}
+    columns = {
+        label(units.pop("drive_unit"), "drive"): drive,
+        label(units.pop("response_unit"), "response"): response,
+    }
+    return of_table(columns, name, {**units, "kind": "waveform", "sample_rate_Hz": repr(float(rate))})
