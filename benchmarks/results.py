@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command sets it; before numpy is loaded
-SECTIONS = ("startup", "accuracy", "throughput", "long_log", "budget", "draws")
+SECTIONS = ("startup", "first_fit", "accuracy", "throughput", "long_log", "budget", "draws")
 PACKAGES = (
     "sysid",
     "jax",

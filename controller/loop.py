@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from controller.dq import Command
+from sysid.precision import jitted
 from sysid.scene import engine
 from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset, Quantisation, Saturation
 from sysid.scene.profile import Profile
@@ -260,7 +261,7 @@ class _Carry(NamedTuple):
     cycles: Any  # of the drive since its phase was last reset
 
 
-@partial(jax.jit, static_argnames="shape")
+@partial(jitted, static="shape")
 def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     """(M, runs) of motion, measurement and command at the beginning of each piece."""
     control, plant, effects, reference, sample_time, between = numbers

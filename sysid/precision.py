@@ -3,18 +3,18 @@
 Public functions run under `float64` and leave the host program's JAX flags as they were.
 """
 
+import inspect
 import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
-from functools import cache, partial, wraps
-from hashlib import sha256
+from functools import partial, update_wrapper, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import jax
-import jax.export
+
+from sysid import kept
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -47,19 +47,18 @@ def _options(seldom: bool, largest: int) -> dict[str, Any]:
 
 
 LARGE = 1 << 16  # numbers in the largest array, from which on sums are long, and what is seldom called is worth optimising
-_traced: list[Path] = []  # the folder of traced programs, when there is one
-_all: list["compiled"] = []
+_all: list[Any] = []  # whatever keeps programs
 _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a process of one's own
 
 
 def keep_programs(folder: Path) -> None:
-    """Keep compiled and traced programs in `folder` for later processes; for a program that owns its process."""
-    with suppress(OSError):
-        (folder / "traced").mkdir(parents=True, exist_ok=True)
-        _traced[:] = [folder / "traced"]
-        jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    """Keep all compiled programs in `folder`, those of JAX's own too; for a program that owns its process."""
+    kept.choose(folder / "programs")
+    if kept.folder() is None:
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def make_beside() -> None:
@@ -76,19 +75,11 @@ def forget_programs() -> None:
     jax.clear_caches()
 
 
-@cache
-def _version() -> str:
-    """What a traced program depends on beside its layout: this package's text and JAX."""
-    text = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.rglob("*.py")))
-    return f"{jax.__version__} {jax.default_backend()} {sha256(text).hexdigest()}"
-
-
 class compiled:
-    """`function(*arrays, layouts, groups)` compiled once for each layout; with `keep_programs`, traced once for all time.
-    The arrays, and those in the groups, are of 64 bits.
+    """`function(*arrays, layouts, groups)` compiled once for each layout, and kept on disk (`sysid.kept`). The arrays, and those
+    in the groups, are of 64 bits.
 
     `seldom`: called so few times that compiling it well costs more than it saves.
-    A trace is kept as StableHLO, which is data: nothing in it runs when it is read.
     """
 
     def __init__(self, function: Callable[..., Any], seldom: bool = False):
@@ -114,19 +105,20 @@ class compiled:
         return self.programs[key]
 
     def _program(self, layouts: tuple, shapes: tuple) -> Callable[..., Any]:
+        options = _options(self.seldom, max(math.prod(x.shape) for x in jax.tree.leaves(shapes)))
+
         def program(*args):
             return self.function(*args[:-1], layouts, args[-1])
 
-        traced: Any = jax.jit(program)
-        if _traced:
-            key = f"{_version()} {layouts} {shapes}"
-            traced = _kept(_traced[0] / f"{self.function.__name__}-{sha256(key.encode()).hexdigest()}", traced, shapes)
-        largest = max(math.prod(x.shape) for x in jax.tree.leaves(shapes))
-        lowered = jax.jit(traced).lower(*shapes)
-        try:
-            return lowered.compile(compiler_options=_options(self.seldom, largest))
-        except jax.errors.JaxRuntimeError:  # an option that another version does not know is not worth a failure
-            return lowered.compile()
+        identity = f"{options} {layouts} {shapes}"
+        return kept.program(self.function, identity, lambda: _compiled(jax.jit(program).lower(*shapes), options))
+
+
+def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., Any]:
+    try:
+        return lowered.compile(compiler_options=options)
+    except jax.errors.JaxRuntimeError:  # an option that another version does not know is not worth a failure
+        return lowered.compile()
 
 
 def _at_once(function: Callable[..., R], *args: Any) -> Future[R]:
@@ -138,14 +130,32 @@ def _at_once(function: Callable[..., R], *args: Any) -> Future[R]:
 seldom = partial(compiled, seldom=True)
 
 
-def _kept(path: Path, program: Any, shapes: tuple) -> Callable[..., Any]:
-    """The trace in `path`, or a new one that is put there."""
-    try:
-        return jax.export.deserialize(bytearray(path.read_bytes())).call
-    except Exception:  # absent, cut off, or of another kind: made anew
-        exported = jax.export.export(program)(*shapes)
-    with suppress(OSError):
-        part = path.with_suffix(f".{os.getpid()}")
-        part.write_bytes(exported.serialize())
-        part.replace(path)
-    return exported.call
+class jitted:
+    """`jax.jit(function, static_argnames=static)`, its programs kept on disk; within another program it is a part of that."""
+
+    def __init__(self, function: Callable[..., Any], static: str):
+        self.function, self.static = function, static
+        self.inner = jax.jit(function, static_argnames=static)
+        self.signature = inspect.signature(function)
+        self.programs: dict[tuple, Callable[..., Any]] = {}
+        update_wrapper(self, function)
+        _all.append(self)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        given = self.signature.bind(*args, **kwargs).arguments
+        leaves, tree = jax.tree.flatten({name: value for name, value in given.items() if name != self.static})
+        plain = jax.config.jax_disable_jit  # type: ignore[attr-defined]
+        if plain or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            return self.inner(*args, **kwargs)
+        static, types = {self.static: given[self.static]}, tuple(map(jax.typeof, leaves))
+        real = jax.dtypes.canonicalize_dtype(float)  # of 32 or 64 bits
+        key = (given[self.static], tree, types, real)
+        if key not in self.programs:
+
+            def program(leaves):
+                return self.function(**jax.tree.unflatten(tree, leaves), **static)
+
+            identity = f"{static} {tree} {types} {real}"
+            make = lambda: jax.jit(program).lower(leaves).compile()  # noqa: E731
+            self.programs[key] = kept.program(self.function, identity, make)
+        return self.programs[key](leaves)

@@ -1,4 +1,4 @@
-"""Shared by all tests: one compilation cache for the session, flags that must not leak, the bundled logs and their fits.
+"""Shared by all tests: compiled programs that the session keeps, flags that must not leak, the bundled logs and their fits.
 
 A fit compiles for some ten seconds, so every fit that more than one test looks at is a fixture of the session.
 """
@@ -6,7 +6,7 @@ A fit compiles for some ten seconds, so every fit that more than one test looks 
 import os
 import tomllib
 import warnings
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 # Before numpy is imported. Workers take all cores: threads that wait for one another take many times as long as one.
@@ -23,16 +23,29 @@ FOLDERS = ("plate", "quartz", "low_q")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def compilation_cache(tmp_path_factory):
-    """Subprocesses of the tests find what this process compiled; an outer cache, if one is set, is kept."""
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        base = tmp_path_factory.getbasetemp()  # workers that share the tests share what they compile
-        folder = str((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled")
-        os.environ |= {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.5"}
-        import jax
+def programs_are_kept(tmp_path_factory):
+    """Subprocesses of the tests find what this process compiled; an outer folder, if one is set, is kept."""
+    base = tmp_path_factory.getbasetemp()  # workers that share the tests share what they compile
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "programs"
+    os.environ.setdefault("SYSID_PROGRAMS", str(folder))
 
-        jax.config.update("jax_compilation_cache_dir", folder)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+study = partial(pytest.param, marks=pytest.mark.study)  # a value of a parameter that the default run leaves to the study
+
+
+def tiers(few, every):
+    """Two values of a parameter: a quick one, and the whole, which is the study's."""
+    return [pytest.param(few, id="few"), study(every, id="all")]
+
+
+def seeds(few, every):
+    """The test is one of `seeds`: few, and in the study every one. Its bounds follow from their number."""
+    return pytest.mark.parametrize("seeds", tiers(range(few), range(every)))
+
+
+def most(seeds, sure=3.5):
+    """What the root mean square of that many standard normal scores may be: it is 1, known to 1/sqrt(2 n); `sure` of these."""
+    return 1 + sure / np.sqrt(2 * len(seeds))
 
 
 MAPS = Path("/proc/self/maps")

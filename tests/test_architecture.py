@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its left.
 HOUSE = """
+kept
 precision
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from conftest import study
 
 from sysid import __version__
 from sysid.command import cli
@@ -153,6 +154,7 @@ def test_parameters_are_those_that_the_logs_were_made_from(first):
     assert parameters["k_T"]["value"] is None and "one temperature" in parameters["k_T"]["why"]
 
 
+@pytest.mark.study  # a design for each experiment
 def test_advice_on_the_margin_names_an_experiment(tmp_path):
     step = SYNTHETIC / "coloured_step.csv"
     done = identify("--json", "--accuracy", "quick", "--advise", "margin", step, cwd=tmp_path)
@@ -333,15 +335,15 @@ def test_a_number_that_is_not_understood_is_refused_with_what_was_expected(given
     assert f"argument {option}: found {value}, expected" in said
 
 
-def test_a_reader_that_leaves_changes_no_exit_code(tmp_path):
+@pytest.mark.parametrize("form", [[], study(["--json"])], ids=str)
+def test_a_reader_that_leaves_changes_no_exit_code(tmp_path, form):
     """As `identify ... | head -1` does: what the command found and wrote is as it would be."""
-    for form in ([], ["--json"]):
-        command = [sys.executable, "-m", "sysid", "--accuracy", "quick", *form, *map(str, LOGS)]
-        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
-            running.stdout.close()
-            said = running.stderr.read()
-        assert running.returncode == 0 and b"Traceback" not in said and b"Exception" not in said, said
-        assert set(files(tmp_path / "identified")) == ALL
+    command = [sys.executable, "-m", "sysid", "--accuracy", "quick", *form, *map(str, LOGS)]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        running.stdout.close()
+        said = running.stderr.read()
+    assert running.returncode == 0 and b"Traceback" not in said and b"Exception" not in said, said
+    assert set(files(tmp_path / "identified")) == ALL
 
 
 def test_names_cannot_steer_the_terminal(tmp_path):

@@ -5,11 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import study, tiers
 
 import sysid
 from sysid import Result
 
 SEEDS = range(16)
+
+
+@pytest.fixture(params=tiers(range(5), SEEDS))
+def seeds(request):
+    return request.param
+
+
+def least(seeds, of_16, of_few):
+    """How many of the benches have to be told; of few a smaller share, as chance may hide one more."""
+    return of_16 if len(seeds) == 16 else of_few
 
 
 def off(bench, fit, name):
@@ -31,25 +42,26 @@ def steps(bench, seed, **changes):
     return [replace(b.transient(seed=3 * seed + k, frequency=32300.0), name=f"step {k + 1}") for k, b in enumerate(plates)]
 
 
-def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(bench):
+def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(bench, seeds):
     """By 5 %, 7 and more of its errors: what the two would have to be, their priors hold against."""
-    fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G)) for seed in SEEDS]
+    fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G)) for seed in seeds]
     told = [(*f.warnings, *f.notes) for f in fits]
     said = [next((w for w in every if "step 3" in w and ("differ" in w or "contradict" in w)), None) for every in told]
-    assert sum(w is not None for w in said) >= 14  # of the others one began too early, as 5 % of G in tau would have it
+    # of the others one began too early, as 5 % of G in tau would have it
+    assert sum(w is not None for w in said) >= least(seeds, 14, 4)
     assert all(f.result is Result.misfit or abs(off(bench, f, "G")) < 3 for f in fits)
 
 
 @pytest.mark.parametrize(("name", "changes"), [("tau", {"tau": 1.03}), ("f0", {"f0": 1 + 3 / 32300})])
-def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, name, changes):
+def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, seeds, name, changes):
     """By 4 errors of a log: the joint estimate was 2.3 to 2.7 of its own off, and nothing said so."""
     changed = {key: factor * getattr(bench.plant, key) for key, factor in changes.items()}
-    fits = [sysid.fit(steps(bench, seed, **changed)) for seed in SEEDS]
+    fits = [sysid.fit(steps(bench, seed, **changed)) for seed in seeds]
     good = [f for f in fits if f.result is Result.successful]
     said = [f for f in fits if _told(f, f"{name}: the logs differ")]
-    assert len(said) >= 10
+    assert len(said) >= least(seeds, 10, 2)
     # what is not seen, of less than 2.45 errors between a log and the others, makes 1.7 of the mean's, with its own scatter 2
-    assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < 2.1
+    assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < least(seeds, 2.1, 2.6)
 
 
 @pytest.fixture(scope="module")
@@ -95,25 +107,25 @@ def test_the_posterior_is_as_wide(differing):
     assert np.array_equal(drawn[0], drawn[1]) and not np.allclose(np.sort(drawn[0], axis=None), np.sort(drawn[2], axis=None))
 
 
-def test_amplitudes_that_differ_are_called_so(bench):
+def test_amplitudes_that_differ_are_called_so(bench, seeds):
     """Two sweeps whose resonances are four of their errors apart: the mean would be 2.8 of its own off one of them."""
     fits, inputs = [], np.linspace(31800, 32800, 101)
-    for seed in SEEDS:
+    for seed in seeds:
         logs = [bench.sweep(seed=2 * seed + k, amplitude=True, frequency=inputs + 2.8 * k) for k in (0, 1)]
         fits.append(sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)]))
     said = [f for f in fits if _told(f, "f0: the logs differ")]
-    assert len(said) >= 10
+    assert len(said) >= least(seeds, 10, 2)
     for f in said:
         f0 = f.parameters["f0"]
         # The bound is 0.35; where the difference is two of its errors, 1.4 and more, sqrt(0.35^2 + (1.4^2 - 0.5^2)/4).
         assert f.result is Result.misfit or f0.std > 0.6
 
 
-def test_logs_of_one_plate_are_called_alike(bench):
-    fits = [sysid.fit(steps(bench, seed)) for seed in SEEDS]
+def test_logs_of_one_plate_are_called_alike(bench, seeds):
+    fits = [sysid.fit(steps(bench, seed)) for seed in seeds]
     assert all(f.result is Result.successful for f in fits)
     said = sum(any("the logs differ" in w for w in (*f.warnings, *f.notes)) for f in fits)
-    assert said <= 6  # in one of seven by chance: in more than 6 of 16 once in 100
+    assert said <= least(seeds, 6, 3)  # in one of seven by chance: in more than 6 of 16, or 3 of 5, once in 100
 
 
 def step_and_sweep(bench, seed, gain, feedthrough=0.0):
@@ -135,21 +147,22 @@ def said_of_G(fit):
     return any(w.startswith("G: the logs differ") for w in (*fit.warnings, *fit.notes))
 
 
-def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench):
+def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench, seeds):
     """By 5 %: a feedthrough and a lateness that cancel make it up, and G was the sweep's, 18 of its errors off."""
-    fits = [sysid.fit(step_and_sweep(bench, s, 1.05)) for s in SEEDS]
+    fits = [sysid.fit(step_and_sweep(bench, s, 1.05)) for s in seeds]
     named = [f for f in fits if f.result is Result.misfit or said_of_G(f)]
-    assert len(named) >= 15  # five errors of the step, as it would tell G alone: of 16, chance may hide one
+    assert len(named) >= least(seeds, 15, 4)  # five errors of the step, as it would tell G alone: of 16, chance may hide one
     assert all(abs(off(bench, f, "G")) < 3 for f in named if f.result is Result.successful)
 
 
-@pytest.mark.parametrize("feedthrough", [0.0, 0.05, 0.05j])
-def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, feedthrough):
-    fits = [sysid.fit(step_and_sweep(bench, s, 1.0, feedthrough)) for s in SEEDS]
+@pytest.mark.parametrize("feedthrough", [0.0, study(0.05), 0.05j])
+def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, seeds, feedthrough):
+    fits = [sysid.fit(step_and_sweep(bench, s, 1.0, feedthrough)) for s in seeds]
     assert all(f.result is Result.successful and abs(off(bench, f, "G")) < 4 for f in fits)
-    assert sum(said_of_G(f) for f in fits) <= 3  # in one of twenty by chance: in more than 3 of 16 once in 100
+    assert sum(said_of_G(f) for f in fits) <= least(seeds, 3, 1)  # in one of twenty by chance: in more than 3 of 16 once in 100
 
 
+@pytest.mark.study  # each fit looks for filters: a gain of 1.3 is named in test_coincidence.py
 def test_a_gain_of_two_is_no_filter(bench):
     """A drive in another unit: a filter of tau/2 behind a feedthrough as large as the response looks the same in a step; G was
     half of what it is, 200 to 400 of its errors off."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import seeds
 
 import sysid
 from sysid.effects.registry import ADOPTED
@@ -81,8 +82,9 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_effect_is_adopted_and_the_plate_is_right(kind):
-    for seed in range(4):
+@seeds(1, 4)
+def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
+    for seed in seeds:
         logs = KINDS[kind](np.random.default_rng([len(kind), seed]))
         fit = sysid.fit(logs, nuisances=EVERY)
         assert fit.result.name == "successful", (seed, fit.warnings)
@@ -97,9 +99,10 @@ def test_without_it_the_logs_are_a_misfit(kind):
     assert fit.result.name == "misfit"
 
 
-def test_a_plate_alone_adopts_nothing():
+@seeds(3, 10)
+def test_a_plate_alone_adopts_nothing(seeds):
     f = F0 + np.linspace(-500, 500, 101)
-    for seed in range(10):
+    for seed in seeds:
         logs = swept(None, f, noisy(np.random.default_rng(seed), settled(f), 0.01))
         asked, plain = (sysid.fit(logs, nuisances=n) for n in (EVERY, NUISANCES))
         assert asked.parameters == plain.parameters and asked.warnings == plain.warnings

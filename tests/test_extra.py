@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import seeds
 from scipy import stats
 
 import sysid
@@ -16,7 +17,6 @@ from sysid.trials.extra import UNITS
 from sysid.trials.trial import NUISANCES
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
-SEEDS = range(10)
 T0 = reference.REFERENCE_TEMPERATURE
 
 
@@ -45,9 +45,10 @@ def consistent(scores):
 
 
 @pytest.mark.parametrize(("name", "size"), [("drift", 4.0), ("lag", 0.03)])
-def test_it_is_found_and_what_it_moves_is_right(name, size):
+@seeds(3, 10)
+def test_it_is_found_and_what_it_moves_is_right(seeds, name, size):
     scores, own, plain = [], [], []
-    for seed in SEEDS:
+    for seed in seeds:
         log = up_and_down(seed, **{name: size})
         found = sysid.fit([log], nuisances=(*NUISANCES, name))
         f0 = found.parameters["f0"]
@@ -68,7 +69,8 @@ def test_logs_of_sensors_of_another_gain():
     given = {"time": time, "drive": drive, "frequency": off, "kind": "transient", "sampling": "instant"}
     gains = (1.0, 1.06, 0.93, 1.02)
     logs = [sysid.Log(f"step {k}", noisy(g * clean, k), **given) for k, g in enumerate(gains)]
-    assert sysid.fit(logs).result is sysid.Result.misfit
+    without = sysid.fit(logs, nuisances=[n for n in NUISANCES if n != "filter"])  # to look for one takes long
+    assert without.result is sysid.Result.misfit
     found = sysid.fit(logs, nuisances=(*NUISANCES, "gain"))
     assert found.result is sysid.Result.successful, found.warnings
     G, tau = found.parameters["G"], found.parameters["tau"]

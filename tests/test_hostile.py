@@ -70,7 +70,13 @@ def test_a_log_reads_and_writes_as_its_rows(tmp_path, hostile):
     assert again.response.tolist() == log.response.tolist() and again.time.tolist() == log.time.tolist()
 
 
-def test_what_a_run_prints_and_writes(tmp_path, hostile):
+@pytest.fixture(scope="module")
+def plain_law():
+    """The law of a plate whose log has a plain name."""
+    return texts(controller.design(standin.posterior([standin.fitted("plain.csv")])), "dq_pi.h")[:2]
+
+
+def test_what_a_run_prints_and_writes(tmp_path, hostile, plain_law):
     (log,) = read_logs(log_file(tmp_path, hostile))
     one = standin.fitted(log.name, metadata=log.metadata, notes=log.notes)
     posterior = standin.posterior([one])
@@ -93,9 +99,7 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile):
 
     controller.export_c(loop, tmp_path / "dq_pi.h")
     law = [(tmp_path / f"dq_pi.{end}").read_bytes() for end in ("h", "c")]  # the same whatever the plate is called
-    assert law == [
-        one.encode("ascii") for one in texts(controller.design(standin.posterior([standin.fitted("plain.csv")])), "dq_pi.h")[:2]
-    ]
+    assert law == [one.encode("ascii") for one in plain_law]
     lines = (tmp_path / "dq_pi_plate.h").read_text(encoding="ascii").splitlines()
     assert [line.split()[1] for line in lines if line.startswith("#include")] == ['"dq_pi.h"']
     stamp = [line for line in lines if line.startswith(" * plate: ")]  # in letters that end no comment

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import seeds, study
 
 import sysid
 from sysid import Result
@@ -43,9 +44,10 @@ def named(fit):
     return [float(x) for x in found.groups() if x]
 
 
-@pytest.mark.parametrize("rows", [1.5, 2.5, 3.5, 6.0])
-def test_the_delay_that_is_named_is_the_one_to_state(bench, rows):
-    for seed in range(3):
+@pytest.mark.parametrize("rows", [study(1.5), study(2.5), 3.5, study(6.0)])
+@seeds(1, 3)
+def test_the_delay_that_is_named_is_the_one_to_state(bench, seeds, rows):
+    for seed in seeds:
         log = late_by(bench, rows, seed)
         fit = sysid.fit([log])
         if fit.result is Result.successful:  # a late row or two is within what is expected
@@ -61,10 +63,11 @@ def test_the_delay_that_is_named_is_the_one_to_state(bench, rows):
             assert abs(p.value - getattr(bench.plant, name)) < 4 * p.std + 0.006 * bench.plant.G * (name == "G"), (name, delay)
 
 
-@pytest.mark.parametrize("rows", [3, 6, 10])
-def test_a_response_that_begins_before_its_change_is_named_and_known_once_that_is_stated(bench, rows):
+@pytest.mark.parametrize("rows", [study(3), 6, study(10)])
+@seeds(1, 3)
+def test_a_response_that_begins_before_its_change_is_named_and_known_once_that_is_stated(bench, seeds, rows):
     """Inputs that are written down late: what the rows before the change show passed for noise that they share."""
-    for seed in range(3):
+    for seed in seeds:
         log = late_by(bench, 0.0, seed)
         log = replace(log, drive=np.concatenate([np.zeros(rows), log.drive[:-rows]]))
         fit = sysid.fit([log])
@@ -83,9 +86,10 @@ def test_a_delay_that_is_stated_too_short_is_named_anew(bench):
     assert named(fit)[0] == pytest.approx(3.5e-4, abs=5e-5)  # half a row
 
 
-def test_a_delay_that_is_stated_too_long_is_no_noise(bench):
+@seeds(1, 3)
+def test_a_delay_that_is_stated_too_long_is_no_noise(bench, seeds):
     """Two rows late, and said to be five: what is read in the three between passed for noise that rows share."""
-    for seed in range(3):
+    for seed in seeds:
         fit = sysid.fit([replace(late_by(bench, 2.0, seed), bench={"delay_s": 5e-4})])
         assert fit.result is Result.misfit, fit.parameters
         found = re.search(r"before it should .* delay_s of (\S+)", " ".join(fit.warnings))

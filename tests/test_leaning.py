@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
+from conftest import seeds, study
 
 import sysid
 
@@ -47,23 +48,25 @@ def said(fit):
     return [warning for warning in fit.warnings if LEANS in warning]
 
 
-def test_a_peak_that_leans_by_a_few_hundredths_of_a_half_bandwidth_is_named():
+@seeds(5, 20)
+def test_a_peak_that_leans_by_a_few_hundredths_of_a_half_bandwidth_is_named(seeds):
     """f0 is off by 5 to 9 of its errors then, and noise hides how: without a word it was, and successful, in every second."""
-    fits = [sysid.fit(sweeps(0.03, seed)) for seed in range(20)]
-    assert sum(fit.result.name == "misfit" for fit in fits) >= 12
-    assert sum(bool(said(fit)) for fit in fits) >= 15
+    fits = [sysid.fit(sweeps(0.03, seed)) for seed in seeds]
+    assert sum(fit.result.name == "misfit" for fit in fits) >= 0.6 * len(seeds) - (len(seeds) < 20)  # one more of few
+    assert sum(bool(said(fit)) for fit in fits) >= 0.75 * len(seeds) - (len(seeds) < 20)
 
 
-def test_a_peak_that_does_not_lean_is_not_said_to():
+@seeds(6, 30)
+def test_a_peak_that_does_not_lean_is_not_said_to(seeds):
     """By chance one of a thousand is."""
-    fits = [sysid.fit(sweeps(0.0, seed, amplitude)) for seed in range(30) for amplitude in (True, False)]
+    fits = [sysid.fit(sweeps(0.0, seed, amplitude)) for seed in seeds for amplitude in (True, False)]
     assert all(fit.result.name == "successful" for fit in fits)
     assert sum(bool(said(fit)) for fit in fits) <= 2
 
 
-@pytest.mark.parametrize("directions", [(1, -1), (1,), (-1,)])
+@pytest.mark.parametrize("directions", [(1, -1), (1,), study((-1,))])
 @pytest.mark.parametrize("amplitude", [True, False])
-@pytest.mark.parametrize("softer", [1.0, 4.0, -4.0])
+@pytest.mark.parametrize("softer", [1.0, study(4.0), -4.0])
 def test_a_peak_that_leans_over_is_named_with_its_lean(softer, amplitude, directions):
     fit = sysid.fit(sweeps(softer, 3, amplitude, directions))
     assert fit.result.name != "successful"
@@ -111,7 +114,7 @@ def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude):
 
 
 @pytest.mark.parametrize("amplitude", [True, False])
-@pytest.mark.parametrize(("row", "factor"), [(30, 10.0), (55, 0.1), (70, 0.001)])
+@pytest.mark.parametrize(("row", "factor"), [(30, 10.0), study(55, 0.1), study(70, 0.001)])
 def test_a_range_that_was_changed_within_a_sweep_is_named(row, factor, amplitude):
     for seed in range(4):
         log, other = sweeps(0.0, seed, amplitude)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import seeds
 from scipy import stats
 
 import sysid
@@ -31,9 +32,10 @@ def dark(log, rng, rows=12, times=5):
     return replace(log, response=np.where(gone, 0.0, log.response)), gone
 
 
-def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left():
+@seeds(6, 24)
+def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left(seeds):
     scores = []
-    for seed in range(24):
+    for seed in seeds:
         log, gone = dark(*recorded(seed))
         found = sysid.fit([log])
         assert found.result is sysid.Result.successful, found.warnings
@@ -50,10 +52,11 @@ def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left():
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
 
-def test_a_recorder_that_goes_on_with_its_last_reading_is_seen():
+@seeds(6, 24)
+def test_a_recorder_that_goes_on_with_its_last_reading_is_seen(seeds):
     """Rows of which Wd and Wq both repeat the row before; a fit is as good as that of the others."""
     scores = []
-    for seed in range(24):
+    for seed in seeds:
         log, rng = recorded(seed)
         y, begins = log.response.copy(), [rng.integers(10, 30), rng.integers(50, 70), rng.integers(101, 115)]
         gone = np.zeros(len(log), bool)
@@ -81,10 +84,11 @@ def some(log, rng):
 
 
 @pytest.mark.parametrize("stored", [twice, some])
-def test_single_rows_that_repeat_the_one_before_are_seen(stored):
+@seeds(6, 24)
+def test_single_rows_that_repeat_the_one_before_are_seen(seeds, stored):
     """A fit is as good as that of the other rows, and knows no more."""
     scores = []
-    for seed in range(24):
+    for seed in seeds:
         log, rng = recorded(seed)
         y, gone = stored(log, rng)
         log = replace(log, response=y)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import seeds, study
 
 import sysid
 from sysid import Result
@@ -21,10 +22,11 @@ def said(logs):
     return fit.result, [w for w in fit.warnings if SAYS in w]
 
 
-@pytest.mark.parametrize("beside", [0.3, 1.0, 4.0])
-def test_it_is_named_beside_a_sweep(bench, beside):
+@pytest.mark.parametrize("beside", [study(0.3), 1.0, study(4.0)])
+@seeds(1, 3)
+def test_it_is_named_beside_a_sweep(bench, seeds, beside):
     """The resonance seems to be on the other side of the drive; the sweep was accused, or the step taken for noise."""
-    for seed in range(3):
+    for seed in seeds:
         step = bench.transient(seed=seed, frequency=bench.plant.f0 + beside * HALF_BANDWIDTH)
         result, sentences = said([conjugate(step), replace(bench.sweep(seed=seed + 9), name="sweep")])
         assert result is Result.misfit and sentences and sentences[0].startswith("step:")

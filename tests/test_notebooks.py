@@ -28,6 +28,7 @@ def test_there_are_notebooks():
     assert NOTEBOOKS
 
 
+@pytest.mark.study
 @every_notebook
 # Some versions of Jupyter's messaging libraries warn of their own future (event loops, clocks) in this process, which runs
 # none of the project's code here. What the notebook's kernel warns of arrives as an output on stderr, and fails below.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import seeds
 from reference import REFERENCE_TEMPERATURE, Plant, noise, ringing
 
 import sysid
@@ -91,11 +92,12 @@ def fast_sweep(degC, seed, rows=80, flicker=0.02):
     return plant, log
 
 
-def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps():
+@seeds(3, 12)
+def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps(seeds):
     """Its shape was off by a seventh, so that what the logs tell of f0 was taken to tell their thermometers' errors: f0 and k_T
     20 standard deviations off."""
-    scores, seeds = {"f0": [], "k_T": []}, 12
-    for seed in range(seeds):
+    scores = {"f0": [], "k_T": []}
+    for seed in seeds:
         plant, logs = None, []
         for degC in (19.0, 24.0, 30.0):
             plant, log = fast_sweep(degC, seed)
@@ -106,7 +108,7 @@ def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps():
             p = found.parameters[name]
             scores[name].append((p.value - truth) / p.std)
     for z in scores.values():  # three standard deviations of the mean square of as many normal numbers
-        assert np.mean(np.square(z)) < 1 + 3 * np.sqrt(2 / seeds), z
+        assert np.mean(np.square(z)) < 1 + 3 * np.sqrt(2 / len(seeds)), z
 
 
 def test_a_large_error_of_the_thermometer_is_taken_at_the_plates_own_temperature():

@@ -273,11 +273,11 @@ def test_gradients_are_finite_and_those_of_differences(case, both_modes):
     # Q = 12 exactly at f0; the temperature ramp makes every row an interval of its own
     p = np.array([0.5, 12 / (np.pi * 900), 900.0, 0.0, 0.7])
     time = dt * np.arange(8.0)
-    args = (time, drive, 900.0 - detuning, both_modes)
+    value = jax.jit(lambda p: scalar(p, time, drive, 900.0 - detuning, both_modes))
     with jax.enable_x64(True):
-        gradient = np.asarray(jax.grad(scalar)(p, *args))
+        gradient = np.asarray(jax.grad(value)(p))
         steps = np.array([1e-5, 1e-5 * p[1], 1e-3, 1e-3, 1e-5])
-        differences = [(scalar(p + s, *args) - scalar(p - s, *args)) / (2 * s.max()) for s in np.diag(steps)]
+        differences = [(value(p + s) - value(p - s)) / (2 * s.max()) for s in np.diag(steps)]
     assert np.all(np.isfinite(gradient))
     # central differences of relative step 1e-5 keep nine digits of the value, five or six of its derivative
     np.testing.assert_allclose(gradient, differences, rtol=2e-5, atol=1e-6 * max(1.0, np.max(np.abs(gradient))))
@@ -297,7 +297,7 @@ def test_many_plants_at_once():
     time = np.linspace(0, 5e-3, 12)
     taus = np.array([1e-3, 2e-3, 4e-3])
     with jax.enable_x64(True):
-        many = jax.vmap(lambda tau: Plant(1.0, tau, 1000.0).transient(time, 1.0, 990.0))(taus)
+        many = jax.jit(jax.vmap(lambda tau: Plant(1.0, tau, 1000.0).transient(time, 1.0, 990.0)))(taus)
         one_by_one = np.array([Plant(1.0, tau, 1000.0).transient(time, 1.0, 990.0) for tau in taus])
     np.testing.assert_allclose(many, one_by_one, rtol=1e-14, atol=1e-16)
 
@@ -335,8 +335,9 @@ def test_many_plants_in_numpy_are_each_the_same_as_compiled(mode):
     many = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
     found = respond(tau, 2 * np.pi * (many.offset + shift), many, xp=np, **mode)
     assert all(type(v) is np.ndarray and v.shape == (rows, len(tau)) for v in found)
+    compiled = jax.jit(lambda tau, shift: respond(tau, 2 * np.pi * (hold.offset + shift), hold, **mode))
     for i in range(len(tau)):
         with jax.enable_x64(True):
-            one = respond(tau[i], 2 * np.pi * (hold.offset + shift[i]), hold, **mode)
+            one = compiled(tau[i], shift[i])
         for batch, alone in zip(found, one, strict=True):
             np.testing.assert_allclose(batch[:, i], alone, rtol=0, atol=1e-11 * np.max(np.abs(alone)))

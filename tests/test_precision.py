@@ -1,14 +1,18 @@
-"""Programs: made beside what goes on, in 64 bits, whatever options this JAX knows; what the command leaves unloaded."""
+"""Programs: made beside what goes on, in 64 bits, whatever options JAX knows, kept on disk; what the command leaves unloaded."""
 
+import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import sysid
-from sysid import precision
+from sysid import kept, precision
 
 
 def shifted(x, layouts, groups):
@@ -79,3 +83,136 @@ def test_the_command_does_without_the_libraries_that_emcee_does_not_need():
     script += " assert 'emcee' in sys.modules and 'scipy.stats' not in sys.modules;"
     script += " import scipy.stats; assert scipy.stats.norm.cdf(0.0) == 0.5"
     subprocess.run([sys.executable, "-W", "error", "-c", script], check=True)
+
+
+# --- kept on disk ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where this test's programs are kept."""
+    monkeypatch.setenv(kept.SWITCH, str(tmp_path / "programs"))
+    monkeypatch.setattr(kept, "_folder", [])
+    return tmp_path / "programs"
+
+
+@pytest.fixture
+def keepable(program, monkeypatch):
+    """A program as one of the package, whose text is known."""
+    monkeypatch.setattr(shifted, "__module__", "sysid.shifted")
+    return program
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Names of the programs that are compiled."""
+    names, whole = [], precision._compiled
+    monkeypatch.setattr(precision, "_compiled", lambda *given: names.append(1) or whole(*given))
+    return names
+
+
+def asked(program):
+    """What a new process would have of it."""
+    program.programs.clear()
+    with jax.enable_x64(True):
+        return program(np.array([1.0, 2.0]), ("up",), (np.array([1e-12, 1.0]),)).tolist()
+
+
+def test_a_program_is_compiled_once_for_all_processes(keepable, folder, made):
+    assert asked(keepable) == asked(keepable) == [1 + 1e-12, 3.0]
+    assert len(made) == 1 and len(list(folder.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [lambda b: b"", lambda b: b[:-1], lambda b: b[:32] + b[33:], lambda b: sha256(b"other").digest() + b"other"],
+    ids=["empty", "cut off", "a byte less", "foreign"],
+)
+def test_a_broken_program_is_made_anew_and_mended(keepable, folder, made, spoilt):
+    asked(keepable)
+    (path,) = folder.iterdir()
+    path.write_bytes(spoilt(path.read_bytes()))
+    for _ in range(2):
+        assert asked(keepable) == [1 + 1e-12, 3.0]
+    assert len(made) == 2  # the second time it was there again
+
+
+def test_another_code_flag_or_shape_is_another_program(keepable, folder, monkeypatch):
+    asked(keepable)
+    monkeypatch.setattr(kept, "_machine", lambda package: "another")
+    asked(keepable)
+    monkeypatch.setattr(kept, "_flags", lambda: "others")
+    asked(keepable)
+    assert len(list(folder.iterdir())) == 3
+
+
+def test_switched_off_nothing_is_kept(keepable, folder, made, monkeypatch):
+    monkeypatch.setenv(kept.SWITCH, "off")
+    kept.choose(folder)  # not even where a program of its own would have it
+    assert asked(keepable) == asked(keepable) and len(made) == 2 and not folder.exists()
+
+
+def test_a_folder_that_cannot_be_is_done_without(keepable, folder, made):
+    folder.write_text("in the way")
+    assert asked(keepable) == asked(keepable) == [1 + 1e-12, 3.0] and len(made) == 2
+
+
+def test_those_who_write_at_once_and_read_find_whole_programs(keepable, folder):
+    asked(keepable)
+    (path,), (program,) = folder.iterdir(), [p.result() for p in keepable.programs.values()]
+    with ThreadPoolExecutor(4) as threads:
+        writing = [threads.submit(kept._write, path, program) for _ in range(20)]
+        found = [kept._read(path) for _ in range(5)]
+    assert all(f is not None for f in found) and all(w.result() is None for w in writing)
+    assert [p.name for p in folder.iterdir()] == [path.name]  # nothing on its way is left
+
+
+def test_what_was_not_used_for_longest_goes_first(keepable, folder, monkeypatch):
+    asked(keepable)
+    (program,) = folder.iterdir()
+    for k, name in enumerate(("oldest", "older")):
+        (folder / name).write_bytes(bytes(1000))
+        os.utime(folder / name, (k, k))
+    os.utime(program, (2, 2))
+    asked(keepable)  # read again: the youngest
+    assert program.stat().st_mtime > 2
+    monkeypatch.setattr(kept, "LARGEST", program.stat().st_size + 1000)
+    kept._drop(folder)
+    assert {p.name for p in folder.iterdir()} == {program.name, "older"}
+
+
+def test_a_fit_is_the_same_bytes_with_kept_programs_and_without(bundled, folder, made, monkeypatch):
+    """And in a new process, whose JAX is left as it was."""
+    log = bundled["plate"]["sweep_24C"]
+
+    def bits():
+        for function in precision._all:
+            function.programs.clear()
+        fit = sysid.fit([log])
+        return fit.covariance.tobytes().hex() + fit.modes[0].theta.tobytes().hex()
+
+    first, count = bits(), len(made)
+    assert count and bits() == first and len(made) == count
+    script = "import jax, sysid, sys; before = dict(jax.config.values); fit = sysid.fit(sysid.read_logs(sys.argv[1]))"
+    script += "; assert dict(jax.config.values) == before"
+    script += "; print(fit.covariance.tobytes().hex() + fit.modes[0].theta.tobytes().hex(), end='')"
+    done = subprocess.run([sys.executable, "-c", script, log.path], capture_output=True, text=True, check=True)
+    assert done.stdout == first and len(list(folder.iterdir())) == count
+    monkeypatch.setenv(kept.SWITCH, "off")
+    assert bits() == first and len(made) == 2 * count
+
+
+def test_a_simulation_is_the_same_bytes_with_kept_programs_and_without(folder, monkeypatch):
+    from conftest import SYNTHETIC
+
+    scene = sysid.Scene.from_toml(SYNTHETIC / "scenes" / "touch.toml")
+
+    def bits():
+        for function in precision._all:
+            function.programs.clear()
+        return scene.simulate(seed=3).response.tobytes()
+
+    first, count = bits(), len(list(folder.iterdir()))
+    assert count and bits() == first and len(list(folder.iterdir())) == count
+    monkeypatch.setenv(kept.SWITCH, "off")
+    assert bits() == first

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import study
 from lanes import AT, F0, TAU, G, Lane, T, play
 
 import controller
@@ -42,7 +43,7 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), ("adaptive", 350.0)])
+@pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), study("adaptive", 350.0)])
 def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
     """Never 1.5 times the amplitude, before the fault nor after it, and never in run; what is sound comes to run."""
     lanes = MISWIRED | SOUND
@@ -59,7 +60,7 @@ def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
             assert mode[-1] == FAULT and RUN not in mode and W[-1] < 1e-3 and (found["V"][mode == FAULT, n] == 0.0).all(), name
 
 
-@pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), ("pi", 350.0), ("adaptive", 350.0)])
+@pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), study("pi", 350.0), study("adaptive", 350.0)])
 def test_what_breaks_in_run_ends_within_the_stated_time(method, limit):
     found = play(designed(limit, method=method), [lane for lane, *_ in BROKEN.values()], AT + 1100, ASKED)
     for n, (name, (_, within, called)) in enumerate(BROKEN.items()):
@@ -77,7 +78,7 @@ def test_a_sensor_that_shows_less_by_what_a_finger_could_do_is_no_fault():
     assert found["mode"][-1, 0] == RUN and found["W"][-1, 0] == pytest.approx(1.25 * ASKED, rel=0.02)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("bad", [math.nan, study(math.inf), study(-math.inf)])
 def test_an_input_that_is_not_finite_is_held_and_counted(bad):
     """One in `share` once left V = 0 for ever, in run, without a fault."""
     loop = designed()

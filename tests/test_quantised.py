@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import most, seeds, study
 
 import sysid
 from sysid.rows import rounding
@@ -55,14 +56,16 @@ def errors(logs):
     return np.array(found)
 
 
-@pytest.mark.parametrize(("bits", "noise"), [(8, 0.0), (8, 0.05), (8, 0.2), (6, 0.1)])
-def test_steps_of_few_bits_are_fitted_with_true_intervals(bits, noise):
+@pytest.mark.parametrize(("bits", "noise"), [(8, 0.0), study(8, 0.05), study(8, 0.2), (6, 0.1)])
+@seeds(4, 16)
+def test_steps_of_few_bits_are_fitted_with_true_intervals(seeds, bits, noise):
     """Without its rounding in the noise most are taken for a drift or a second resonance, or are off by ten errors."""
     rows, spacing = (160, 0.07) if bits == 8 else (400, 0.03)
-    z = errors(step_log(bits, noise, seed, rows, spacing) for seed in range(16))
+    z = errors(step_log(bits, noise, seed, rows, spacing) for seed in seeds)
     assert np.max(np.abs(z)) < 4
-    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < 1.5)  # 16 normal numbers reach 1.5 by chance in one of a thousand
-    assert np.all(np.sqrt(np.mean(z[:, 1:] ** 2, axis=0)) > 0.3)  # and the intervals are no guess: G's hangs on lateness
+    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < most(seeds, 2.8))  # 1.5 of 16: by chance in one of a thousand
+    least = 0.3 if len(seeds) > 4 else 0.15  # few may all be near by chance
+    assert np.all(np.sqrt(np.mean(z[:, 1:] ** 2, axis=0)) > least)  # the intervals are no guess: G's hangs on lateness
 
 
 @pytest.mark.parametrize("bits", [5, 8])

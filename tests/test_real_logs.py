@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import study
 
 import sysid
 
@@ -47,6 +48,7 @@ def test_an_interfering_line_is_not_called_a_good_fit():
     assert fitted("02*/reed_temperature_sweeps.csv", "reed_temperature_sweeps").result is sysid.Result.misfit
 
 
+@pytest.mark.study  # ten sweeps
 def test_temperature_coefficient_of_a_reed():
     fit = fitted("02*/reed_temperature_sweeps.csv", "reed_temperature_window")
     k_T = fit.parameters["k_T"]
@@ -58,7 +60,8 @@ def test_temperature_coefficient_of_a_reed():
 
 
 @pytest.mark.parametrize(
-    ("number", "tau"), [(2542, 31.459), (722, 2.29), (3413, 0.47425), (795, 4.471), (488, 158.69), (596, 0.10507)]
+    ("number", "tau"),
+    [study(2542, 31.459), (722, 2.29), study(3413, 0.47425), study(795, 4.471), study(488, 158.69), (596, 0.10507)],
 )
 def test_ring_downs_of_membranes(number, tau):
     fit = fitted(f"12*/measID_{number}_*", f"ringdown_{number}")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import reference
+from conftest import most, seeds, study
 
 import sysid
 from sysid import Result
@@ -21,21 +22,23 @@ def step(scatter, seed, detuning):
     return sysid.Log("step", response, time=stamps, drive=drive, frequency=frequency, kind="transient", sampling="instant")
 
 
-@pytest.mark.parametrize("detuning", [0.0, 60.0])
-def test_stamps_that_scatter_are_in_the_intervals(detuning):
+@pytest.mark.parametrize("detuning", [study(0.0), 60.0])
+@seeds(6, 20)
+def test_stamps_that_scatter_are_in_the_intervals(seeds, detuning):
     """By half of a row: a third of these logs were misfits, and tau of the others was 2 of its errors off."""
     z, heard = [], 0
-    for seed in range(20):
+    for seed in seeds:
         fit = sysid.fit([step(0.5 * DT, seed, detuning)])
         heard += "in time stamps that scatter by" in fit.logs[0].noise
         if fit.result is Result.successful:
             z.append((fit.plant.tau - PLANT.tau) / fit.parameters["tau"].std)
-    assert min(len(z), heard) >= 18  # one in twenty scatters least where it tells most, and is called late
-    assert np.sqrt(np.mean(np.square(z))) < 1.45  # of 20, a root mean square is known to 16 %: three of these
+    assert min(len(z), heard) >= 0.9 * len(seeds) - 0.5  # one in twenty scatters least where it tells most, and is called late
+    assert np.sqrt(np.mean(np.square(z))) < most(seeds, 2.8)
 
 
-def test_stamps_that_do_not_scatter_are_taken_as_they_are():
-    for seed in range(20):
+@seeds(5, 20)
+def test_stamps_that_do_not_scatter_are_taken_as_they_are(seeds):
+    for seed in seeds:
         fit = sysid.fit([step(0.0, seed, 30.0)])
         assert fit.result is Result.successful
         assert "stamps" not in fit.logs[0].noise

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import most, seeds, study
 
 import sysid
 from sysid.trials.trial import NUISANCES
 
-SEEDS = 12
-WITHIN = 1.7  # rms of (fit - truth)/std over 12 seeds, which is known to 20 %: three and a half of these above 1
 FULL = 2.0  # um, of the response
 TAU = 1.67e-3  # s
 
@@ -35,19 +34,20 @@ def said(fit):
 
 
 @pytest.mark.parametrize(
-    ("offset", "noise", "rings"), [(0.003, 1e-3, True), (0.03, 1e-3, True), (0.03, 1e-2, True), (0.03, 1e-3, False)]
+    ("offset", "noise", "rings"), [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), (0.03, 1e-3, False)]
 )
-def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, offset, noise, rings):
+@seeds(3, 12)
+def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, noise, rings):
     """Without it G was up to 46 errors off, and a step's always as far as the offset goes."""
     z = []
-    for seed in range(SEEDS):
+    for seed in seeds:
         fit = sysid.fit([made(bench, seed, offset, noise, rings)])
         assert fit.result is sysid.Result.successful and said(fit)
         z.append([(fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std for n in ("G", "tau")])
-    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < WITHIN)
+    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds))
 
 
-@pytest.mark.parametrize("rings", [True, False])
+@pytest.mark.parametrize("rings", [True, study(False)])
 def test_an_amplitude_without_an_offset_gets_none(bench, rings):
     """One in eight may: three errors that it would move G are no longer than chance now and then makes them."""
     fits = [sysid.fit([made(bench, seed, 0.0, 3e-3, rings)]) for seed in range(8)]
@@ -74,11 +74,12 @@ def test_asked_not_to_the_fit_leaves_it(bench):
     assert not said(fit) and not fit.modes[0].trials[0].standing
 
 
-def test_a_ring_down_on_an_offset(bench):
+@seeds(3, 12)
+def test_a_ring_down_on_an_offset(bench, seeds):
     """30 Hz beside the frequency that it is demodulated at: it beats with the offset. Tau was up to 18 errors off, in logs that
     were called successful."""
     z = []
-    for seed in range(SEEDS):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         time = np.linspace(0, 9 * bench.plant.tau, 200)
         response = FULL * np.exp(-time / bench.plant.tau + 2j * np.pi * (30 * time + rng.random())) + 0.03 * FULL
@@ -87,7 +88,7 @@ def test_a_ring_down_on_an_offset(bench):
         fit = sysid.fit([log])
         if fit.result is sysid.Result.successful:
             z.append((fit.parameters["tau"].value - bench.plant.tau) / fit.parameters["tau"].std)
-    assert len(z) >= 9 and np.sqrt(np.mean(np.square(z))) < WITHIN
+    assert len(z) >= 0.75 * len(seeds) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
 def bare(seed, shape, add):
@@ -101,7 +102,8 @@ def bare(seed, shape, add):
 
 
 @pytest.mark.parametrize(("shape", "offset"), [("ring-down", 0.03), ("step", 0.1)])
-def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(shape, offset):
+@seeds(3, 12)
+def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(seeds, shape, offset):
     """They were read as the output of a first-order plant on an offset of its own: a ring-down's tau was up to 18 errors off in
     logs that were called successful, and most such steps were misfits."""
 
@@ -109,17 +111,18 @@ def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(shape, offset)
         noise = 3e-3 * FULL * (rng.standard_normal(250) + 1j * rng.standard_normal(250))
         return np.abs(clean + offset * FULL * np.exp(2j * np.pi * rng.random()) + noise)
 
-    fits = [sysid.fit([bare(seed, shape, under)]) for seed in range(SEEDS)]
+    fits = [sysid.fit([bare(seed, shape, under)]) for seed in seeds]
     z = [(f.parameters["tau"].value - TAU) / f.parameters["tau"].std for f in fits if f.result is sysid.Result.successful]
-    assert len(z) >= 10 and np.sqrt(np.mean(np.square(z))) < WITHIN
+    assert len(z) >= 0.8 * len(seeds) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
 @pytest.mark.parametrize("shape", ["ring-down", "step"])
-def test_the_output_of_a_first_order_plant_on_an_offset_is_none(shape):
+@seeds(3, 8)
+def test_the_output_of_a_first_order_plant_on_an_offset_is_none(seeds, shape):
     """Of its own direction, as a thermocouple's: the fit has that already."""
-    fits = [sysid.fit([bare(s, shape, lambda y, rng: y + 0.1 * FULL + 0.02 * rng.standard_normal(250))]) for s in range(8)]
+    fits = [sysid.fit([bare(s, shape, lambda y, rng: y + 0.1 * FULL + 0.02 * rng.standard_normal(250))]) for s in seeds]
     z = [(f.parameters["tau"].value - TAU) / f.parameters["tau"].std for f in fits]
-    assert not any(said(fit) for fit in fits) and np.sqrt(np.mean(np.square(z))) < WITHIN
+    assert not any(said(fit) for fit in fits) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
 def test_several_amplitudes_each_have_their_own(bench):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import seeds
 from scipy.stats import multivariate_normal
 
 import sysid
@@ -128,34 +129,37 @@ def sweep(temperature, seed, reading=0.03, noise=0.02):
     return Log(f"{temperature} degC", response, drive=np.full(101, 100.0), frequency=f, temperature=read)
 
 
-def test_a_thermometers_noise_tells_no_temperature_coefficient():
+@seeds(5, 20)
+def test_a_thermometers_noise_tells_no_temperature_coefficient(seeds):
     """Its coefficient would be about 0 +- 2 Hz/degC, of -10."""
-    for seed in range(20):
+    for seed in seeds:
         found = fit([sweep(24.0, seed)])
         assert not found.parameters["k_T"].determined
         assert "one temperature" in found.parameters["k_T"].why
 
 
-def test_temperature_coefficient_is_covered_where_the_thermometer_is_noisy():
+@seeds(8, 40)
+def test_temperature_coefficient_is_covered_where_the_thermometer_is_noisy(seeds):
     scores = []
-    for seed in range(40):
+    for seed in seeds:
         p = fit([sweep(t, 100 * seed + int(t)) for t in (20.0, 24.0, 30.0)]).parameters
         scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
-    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.35)  # three of the 0.11 that 40 seeds leave
+    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=3.1 / np.sqrt(2 * len(seeds)))  # of 40, three of 0.11
     assert np.max(np.abs(scores)) < 4
 
 
-def test_what_a_thermometers_error_makes_of_the_resonance_is_in_the_interval():
+@seeds(6, 30)
+def test_what_a_thermometers_error_makes_of_the_resonance_is_in_the_interval(seeds):
     """Of sweeps so quiet that 0.05 degC / sqrt(101) of error is several of their own of f0."""
     scores, exact = [], []
-    for seed in range(30):
+    for seed in seeds:
         logs = [sweep(t, 100 * seed + int(t), reading=0.05, noise=1e-3) for t in (20.0, 24.0, 30.0)]
         found = fit(logs)
         p = found.parameters
         scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
         assert found.result.name == "successful"
         exact += [fit(logs, nuisances=("rotation", "background")).parameters["k_T"].std / p["k_T"].std]
-    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=0.4)  # three of the 0.13 that 30 seeds leave
+    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=3.1 / np.sqrt(2 * len(seeds)))  # of 30, three of 0.13
     assert np.median(exact) < 0.5  # and without it the interval is less than half as wide
 
 
@@ -204,17 +208,18 @@ def written(folder, temperatures, seed, put, noise=1e-3):
     return paths
 
 
-def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path):
+@seeds(4, 15)
+def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path, seeds):
     """Sweeps so quiet that only the thermometer's steps of half a degC are left; 25.5 shows that they are steps."""
     scores, rng = [], np.random.default_rng(3)
-    for seed in range(15):
+    for seed in seeds:
         paths = written(tmp_path, [25.4, *rng.uniform(20, 32, 4)], seed, lambda t: f"{np.round(2 * t) / 2:g}")
         found = fit(sysid.read_logs(paths))
         p = found.parameters
         assert found.result.name == "successful", found.warnings
         assert any("temperature_std_degC" in w and "error of f0 and of k_T" in w for w in found.warnings)
         scores.append(((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std))
-    assert np.mean(np.square(scores)) < 1 + 3 * np.sqrt(2 / 30)  # three standard deviations; it was 20 and more
+    assert np.mean(np.square(scores)) < 1 + 3 / np.sqrt(len(seeds))  # three standard deviations; it was 20 and more
 
 
 @pytest.mark.parametrize(

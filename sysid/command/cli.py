@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.command.arguments import arguments_of
+from sysid.kept import user_cache
 from sysid.posterior.accuracy import NAMES
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def _identify(arguments: argparse.Namespace) -> int:
     started = time.process_time() if arguments.alone else 0.0  # what the interpreter took to come here
     begun, stages = time.perf_counter() - started, Stages()
     try:
-        with Budget(arguments.budget, begun, stages, _cache() / "seconds.json") as budget:
+        with Budget(arguments.budget, begun, stages, user_cache() / "seconds.json") as budget:
             return _run(arguments, stages, budget)
     except BudgetError as error:
         return _refuse(f"--budget: {error}")
@@ -207,14 +208,7 @@ def _keep_programs() -> None:
         return
     from sysid.precision import keep_programs
 
-    keep_programs(_cache())
-
-
-def _cache() -> Path:
-    """The user's folder for what a later run saves time with."""
-    from platformdirs import user_cache_path
-
-    return user_cache_path("sysid")
+    keep_programs(user_cache())
 
 
 def _rig(path: str | None, drive_unit: str, response_unit: str) -> Any:

@@ -32,7 +32,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.export
 import jax.numpy as jnp
 from jax import Array
 
@@ -118,10 +117,6 @@ class Residual(NamedTuple):
     turn: Array
     volume: Array
     extra: Array
-
-
-for _type in (Hold, Experiment, Residual):  # so that a traced program can be kept
-    jax.export.register_namedtuple_serialization(_type, serialized_name=f"sysid.{_type.__name__}")
 
 
 def basis(theta: Array, hold: Hold, layout: Layout) -> Response:

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 
 from sysid.model.plant import Plant, expm1, phis, poles, steady
+from sysid.precision import jitted
 from sysid.rows.hold import Leaf
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
 
@@ -135,7 +136,7 @@ def start(plant: Plant, effects: tuple, key: Array) -> State:
     return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
 
 
-@partial(jax.jit, static_argnames="rung")
+@partial(jitted, static="rung")
 def advance(
     plant: Plant,
     effects: tuple,
