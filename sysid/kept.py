@@ -42,9 +42,13 @@ def folder() -> Path | None:
 
 def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     """The compiled program of `function` that `make()` gives, or the one of that `identity` that is kept. One that is broken, cut
-    off or of another kind is made anew; a folder that cannot be used is done without."""
+    off or of another kind is made anew; a folder that cannot be used is done without. Where JAX's own cache is on, it keeps them:
+    what it gives back cannot be written again."""
+    import jax
+
     where, package = folder(), function.__module__.partition(".")[0]
-    if where is None or not (ROOT / package / "__init__.py").exists():  # code whose text is not known
+    cached = jax.config.values.get("jax_compilation_cache_dir")
+    if where is None or cached or not (ROOT / package / "__init__.py").exists():  # code whose text is not known
         return make()
     whole = f"{_machine(package)} {_flags()} {function.__module__} {function.__qualname__} {identity}"
     path = where / f"{function.__name__}-{sha256(whole.encode()).hexdigest()}"

@@ -34,7 +34,7 @@ def after(bench, logs, parameter, seed):
     ("parameter", "given"),
     [("k_T", "sweep"), ("G", "step"), ("tau", "sweep"), ("f0", "step")],
 )
-@seeds(2, 8)
+@seeds(3, 8)
 def test_the_error_shrinks_to_what_was_promised(bench, seeds, parameter, given):
     make = {"sweep": lambda s: bench.sweep(seed=s, noise=0.01), "step": lambda s: bench.transient(seed=s)}[given]
     ratios = np.array([after(bench, [make(seed)], parameter, seed) for seed in seeds])
