@@ -19,8 +19,8 @@ from sysid.verdict.result import Result
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"
 
 
-def document(posterior, warnings=()):
-    loop = controller.design(posterior) if posterior.result is Result.successful else None
+def document(posterior, warnings=(), method="pi"):
+    loop = controller.design(posterior, method=method) if posterior.result is Result.successful else None
     content = outputs.document(posterior, loop and controller.as_dict(loop), warnings)
     return content | {"files": {"report.html": "", "posterior.nc": ""}}
 
@@ -211,3 +211,21 @@ def test_images_travel_whole():
     images |= plots.step_figure(content["controller"]) | costs.ladder_figure(content["uncertainty"]["rungs"])
     found = re.findall(r'base64,([^"]+)"', rendered(posterior))
     assert [base64.b64decode(image) for image in found] == list(images.values())
+
+
+@pytest.mark.parametrize(
+    ("method", "law", "tracker"),
+    [
+        ("pi", "Kp", "Hz per Wq/Wd"),
+        ("pll", "Kp", "Hz per Wq/Wd"),
+        ("paper", "Kp", "10 Hz up or down, by the sign of Wq"),
+        ("adaptive", "K ", "the observer estimates"),
+    ],
+)
+def test_every_controller_that_a_rig_may_choose_can_be_told(method, law, tracker):
+    """Of `paper` and `adaptive` the report stopped with an error: they have other numbers."""
+    posterior = standin.posterior()
+    content = document(posterior, method=method)
+    first, second, *_ = text.gains(content["controller"])
+    assert first.startswith(law) and tracker in second
+    assert first in html.render(content, posterior).replace("&#39;", "'")

@@ -111,28 +111,36 @@ def grouped(document: Mapping[str, Any]) -> list[str]:
     return [*document["notes"]] + [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
 
 
+BOUNDS = {  # of the bandwidth, as `controller.bandwidth` names them
+    "stated": "as stated",
+    "settling": "for the settling time that was asked for",
+    "plant": "tau_cl = 0.3 tau",
+    "delay": "limited by the delay",
+    "posterior": "limited by the uncertainty of G/tau",
+}
+
+
+def _steps(tracker: Mapping[str, float]) -> str:
+    """What a tracker does at an update; an observer's goes where it sees the resonance."""
+    if "step_Hz" in tracker:
+        return f"{tracker['step_Hz']:.4g} Hz up or down, by the sign of Wq,"
+    if "gain_Hz" not in tracker:
+        return "to the resonance that the observer estimates,"
+    return f"{tracker['gain_Hz']:.4g} Hz per Wq/Wd, at most {tracker['max_step_Hz']:.4g} Hz at once,"
+
+
 def gains(controller: Mapping[str, Any]) -> list[str]:
     """The controller in a few lines."""
-    unit = " ({drive} per {response})".format(**controller["units"])
-    d, bound = (
-        controller["gains"]["d"],
-        {
-            "stated": "as stated",
-            "settling": "for the settling time that was asked for",
-            "plant": "tau_cl = 0.3 tau",
-            "delay": "limited by the delay",
-            "posterior": "limited by the uncertainty of G/tau",
-        },
-    )
+    unit, found = " ({drive} per {response})".format(**controller["units"]), controller["gains"]
+    law = f"K {found['K']:.6g}, T/tau {found['damping']:.6g}" if "K" in found else (
+        f"Kp {found['d']['Kp']:.6g}, Ki Ts {found['d']['Ki_Ts']:.6g}{unit}"
+    )  # fmt: skip
     lines = [
-        f"Kp {d['Kp']:.6g}, Ki Ts {d['Ki_Ts']:.6g}{unit} at a sample time of {seconds(controller['sample_time_s'])};"
-        f" closed loop {controller['bandwidth_Hz']:.4g} Hz ({bound[controller['bandwidth_bound']]})"
+        f"{law} at a sample time of {seconds(controller['sample_time_s'])}; closed loop"
+        f" {controller['bandwidth_Hz']:.4g} Hz ({BOUNDS[controller['bandwidth_bound']]})"
     ]
     if tracker := controller["tracker"]:
-        lines.append(
-            f"tracker {tracker['gain_Hz']:.4g} Hz per Wq/Wd every {seconds(tracker['period_s'])}, at most"
-            f" {tracker['max_step_Hz']:.4g} Hz at once, from {tracker['start_Hz']:.8g} Hz"
-        )
+        lines.append(f"tracker {_steps(tracker)} every {seconds(tracker['period_s'])}, from {tracker['start_Hz']:.8g} Hz")
     return [*lines, *_promise(controller), *controller["notes"]]
 
 
