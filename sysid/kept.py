@@ -48,11 +48,40 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
         return make()
     whole = f"{_machine(package)} {_flags()} {function.__module__} {function.__qualname__} {identity}"
     path = where / f"{function.__name__}-{sha256(whole.encode()).hexdigest()}"
-    if (found := _read(path)) is not None:
-        return found
-    made = make()
-    _write(path, made)
-    return made
+
+    def anew() -> Any:
+        made = make()
+        if not _cached_by_jax():  # what JAX loads from a cache of its own is not whole when it is written again
+            _write(path, made)
+        return made
+
+    return anew() if (found := _read(path)) is None else _Loaded(found, anew)
+
+
+class _Loaded:
+    """A program from disk. That a part of it is missing JAX may find out only as it runs: it is then made `anew`."""
+
+    def __init__(self, found: Callable, anew: Callable[[], Callable]):
+        self.found, self.anew, self.ran = found, anew, False
+
+    def __call__(self, *args: Any) -> Any:
+        if self.ran:
+            return self.found(*args)
+        import jax
+
+        try:
+            result = jax.block_until_ready(self.found(*args))
+        except jax.errors.JaxRuntimeError:
+            self.found = self.anew()
+            result = self.found(*args)
+        self.ran = True
+        return result
+
+
+def _cached_by_jax() -> bool:
+    import jax
+
+    return bool(jax.config.values.get("jax_compilation_cache_dir"))
 
 
 def _read(path: Path) -> Any:

@@ -52,13 +52,8 @@ _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a proce
 
 
 def keep_programs(folder: Path) -> None:
-    """Keep all compiled programs in `folder`, those of JAX's own too; for a program that owns its process."""
+    """Keep this process's programs in `folder` instead of the user's own (`sysid.kept`)."""
     kept.choose(folder / "programs")
-    if kept.folder() is None:
-        return
-    jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def make_beside() -> None:

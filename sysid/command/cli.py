@@ -169,7 +169,6 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
     """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
     with ThreadPoolExecutor(1) as beside:
         with stages("load", "starting"):
-            _keep_programs()
             from sysid.fitting import fit
             from sysid.posterior.posterior import sample
             from sysid.posterior.surrogate import prepare
@@ -192,15 +191,6 @@ def _draw(fitted: Any) -> dict[str, bytes]:
     from sysid.report.plots import log_figures
 
     return log_figures(fitted)
-
-
-def _keep_programs() -> None:
-    """Keep compiled programs between runs: the first run's compilation costs more than all of its arithmetic."""
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return
-    from sysid.precision import keep_programs
-
-    keep_programs(user_cache())
 
 
 def _rig(path: str | None, drive_unit: str, response_unit: str) -> Any:
