@@ -42,21 +42,46 @@ def folder() -> Path | None:
 
 def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     """The compiled program of `function` that `make()` gives, or the one of that `identity` that is kept. One that is broken, cut
-    off or of another kind is made anew; a folder that cannot be used is done without. Where JAX's own cache is on, it keeps them:
-    what it gives back cannot be written again."""
-    import jax
-
+    off or of another kind is made anew; a folder that cannot be used is done without."""
     where, package = folder(), function.__module__.partition(".")[0]
-    cached = jax.config.values.get("jax_compilation_cache_dir")
-    if where is None or cached or not (ROOT / package / "__init__.py").exists():  # code whose text is not known
+    if where is None or not (ROOT / package / "__init__.py").exists():  # code whose text is not known
         return make()
     whole = f"{_machine(package)} {_flags()} {function.__module__} {function.__qualname__} {identity}"
     path = where / f"{function.__name__}-{sha256(whole.encode()).hexdigest()}"
-    if (found := _read(path)) is not None:
-        return found
-    made = make()
-    _write(path, made)
-    return made
+
+    def anew() -> Any:
+        made = make()
+        if not _cached_by_jax():  # what JAX loads from a cache of its own is not whole when it is written again
+            _write(path, made)
+        return made
+
+    return anew() if (found := _read(path)) is None else _Loaded(found, anew)
+
+
+class _Loaded:
+    """A program from disk. That a part of it is missing JAX may find out only as it runs: it is then made `anew`."""
+
+    def __init__(self, found: Callable, anew: Callable[[], Callable]):
+        self.found, self.anew, self.ran = found, anew, False
+
+    def __call__(self, *args: Any) -> Any:
+        if self.ran:
+            return self.found(*args)
+        import jax
+
+        try:
+            result = jax.block_until_ready(self.found(*args))
+        except jax.errors.JaxRuntimeError:
+            self.found = self.anew()
+            result = self.found(*args)
+        self.ran = True
+        return result
+
+
+def _cached_by_jax() -> bool:
+    import jax
+
+    return bool(jax.config.values.get("jax_compilation_cache_dir"))
 
 
 def _read(path: Path) -> Any:

@@ -52,7 +52,7 @@ _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a proce
 
 
 def keep_programs(folder: Path) -> None:
-    """Keep all compiled programs in `folder`. JAX's own cache stays off: what it gives back cannot be written again."""
+    """Keep this process's programs in `folder` instead of the user's own (`sysid.kept`)."""
     kept.choose(folder / "programs")
 
 

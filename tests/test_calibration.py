@@ -6,23 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import tiers
 from scipy.stats import kstest
 
 STUDY = SimpleNamespace(
     **runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "calibration.py"), run_name="calibration")
 )
 CASES = {case.name: case for case in STUDY.CASES}
-RUNS = 30
 
 
-def ranks(name, runs=RUNS, **given):
+def ranks(name, runs, **given):
     found = [STUDY.run(CASES[name], seed, **given) for seed in range(runs)]
     return found, lambda parameter: [r.ranks[parameter] for r in found if r.bounded]
 
 
 @pytest.mark.parametrize("name", ["lone step", "step without a frequency"])
-def test_the_truth_is_any_draw_of_its_posterior(name):
-    found, of = ranks(name)
+@pytest.mark.parametrize("runs", tiers(10, 30))
+def test_the_truth_is_any_draw_of_its_posterior(name, runs):
+    found, of = ranks(name, runs)
     assert all(r.bounded for r in found)
     assert all(kstest(of(parameter), "uniform").pvalue > 1e-3 for parameter in CASES[name].box)  # of five: once in 200 runs
 

@@ -162,7 +162,7 @@ def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, seeds, feedthrou
     assert sum(said_of_G(f) for f in fits) <= least(seeds, 3, 1)  # in one of twenty by chance: in more than 3 of 16 once in 100
 
 
-@pytest.mark.study  # each fit looks for filters: a gain of 1.3 is named in test_coincidence.py
+@pytest.mark.study  # each fit looks for filters: test_misfit.py names a drive in mV in every run
 def test_a_gain_of_two_is_no_filter(bench):
     """A drive in another unit: a filter of tau/2 behind a feedthrough as large as the response looks the same in a step; G was
     half of what it is, 200 to 400 of its errors off."""

@@ -104,7 +104,9 @@ GRIDS = {
 }
 
 
-@pytest.mark.parametrize(("late", "lockin_tau"), [(0.0, 1e-9), (0.0, 1e-4), study(0.0, 1.0), (2e-4, 1e-9), study(2e-4, 1.0)])
+@pytest.mark.parametrize(
+    ("late", "lockin_tau"), [(0.0, 1e-9), study(0.0, 1e-4), study(0.0, 1.0), study(2e-4, 1e-9), study(2e-4, 1.0)]
+)
 @pytest.mark.parametrize("grid", ["even", study("jittered"), study("denser at the step")])
 def test_a_filter_that_was_not_there_on_rows_of_any_times(grid, late, lockin_tau):
     """Nothing but one that is too short to matter is believed, and no late trigger."""

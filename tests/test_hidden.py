@@ -62,6 +62,7 @@ def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order):
         assert abs(poles * found.value - order * time) < 0.5 * order * time  # the delay; how it is made up is not told
 
 
+@pytest.mark.study  # test_scales.py has such a step in other units
 def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
     """From um to km: the likelihood counts what a filter adds by the noise, of which the logarithm depends on the unit."""
     logs = [filtered_step(0, 4e-4, 1, 1.5e-2), settled_sweep(0, 1.5e-2)]

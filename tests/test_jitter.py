@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from conftest import seeds
 
 import sysid
 from sysid import Result
 
 G, TAU, F0 = 0.02, 1.67e-3, 32300.0
 HALF = 1 / (2 * np.pi * TAU)
-SEEDS = 40
 
 
 def process(rng, rows, time):
@@ -44,15 +44,16 @@ PHASES = {"1/f": lambda r, n: 0.02 * one_over_f(r, n), "slow": lambda r, n: 0.02
 
 
 @pytest.mark.parametrize("phase", PHASES.values(), ids=PHASES)
-def test_phase_noise_that_rows_share_is_in_the_intervals(phase):
+@seeds(10, 40)
+def test_phase_noise_that_rows_share_is_in_the_intervals(seeds, phase):
     """Taken for additive noise, the intervals were too narrow by two to three, and the worst was ten of its errors off."""
-    fits = [sysid.fit([sweep(seed, phase)]) for seed in range(SEEDS)]
+    fits = [sysid.fit([sweep(seed, phase)]) for seed in seeds]
     believed = [f for f in fits if f.result is Result.successful]
-    assert len(believed) > 0.5 * SEEDS
+    assert len(believed) > 0.5 * len(seeds)
     for name, truth in (("G", G), ("tau", TAU), ("f0", F0)):
         z = scores(believed, name, truth)
         assert np.max(np.abs(z)) < 4.5
-        assert np.sqrt(np.mean(z**2)) < 1.35  # three of the errors that a root mean square of 40 has
+        assert np.sqrt(np.mean(z**2)) < 1 + 0.35 * np.sqrt(40 / len(seeds))  # three of the errors that a root mean square has
 
 
 def test_phase_noise_is_said_with_its_size_and_its_time():
@@ -75,7 +76,8 @@ ADDITIVE = {
 
 
 @pytest.mark.parametrize("kind", ADDITIVE)
-def test_additive_noise_is_no_phase_noise(kind):
-    fits = [sysid.fit([sweep(seed, lambda r, n: np.zeros(n), 0.005, ADDITIVE[kind])]) for seed in range(SEEDS)]
+@seeds(10, 40)
+def test_additive_noise_is_no_phase_noise(seeds, kind):
+    fits = [sysid.fit([sweep(seed, lambda r, n: np.zeros(n), 0.005, ADDITIVE[kind])]) for seed in seeds]
     assert sum(t.noise.jitter is not None for f in fits for t in f.modes[0].trials) <= 2  # log-likelihood of 5 for two numbers
     assert not any("phase noise" in w for f in fits for w in f.warnings)

@@ -35,6 +35,7 @@ LATER = {  # the study's: other variants of these kinds, or tests of their own, 
     ("ring-down of amplitudes on an offset", "below"),
     ("sweep, set, wait, read", "own, back"),
     ("restless, then a decay", "swing 0.1"),
+    ("a step that is late, beside a sweep", "0.3 ms"),
 }
 
 

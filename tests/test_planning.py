@@ -89,6 +89,7 @@ def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
         assert best.best - best.after < 0.5 * (best.best - best.before)
 
 
+@pytest.mark.study  # its own designs; the margin's are in every run
 def test_the_settling_time_shrinks_as_foreseen(bench):
     logs = [bench.transient(noise=0.1)]
     best = sysid.advise(sysid.fit(logs), "settling", design=controller.design, temperatures=[24.0])[0]
@@ -96,6 +97,7 @@ def test_the_settling_time_shrinks_as_foreseen(bench):
     assert best.after < best.before and after == pytest.approx(best.after, abs=1.5e-4)  # a sample time of 0.1 ms is its grain
 
 
+@pytest.mark.study  # a design for each experiment, as for the margin above
 def test_a_margin_there_is_none_of_yet(bench):
     log = bench.transient(dt=5e-4)  # a row is a third of tau, and a feedthrough of nearly the response hides it
     log = replace(log, response=log.response + 0.8 * np.exp(0.7j) * bench.plant.G * np.append(0.0, log.drive[:-1]))

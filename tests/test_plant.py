@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import study
 from scipy.linalg import expm
 
 from sysid import Plant
@@ -208,7 +209,7 @@ def test_a_delay_is_a_response_that_comes_later():
     np.testing.assert_allclose(forced, 1 - np.exp(-since / tau), atol=1e-15)  # the step's closed form
 
 
-@pytest.mark.parametrize(("order", "smoothing"), [(1, 3e-4), (4, 1e-4), (3, 2e-3), (2, 1e-6)])
+@pytest.mark.parametrize(("order", "smoothing"), [(1, 3e-4), (4, 1e-4), study(3, 2e-3), study(2, 1e-6)])
 def test_a_lock_ins_filter_is_a_cascade_of_poles(order, smoothing):
     """Against the matrix exponential of the slow mode and its stages, at resonance and beside it, slower and faster than tau."""
     tau, time = 8e-4, np.arange(60) * 1e-4
@@ -266,8 +267,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("both_modes", [False, True])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "both_modes"), [*((c, True) for c in CASES), ("all", False), *(study(c, False) for c in CASES if c != "all")]
+)
 def test_gradients_are_finite_and_those_of_differences(case, both_modes):
     drive, detuning, dt = CASES[case]
     # Q = 12 exactly at f0; the temperature ramp makes every row an interval of its own

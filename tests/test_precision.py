@@ -146,6 +146,25 @@ def test_another_code_flag_or_shape_is_another_program(keepable, folder, monkeyp
     assert len(list(folder.iterdir())) == 3
 
 
+def test_a_program_that_fails_as_it_runs_is_made_anew(keepable, folder, made, monkeypatch):
+    """As one of which JAX finds a function missing when it is called."""
+
+    def fails(*_):
+        raise jax.errors.JaxRuntimeError("NOT_FOUND: Function fusion not found")
+
+    asked(keepable)
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "_read", lambda path: fails)
+        assert asked(keepable) == [1 + 1e-12, 3.0] and len(made) == 2
+    assert asked(keepable) == [1 + 1e-12, 3.0] and len(made) == 2  # it was mended
+
+
+def test_where_jax_keeps_its_own_nothing_is_kept_twice(keepable, folder, made, monkeypatch):
+    """What it loads lacks a part when it is written again."""
+    monkeypatch.setattr(kept, "_cached_by_jax", lambda: True)
+    assert asked(keepable) == asked(keepable) and len(made) == 2 and not folder.exists()
+
+
 def test_switched_off_nothing_is_kept(keepable, folder, made, monkeypatch):
     monkeypatch.setenv(kept.SWITCH, "off")
     kept.choose(folder)  # not even where a program of its own would have it

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import study as for_the_study
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
@@ -21,7 +22,7 @@ def study():
     ("seed", "result"),
     [
         (1132, "successful"),  # Q of 19: with or without the ripple of the fast mode
-        (5062, "successful"),  # two amplitudes at two temperatures: an image of an image
+        for_the_study(5062, "successful"),  # two amplitudes at two temperatures: an image of an image
         (100104, "successful"),  # sweeps a sixth of a degree apart
     ],
 )

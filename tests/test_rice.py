@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import reference
+from conftest import study
 from scipy.special import i0e, i1e
 
 import sysid
@@ -34,7 +35,7 @@ def bound(plant, frequency: np.ndarray, drive: np.ndarray, noise: float) -> np.n
     return np.sqrt(np.diag(np.linalg.inv(total))[:2])
 
 
-@pytest.mark.parametrize("noise", [0.03, 0.2])
+@pytest.mark.parametrize("noise", [study(0.03), 0.2])
 def test_the_noise_that_lifts_the_amplitudes_is_no_better_known_than_its_scatter_tells(noise):
     """At a fifth of the peak, with it taken as known, tau was said to be known a twentieth better than Rice's law allows."""
     plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)

@@ -61,9 +61,10 @@ def test_draws_do_not_settle_what_is_open():
 
 
 @pytest.mark.parametrize("x", [study(0.0), 0.3, study(1.0)])
-def test_a_response_that_still_grows_tells_the_gain(x):
+@seeds(1, 2)
+def test_a_response_that_still_grows_tells_the_gain(seeds, x):
     """Seven time constants are seen; whatever the phase that it began with."""
-    for seed in range(SEEDS):
+    for seed in seeds:
         found = sysid.fit([log(x, 200, 0.7 * TAU, seed=seed)])
         assert found.result is Result.successful
         assert errors(found, "tau") < 4 and errors(found, "G") < 4

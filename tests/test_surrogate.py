@@ -44,6 +44,7 @@ def test_it_is_the_exact_density_near_and_far(fit):
     np.testing.assert_allclose(value[far], exact[far], rtol=1e-9)
 
 
+@pytest.mark.study  # many rows
 def test_many_rows_are_taken_log_by_log(bench, monkeypatch):
     fit, z = sysid.fit([bench.sweep(seed=1), bench.sweep(seed=2), bench.transient(seed=3)]), draws(50)
     _, together, _ = both(fit, z)

@@ -25,8 +25,6 @@ from rich.console import Console
 from rich.progress import track
 from verdicts import VERDICTS, Answer, as_it_must, ours
 
-from sysid.precision import keep_programs
-
 WHERE = Path(__file__).parents[1] / "hard_logs.md"
 Answers = dict[str, dict[str, list[Answer]]]  # by program and case
 
@@ -107,8 +105,6 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     names = [name for name in CASES if given.only is None or given.only in name]
     found: Answers = {who: {} for who in ("sysid", *peers.PEERS)}
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        keep_programs(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]))
     for name in track(names, console=Console(stderr=True), disable=given.only is not None):
         for who, answers in answered(name, given.seeds).items():
             found[who][name] = answers
