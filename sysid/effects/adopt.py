@@ -14,11 +14,17 @@ approximation of their evidence,
     log p(logs) = log likelihood - sum (u/s)^2 / 2 + log det(C_u/s^2) / 2 - log(effects that were tried)
 
 with s the numbers' prior standard deviations and C_u their covariance. One is adopted if it beats both the plant alone and all
-that was found of other kinds, and if what it leaves is noise of each row's own.
+that the first order found of other kinds, whose evidence is at most
+
+    worth - freedom log(2 worth/freedom) / 2
+
+as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. The best that is not
+adopted is still named where it explains most of what the plant leaves. What was tried in full and explains nothing is refuted:
+the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -31,14 +37,17 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
-from sysid.verdict.misfit import Found, Linear, described
+from sysid.verdict.finding import Finding
+from sysid.verdict.misfit import EXPLAINED, Found, Linear, described
 from sysid.verdict.unexplained import SIGNIFICANT, left_of, shared
 from sysid.verdict.view import View
 
 SURE = 3.0  # log evidence: odds of twenty to one
 NEARLY = 3.0  # within which another description may be true as well, so that the error spans it
 MOST = 2  # effects in one set of logs
-CLOSER = 6  # starts of the most likely effects, that are followed to their optimum
+CLOSER = 6  # starts of the most likely effects, that are followed,
+FIRST = 2  # at first for so many steps, and
+KEPT = 2  # of them to their optimum
 FOLLOWED = 4  # effects that are followed
 STEPS = 15
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
@@ -49,7 +58,7 @@ DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose e
 
 @dataclass(frozen=True)
 class Instance:
-    """An effect in the logs `where`: in one, or in all that show it where it is the plate's."""
+    """An effect in the logs `where`: in one, or in all that show it."""
 
     effect: Effect
     where: tuple[int, ...]
@@ -57,7 +66,8 @@ class Instance:
 
 class Adopted(NamedTuple):
     """A description with effects: its state, their `numbers` one after another, each one's in its `parts`, and these numbers'
-    covariance; what the plant's covariance (6, 6) grows by; and its log evidence over that of the plant alone."""
+    covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of the plant alone; what is known of the
+    logs beforehand."""
 
     instances: tuple[Instance, ...]
     state: State
@@ -66,67 +76,110 @@ class Adopted(NamedTuple):
     covariance: np.ndarray
     dispersion: np.ndarray
     evidence: float
+    about: list[About]
+
+    @property
+    def where(self) -> set[int]:
+        """The logs that it is about."""
+        return {i for x in self.instances for i in x.where}
 
     @property
     def white(self) -> bool:
-        """Whether the logs that it is about are left with noise of each row's own: noise of long memory may be what a wrong
-        effect leaves."""
-        where = {i for x in self.instances for i in x.where}
-        return all(shared(self.state.trials[i], self.state.models[i])[1] < SIGNIFICANT for i in where)
+        """Whether these are left with noise of each row's own: noise of long memory may be what a wrong effect leaves."""
+        return all(shared(self.state.trials[i], self.state.models[i])[1] < SIGNIFICANT for i in self.where)
 
-    def said(self) -> list[str]:
-        """A sentence for each effect."""
+    def explains(self, before: State) -> bool:
+        """Whether it leaves little of what the plant alone leaves of these logs, or no more than chance."""
+        for i in self.where:
+            power, chance = shared(self.state.trials[i], self.state.models[i])
+            if chance > SIGNIFICANT and power > EXPLAINED * shared(before.trials[i], before.models[i])[0]:
+                return False
+        return True
+
+    def findings(self, outcome: str, beside: str) -> tuple[Finding, ...]:
+        """Each effect, in words and numbers; `beside`: what the words say between what there is and what to do."""
         found, stds = [], np.sqrt(np.diag(self.covariance))
-        for instance, part in zip(self.instances, self.parts, strict=True):
-            names = ", ".join(self.state.trials[i].log.name for i in instance.where)
-            said = instance.effect.said(self.state.trials[instance.where[0]], self.numbers[part], stds[part])
-            found.append(f"{names}: {said}")
-        return found
+        for x, part in zip(self.instances, self.parts, strict=True):
+            names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
+            numbers = x.effect.numbers(self.numbers[part], stds[part], self.about[first])
+            told = x.effect.said(self.state.trials[first], numbers)
+            sentence = f"{', '.join(names)}: {told.what}, {beside}; {told.to_do}"
+            found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence))
+        return tuple(found)
 
 
-def adopted(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Adopted | None:
-    """The effects, of those called `names`, that describe the logs of a minimum which the plant alone does not; None where none
-    do. `found`: what the logs hold to first order."""
+@dataclass(frozen=True)
+class Outcome:
+    """What became of the effects that were tried: a description that is adopted; one that is only `named`, as it explains most but
+    not all; and which names, of the first order in which log, are `refuted`."""
+
+    adopted: Adopted | None = None
+    named: Adopted | None = None
+    refuted: frozenset[tuple[str, int]] = field(default_factory=frozenset)
+
+
+def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Outcome:
+    """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not describe. `found`: what
+    the logs hold to first order."""
     search = Search(minimiser, state)
     wrong = misfitting(state, found)
-    tried = [x for x in instances(state.trials, names) if _promises(x, found, wrong)]
-    if not tried:
-        return None
+    some = [x for x in instances(state.trials, names) if _promises(x, found, wrong)]
     before: tuple[Instance, ...] = ()
-    numbers = np.zeros(0)
+    numbers, named, here = np.zeros(0), None, some
     for _ in range(MOST):
-        best = search.best(before, numbers, [x for x in tried if x not in before], len(tried))
+        best = search.best(before, numbers, here, len(some)) if here else None
         if best is None:
-            return None
-        other = [f.worth for f in found if not any(f.name in x.effect.alike for x in best.instances)]
-        if best.evidence > max([0.0, *other]) and best.white and described(minimiser, best.state):
-            return best
+            break
+        ahead = best.evidence > max([SURE, *(_least_evidence(f) for f in found if not _may_be(f, best))])
+        if ahead and best.white and described(minimiser, best.state):
+            return Outcome(best)
+        named = best if ahead and best.explains(state) else named
         before, numbers = best.instances, best.numbers
-    return None
+        wrong = {i for i, t in enumerate(best.state.trials) if not t.silent and _left(best.state, i)}
+        here = [x for x in some if x not in before and not wrong.isdisjoint(x.where)]
+    return Outcome(None, named, search.refuted(named))
 
 
 def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
     """All that logs can show."""
-    each = []
+    each: list[Instance] = []
     for effect in (e for e in EFFECTS if e.name in names):
         here = tuple(i for i, t in enumerate(trials) if effect.shows(t))
-        if effect.plate:  # a transient would need what an effect of the plate does to its pole from row to row
-            each += [Instance(effect, here)] if here and all(t.steady for t in trials) else []
-        else:
+        if effect.scope != "plate":
             each += [Instance(effect, (i,)) for i in here]
+        if effect.scope == "plate":  # a transient would need what an effect of the plate does to its pole from row to row
+            each += [Instance(effect, here)] if here and all(t.steady for t in trials) else []
+        if effect.scope == "bench" and len(here) > 1:
+            each.append(Instance(effect, here))
     return each
 
 
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe."""
-    left = {i for i, t in enumerate(state.trials) if not t.silent and (x := left_of(state, i)) is not None and not x.noise}
+    left = {i for i, t in enumerate(state.trials) if not t.silent and _left(state, i)}
     return left | {f.log for f in found if f.log is not None and f.certain}
 
 
+def _left(state: State, i: int) -> bool:
+    left = left_of(state, i)
+    return left is not None and not left.noise
+
+
 def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bool:
-    """Whether a log that it is about is not described, and the first order says nothing of it, or something that this may be."""
+    """Whether the logs that it is about are not described, and the first order says nothing of one of them, or something that this
+    may be."""
     told = [f for f in found if f.log is None or f.log in instance.where]
     return not wrong.isdisjoint(instance.where) and (not told or any(f.name in instance.effect.alike for f in told))
+
+
+def _may_be(found: Found, best: Adopted) -> bool:
+    """Whether what was found to first order may be this, or what this leaves in its own logs."""
+    return any(found.name in x.effect.alike for x in best.instances)
+
+
+def _least_evidence(found: Found) -> float:
+    """An upper bound of the evidence of what was found to first order."""
+    return found.worth - 0.5 * found.freedom * float(np.log(max(2 * found.worth / found.freedom, 1.0)))
 
 
 class Search:
@@ -136,11 +189,18 @@ class Search:
         self.minimiser, self.alone = minimiser, state
         self.about = [About.of(state, minimiser.reference, i) for i in range(len(state.trials))]
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
+        self.ends: list[Adopted] = []  # of the effects that were tried by themselves
 
     @cached_property
     def names(self) -> list[str]:
         """Of the plant's parameters that are fitted."""
         return [n for n in NAMES if n in self.minimiser.free]
+
+    def refuted(self, named: Adopted | None) -> frozenset[tuple[str, int]]:
+        """First order's names of effects that were tried by themselves and explain nothing."""
+        told = [*self.ends] if named is None else [*self.ends, named]
+        able = {(n, i) for a in told if a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
+        return frozenset({(n, i) for a in self.ends for n, i in _names(a)} - able)
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
         """The best description with one more effect than those `before`, of `count` that were tried; None where none gains."""
@@ -153,17 +213,17 @@ class Search:
                 rough.append((self.cost((*before, instance), u, state), len(rough), instance, u, state))
         rough = [r for r in rough if np.isfinite(r[0])]
         rough.sort(key=lambda r: r[:2])
-        likely = list(dict.fromkeys(r[2] for r in rough))[:FOLLOWED]
         ends = []
-        for instance in likely:
+        for instance in list(dict.fromkeys(r[2] for r in rough))[:FOLLOWED]:
             every = (*before, instance)
-            starts = [r for r in rough if r[2] == instance][:CLOSER]
-            descents = sorted((self.followed(every, u, state) for *_, u, state in starts), key=lambda end: self.cost(every, *end))
-            ends += [self.ended(every, *end, count) for end in self.distinct(every, descents)]
-        if not ends:
-            return None
-        best = max(ends, key=lambda a: a.evidence)
-        if best.evidence < SURE:
+            starts = [r[3:] for r in rough if r[2] == instance][:CLOSER]
+            first = sorted((self.followed(every, *s, FIRST) for s in starts), key=lambda end: self.cost(every, *end))
+            optima = [self.followed(every, *s, STEPS) for s in self.distinct(every, first, np.inf)[:KEPT]]
+            optima.sort(key=lambda end: self.cost(every, *end))
+            ends += [self.ended(every, *end, count) for end in self.distinct(every, optima)]
+        self.ends += [] if before else ends
+        best = max(ends, key=lambda a: a.evidence, default=None)
+        if best is None or best.evidence < SURE:
             return None
         alike = [a for a in ends if a is not best and a.evidence > best.evidence - NEARLY]
         return best._replace(dispersion=best.dispersion + _between(best, alike))
@@ -195,10 +255,12 @@ class Search:
         """- log likelihood and - log prior of the numbers."""
         return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood
 
-    def followed(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> tuple[np.ndarray, State]:
-        """The optimum that steps from these numbers lead to."""
+    def followed(
+        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, most: int
+    ) -> tuple[np.ndarray, State]:
+        """Where `most` steps from these numbers, or fewer, lead."""
         cost = self.cost(instances, numbers, state)
-        for _ in range(STEPS):
+        for _ in range(most):
             step, covariance, _ = self.looked(instances, numbers, state)
             if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
                 break
@@ -215,11 +277,13 @@ class Search:
                 break
         return numbers, state
 
-    def distinct(self, instances: Sequence[Instance], ends: Sequence[tuple[np.ndarray, State]]) -> list[tuple[np.ndarray, State]]:
-        """Of optima, the best first, each that is nearly as good, once."""
+    def distinct(
+        self, instances: Sequence[Instance], ends: Sequence[tuple[np.ndarray, State]], within: float = NEARLY
+    ) -> list[tuple[np.ndarray, State]]:
+        """Of ends, the best first, each whose cost is `within` so much of the best one's, once."""
         kept: list[tuple[np.ndarray, State]] = []
         for numbers, state in ends:
-            if kept and self.cost(instances, numbers, state) > self.cost(instances, *kept[0]) + NEARLY:
+            if kept and self.cost(instances, numbers, state) > self.cost(instances, *kept[0]) + within:
                 break
             if all(np.any(np.abs(numbers - other) > APART * self.stds(instances)) for other, _ in kept):
                 kept.append((numbers, state))
@@ -273,7 +337,12 @@ class Search:
         std, parts = np.sqrt(np.diag(covariance)), self.parts(instances)
         sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
         evidence = evidence if sense and np.isfinite(evidence) else -np.inf
-        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence)
+        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about)
+
+
+def _names(adopted: Adopted) -> set[tuple[str, int]]:
+    """First order's names of a description's effects, in each of their logs."""
+    return {(name, i) for x in adopted.instances for name in x.effect.known_as for i in x.where}
 
 
 def _between(best: Adopted, alike: Sequence[Adopted]) -> np.ndarray:

@@ -16,8 +16,21 @@ import numpy as np
 from sysid.minimum.minimise import State
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
+from sysid.verdict.finding import Number
 
 SEEN = 3.0  # standard deviations from zero
+
+
+class Told(NamedTuple):
+    """What there is, and what to do about it."""
+
+    what: str
+    to_do: str
+
+
+def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
+    """Of plain floats, of which one is `per` of the unit."""
+    return Number(float(value) * per, float(std) * per, unit)
 
 
 class About(NamedTuple):
@@ -42,11 +55,13 @@ class About(NamedTuple):
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `plate`: it is the plate's, and so the same in all logs; else each log has numbers of its own. `shows`: whether a log can
-    show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are looked for. `applied`: the
-    log read as with it. `said`: a sentence on the log, the numbers and their standard deviations. `alike`: names that the first
-    order gives to what it may be (`verdict.terms`). `makes_sense`: whether numbers and their standard deviations are those of the
-    effect; unless stated, whether one of them is seen at all.
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are
+    looked for. `applied`: the log read as with it. `numbers`: these, and their standard deviations, by name, in units of the bench.
+    `said`: a sentence in two parts on the log and these. `scope`: "log", each log has numbers of its own; "plate", they are
+    the same in all logs that show it; "bench", they may be either. `known_as`: names that the first order gives to it
+    (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given to what it may be.
+    `makes_sense`: whether numbers and their standard deviations are those of the effect; unless stated, whether one of them is
+    seen at all.
     """
 
     name: str
@@ -54,8 +69,10 @@ class Effect:
     stds: Callable[[Trial, About], np.ndarray]
     starts: Callable[[Trial, About], np.ndarray]
     applied: Callable[[Trial, np.ndarray, About], Trial]
-    said: Callable[[Trial, np.ndarray, np.ndarray], str]
-    plate: bool = False
+    numbers: Callable[[np.ndarray, np.ndarray, About], dict[str, Number]]
+    said: Callable[[Trial, dict[str, Number]], Told]
+    scope: str = "log"
+    known_as: Sequence[str] = ()
     alike: Sequence[str] = ()
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)
 

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, read_anew
+from sysid.effects.effect import About, Effect, Told, number, read_anew
 from sysid.model.plant import steady
 from sysid.trials.trial import Trial
+from sysid.verdict.finding import Number
 
 SHIFTS = np.array([0.25, 0.7, 2.0, 6.0])  # half bandwidths at the largest response
 APART = 2.0 ** np.arange(0, 5)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
@@ -28,17 +29,28 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     return read_anew(trial, frequency=trial.log.frequency - values[0] * about.half_bandwidth * (size / about.top) ** 2)
 
 
+def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
+    shift, at = found["shift_Hz"], found["at"]
+    return Told(
+        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at {at.value:.2g}"
+        f" {trial.log.response_unit}",
+        "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a smaller drive",
+    )
+
+
 DUFFING = Effect(
     name="duffing",
     shows=_sweep,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
     applied=_softened,
-    said=lambda trial, values, stds: (
-        f"its resonance moves by {values[0]:+.3g} ± {stds[0]:.1g} half bandwidths at the largest response, which is fitted: f0 is"
-        " that of a small one; a sweep jumps where the peak leans; record at a smaller drive"
-    ),
-    plate=True,
+    numbers=lambda values, stds, about: {
+        "shift_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
+        "at": number(about.top, 0.0, "of the response"),
+    },
+    said=_softened_said,
+    scope="plate",
+    known_as=("amplitude",),
     alike=("amplitude", "saturation", "second resonance", "drift", "background", "swept too fast"),
 )
 
@@ -51,12 +63,23 @@ def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarra
     return shape / np.max(np.abs(shape))
 
 
-def _second_said(place: float, std: float) -> str:
-    side = "above" if place > 0 else "below"
-    return (
-        f"a second resonance, {abs(place):.3g} ± {std:.1g} half bandwidths {side} the first, is fitted; a controller of the first"
-        " alone does not know it: keep it away from there"
+def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
+    apart = found["apart_Hz"]
+    side = "above" if apart.value > 0 else "below"
+    return Told(
+        f"a second resonance, {abs(apart.value):.4g} ± {apart.std:.1g} Hz {side} the first and of"
+        f" {100 * found['size'].value:.2g} % of its response",
+        "a controller of the first alone does not know it: keep it away from there",
     )
+
+
+def _second_numbers(values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:]))
+    return {
+        "apart_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
+        "tau_s": number(time, time * stds[1], "s"),
+        "size": number(size, np.max(stds[2:]), "of the largest response"),
+    }
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -73,7 +96,9 @@ SECOND_MODE = Effect(
         [[way * x, 0.0, 0.5 * turn.real, 0.5 * turn.imag] for x in APART for way in (-1, 1) for turn in TURNS]
     ),
     applied=_second_beside,
-    said=lambda trial, values, stds: _second_said(values[0], stds[0]),
+    numbers=_second_numbers,
+    said=_second_said,
+    known_as=("second resonance",),
     alike=("second resonance", "background", "amplitude", "drift", "swept too fast"),
     makes_sense=lambda values, stds: bool(abs(values[0]) >= APART[0] > stds[0]),
 )
@@ -85,15 +110,25 @@ def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
     return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
 
 
+def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
+    in_phase, across = found["in_phase"], found["in_quadrature"]
+    share, error = (100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std)))
+    return Told(
+        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest response",
+        "it is taken as that of a capacitance in parallel; record wd and wq, or both parts of the admittance, to see it",
+    )
+
+
 FEEDTHROUGH = Effect(
     name="feedthrough",
     shows=lambda trial: _sweep(trial) and not trial.signed and "background" in trial.nuisances,
     stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
     starts=lambda trial, about: np.array([[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]),
     applied=_fed_through,
-    said=lambda trial, values, stds: (
-        f"under its amplitude lies a feedthrough of the drive, {100 * float(np.hypot(*values)):.2g} ±"
-        f" {100 * float(np.max(stds)):.1g} % of the largest response, as of a capacitance in parallel, which is fitted"
-    ),
+    numbers=lambda values, stds, about: {
+        "in_phase": number(values[0], stds[0], "of the largest response"),
+        "in_quadrature": number(values[1], stds[1], "of the largest response"),
+    },
+    said=_fed_said,
     alike=("second resonance", "background", "amplitude", "drift", "offset", "saturation"),
 )

@@ -111,11 +111,13 @@ def hold_inputs(
     )
 
 
-def read_at(hold: Hold, time: np.ndarray, delay: float) -> Hold:
-    """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first interval."""
+def read_at(hold: Hold, time: np.ndarray, delay: float, moving: bool = False) -> Hold:
+    """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first interval. Before that the
+    plate rests, or is `moving` as in it."""
     begin, read = time[0] + np.append(0.0, np.cumsum(hold.duration)[:-1]), time - delay
     row = np.maximum(np.searchsorted(begin, read) - 1, 0)
-    return hold._replace(interval=row.astype(np.int32), elapsed=np.maximum(read - begin[row], 0.0))
+    elapsed = read - begin[row]
+    return hold._replace(interval=row.astype(np.int32), elapsed=elapsed if moving else np.maximum(elapsed, 0.0))
 
 
 def cut(hold: Hold) -> tuple[Hold, np.ndarray]:
