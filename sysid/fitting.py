@@ -22,6 +22,7 @@ from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
+from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
 from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
@@ -86,9 +87,13 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful:
             return again, anew
-    named = outcome.named.findings("refused", "which explains most of it") if outcome.named else ()
-    judged = retold(judged, best, named, outcome.refuted, "finger_damping" in question.minimiser.free)
-    return question, conclude(question, found.modes, hangs(best, minimiser.reference, minimiser.free), judged)
+    named: tuple[Finding, ...] = ()
+    states = list(found.modes)
+    if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without
+        named, states = most.findings("refused", "which explains most of it"), minimiser.imaged([most.state])
+        question = replace(question, dispersion=question.dispersion + most.dispersion)
+    judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
+    return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:

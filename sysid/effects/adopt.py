@@ -38,7 +38,7 @@ from sysid.model.prior import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.finding import Finding
-from sysid.verdict.misfit import EXPLAINED, Found, Linear, described
+from sysid.verdict.misfit import EXPLAINED, Found, Linear, misfits
 from sysid.verdict.unexplained import SIGNIFICANT, left_of, shared
 from sysid.verdict.view import View
 
@@ -67,7 +67,7 @@ class Instance:
 class Adopted(NamedTuple):
     """A description with effects: its state, their `numbers` one after another, each one's in its `parts`, and these numbers'
     covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of the plant alone; what is known of the
-    logs beforehand."""
+    logs beforehand; whether its numbers are those of the effects; the names of others that are nearly as likely."""
 
     instances: tuple[Instance, ...]
     state: State
@@ -77,6 +77,8 @@ class Adopted(NamedTuple):
     dispersion: np.ndarray
     evidence: float
     about: list[About]
+    sense: bool
+    nearly: tuple[str, ...] = ()
 
     @property
     def where(self) -> set[int]:
@@ -103,7 +105,9 @@ class Adopted(NamedTuple):
             names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
             numbers = x.effect.numbers(self.numbers[part], stds[part], self.about[first])
             told = x.effect.said(self.state.trials[first], numbers)
-            sentence = f"{', '.join(names)}: {told.what}, {beside}; {told.to_do}"
+            as_well = " or ".join(f"a {name.replace('_', ' ')}" for name in self.nearly)
+            doubt = f" ({as_well} describes it nearly as well)" if as_well else ""
+            sentence = f"{', '.join(names)}: {told.what}, {beside}{doubt}; {told.to_do}"
             found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence))
         return tuple(found)
 
@@ -121,22 +125,22 @@ class Outcome:
 def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Outcome:
     """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not describe. `found`: what
     the logs hold to first order."""
-    search = Search(minimiser, state)
-    wrong = misfitting(state, found)
-    some = [x for x in instances(state.trials, names) if _promises(x, found, wrong)]
+    search, each = Search(minimiser, state), instances(state.trials, names)
+    some = [x for x in each if _promises(x, found, misfitting(state, found))]
     before: tuple[Instance, ...] = ()
     numbers, named, here = np.zeros(0), None, some
     for _ in range(MOST):
         best = search.best(before, numbers, here, len(some)) if here else None
         if best is None:
             break
-        ahead = best.evidence > max([SURE, *(_least_evidence(f) for f in found if not _may_be(f, best))])
-        if ahead and best.white and described(minimiser, best.state):
+        ahead = best.evidence > max([SURE, *(_most_evidence(f) for f in found if not _may_be(f, best))])
+        left, _ = misfits(best.state, minimiser.reference, minimiser.free, None)
+        wrong = misfitting(best.state, left)
+        if ahead and best.white and best.state.converged and not wrong and not any(f.certain for f in left):
             return Outcome(best)
-        named = best if ahead and best.explains(state) else named
+        named = best if not before and ahead and best.explains(state) else named
         before, numbers = best.instances, best.numbers
-        wrong = {i for i, t in enumerate(best.state.trials) if not t.silent and _left(best.state, i)}
-        here = [x for x in some if x not in before and not wrong.isdisjoint(x.where)]
+        here = [x for x in each if (x not in before or x.effect.many) and _promises(x, left, wrong)]
     return Outcome(None, named, search.refuted(named))
 
 
@@ -177,7 +181,7 @@ def _may_be(found: Found, best: Adopted) -> bool:
     return any(found.name in x.effect.alike for x in best.instances)
 
 
-def _least_evidence(found: Found) -> float:
+def _most_evidence(found: Found) -> float:
     """An upper bound of the evidence of what was found to first order."""
     return found.worth - 0.5 * found.freedom * float(np.log(max(2 * found.worth / found.freedom, 1.0)))
 
@@ -199,7 +203,7 @@ class Search:
     def refuted(self, named: Adopted | None) -> frozenset[tuple[str, int]]:
         """First order's names of effects that were tried by themselves and explain nothing."""
         told = [*self.ends] if named is None else [*self.ends, named]
-        able = {(n, i) for a in told if a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
+        able = {(n, i) for a in told if a.sense and a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
         return frozenset({(n, i) for a in self.ends for n, i in _names(a)} - able)
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
@@ -222,11 +226,12 @@ class Search:
             optima.sort(key=lambda end: self.cost(every, *end))
             ends += [self.ended(every, *end, count) for end in self.distinct(every, optima)]
         self.ends += [] if before else ends
-        best = max(ends, key=lambda a: a.evidence, default=None)
+        best = max((a for a in ends if a.sense), key=lambda a: a.evidence, default=None)
         if best is None or best.evidence < SURE:
             return None
         alike = [a for a in ends if a is not best and a.evidence > best.evidence - NEARLY]
-        return best._replace(dispersion=best.dispersion + _between(best, alike))
+        nearly = dict.fromkeys(a.instances[-1].effect.name for a in alike if a.instances[-1].effect is not best.instances[-1].effect)
+        return best._replace(dispersion=best.dispersion + _between(best, alike), nearly=tuple(nearly))
 
     def applied(self, instances: Sequence[Instance], numbers: np.ndarray) -> tuple[Trial, ...]:
         """The logs read as with these effects."""
@@ -336,8 +341,8 @@ class Search:
         evidence = volume - self.cost(instances, numbers, state) - self.alone.likelihood
         std, parts = np.sqrt(np.diag(covariance)), self.parts(instances)
         sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
-        evidence = evidence if sense and np.isfinite(evidence) else -np.inf
-        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about)
+        evidence = evidence if np.isfinite(evidence) else -np.inf
+        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about, sense)
 
 
 def _names(adopted: Adopted) -> set[tuple[str, int]]:

@@ -58,7 +58,7 @@ class Effect:
     `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are
     looked for. `applied`: the log read as with it. `numbers`: these, and their standard deviations, by name, in units of the bench.
     `said`: a sentence in two parts on the log and these. `scope`: "log", each log has numbers of its own; "plate", they are
-    the same in all logs that show it; "bench", they may be either. `known_as`: names that the first order gives to it
+    the same in all logs that show it; "bench", they may be either. `many`: a log may have more than one. `known_as`: names that the first order gives to it
     (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given to what it may be.
     `makes_sense`: whether numbers and their standard deviations are those of the effect; unless stated, whether one of them is
     seen at all.
@@ -72,6 +72,7 @@ class Effect:
     numbers: Callable[[np.ndarray, np.ndarray, About], dict[str, Number]]
     said: Callable[[Trial, dict[str, Number]], Told]
     scope: str = "log"
+    many: bool = False
     known_as: Sequence[str] = ()
     alike: Sequence[str] = ()
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)

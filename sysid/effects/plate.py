@@ -98,6 +98,7 @@ SECOND_MODE = Effect(
     applied=_second_beside,
     numbers=_second_numbers,
     said=_second_said,
+    many=True,
     known_as=("second resonance",),
     alike=("second resonance", "background", "amplitude", "drift", "swept too fast"),
     makes_sense=lambda values, stds: bool(abs(values[0]) >= APART[0] > stds[0]),
@@ -115,7 +116,7 @@ def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
     share, error = (100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std)))
     return Told(
         f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest response",
-        "it is taken as that of a capacitance in parallel; record wd and wq, or both parts of the admittance, to see it",
+        "of a capacitance in parallel, or of a resonance outside of the sweep; record wd and wq, or both parts of the admittance",
     )
 
 
