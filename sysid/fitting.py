@@ -69,7 +69,7 @@ def fit(
     if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
         return told
     names = [n for n in nuisances if n in ADOPTED]
-    if found.result is Result.misfit and found.judged.open and names:
+    if found.result in (Result.misfit, Result.successful) and found.judged.open and names:
         question, found = _with_effects(question, found, names)
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
@@ -87,6 +87,8 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful:
             return again, anew
+    if found.result is Result.successful:
+        return question, found
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without

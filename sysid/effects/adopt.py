@@ -24,7 +24,7 @@ the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -39,7 +39,7 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.finding import Finding
 from sysid.verdict.misfit import EXPLAINED, Found, Linear, misfits
-from sysid.verdict.unexplained import SIGNIFICANT, left_of, shared
+from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, left_of, shared
 from sysid.verdict.view import View
 
 SURE = 3.0  # log evidence: odds of twenty to one
@@ -50,6 +50,7 @@ FIRST = 2  # at first for so many steps, and
 KEPT = 2  # of them to their optimum
 FOLLOWED = 4  # effects that are followed
 STEPS = 15
+ROUNDS = 3  # of the numbers and the colour of the noise in turn
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations: a step that short ends the search
@@ -87,8 +88,9 @@ class Adopted(NamedTuple):
 
     @property
     def white(self) -> bool:
-        """Whether these are left with noise of each row's own: noise of long memory may be what a wrong effect leaves."""
-        return all(shared(self.state.trials[i], self.state.models[i])[1] < SIGNIFICANT for i in self.where)
+        """Whether these are left with noise of each row's own, or that a filter behind it made: noise of longer memory may be what
+        a wrong effect leaves."""
+        return all(_white(self.state.trials[i], self.state.models[i]) for i in self.where)
 
     def explains(self, before: State) -> bool:
         """Whether it leaves little of what the plant alone leaves of these logs, or no more than chance."""
@@ -145,10 +147,11 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
 
 
 def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
-    """All that logs can show."""
+    """All that logs can show, but for those in coarse steps: rows of one value share their rounding error, which is no noise by
+    which descriptions compare."""
     each: list[Instance] = []
     for effect in (e for e in EFFECTS if e.name in names):
-        here = tuple(i for i, t in enumerate(trials) if effect.shows(t))
+        here = tuple(i for i, t in enumerate(trials) if t.noise.rounded is None and effect.shows(t))
         if effect.scope != "plate":
             each += [Instance(effect, (i,)) for i in here]
         if effect.scope == "plate":  # a transient would need what an effect of the plate does to its pole from row to row
@@ -203,7 +206,7 @@ class Search:
     def refuted(self, named: Adopted | None) -> frozenset[tuple[str, int]]:
         """First order's names of effects that were tried by themselves and explain nothing."""
         told = [*self.ends] if named is None else [*self.ends, named]
-        able = {(n, i) for a in told if a.sense and a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
+        able = {(n, i) for a in told if a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
         return frozenset({(n, i) for a in self.ends for n, i in _names(a)} - able)
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
@@ -294,9 +297,12 @@ class Search:
                 kept.append((numbers, state))
         return kept
 
-    def looked(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> tuple[np.ndarray, ...]:
-        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the plant (6, 6)."""
-        views = View.each(state, self.minimiser.reference)
+    def looked(
+        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, coloured: bool = False
+    ) -> tuple[np.ndarray, ...]:
+        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the plant (6, 6).
+        `coloured`: by the noise as it is found there, else as if it were white."""
+        views = View.each(state, self.minimiser.reference, coloured)
         linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
         rows = self.columns(instances, numbers, state, views)
         cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
@@ -335,7 +341,13 @@ class Search:
     def ended(self, instances: tuple[Instance, ...], numbers: np.ndarray, state: State, count: int) -> Adopted:
         """The description at its optimum, with the noise that it leaves."""
         state = self.minimiser.refine(state.trials, state.theta, known=1)
-        _, covariance, dispersion = self.looked(instances, numbers, state)
+        for _ in range(ROUNDS):
+            step, covariance, dispersion = self.looked(instances, numbers, state, True)
+            if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
+                break
+            numbers = numbers + step
+            anew = zip(self.applied(instances, numbers), state.trials, strict=True)
+            state = self.minimiser.refine(tuple(replace(t, noise=old.noise) for t, old in anew), state.theta, known=1)
         stds = self.stds(instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
         evidence = volume - self.cost(instances, numbers, state) - self.alone.likelihood
@@ -343,6 +355,13 @@ class Search:
         sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
         evidence = evidence if np.isfinite(evidence) else -np.inf
         return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about, sense)
+
+
+def _white(trial: Trial, model: np.ndarray) -> bool:
+    if shared(trial, model)[1] < SIGNIFICANT:
+        return True
+    model = trial.as_recorded(model)
+    return trial.smoothing[1] > 0 and is_coloured_noise(trial, trial.residual(model), model)
 
 
 def _names(adopted: Adopted) -> set[tuple[str, int]]:

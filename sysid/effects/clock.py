@@ -25,16 +25,16 @@ def _timed(trial: Trial) -> bool:
     return moved and "late" in trial.nuisances
 
 
-def _shifted(trial: Trial, delay: float) -> Trial:
-    """The trial as it is read with `delay` (s) stated, and as little feedthrough as a bench has."""
-    log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
-    inputs = read_at(trial.inputs, log.time, delay, trial.start_free)
+def _on_time(trial: Trial) -> Trial:
+    """The trial whose lateness is known, with as little feedthrough as a bench has."""
     narrow = trial.narrow | {"feedthrough": THROUGH * trial.scale}
-    return replace(trial, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
+    return replace(trial, narrow=narrow, extra={}, resonance=None, late=0.0)
 
 
 def _delayed(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    return _shifted(trial, trial.log.bench.get("delay_s", 0.0) + float(values[0]))
+    delay = trial.log.bench.get("delay_s", 0.0) + float(values[0])
+    log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
+    return replace(_on_time(trial), log=log, inputs=read_at(trial.inputs, log.time, delay, trial.start_free))
 
 
 def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -68,7 +68,7 @@ def _filter(order: int) -> Effect:
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
-        return replace(_shifted(trial, trial.log.bench.get("delay_s", 0.0)), filter=(time, order))
+        return replace(_on_time(trial), filter=(time, order))
 
     def numbers(values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         time = number(values[0], stds[0], "s", about.tau / order)

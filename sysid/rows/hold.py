@@ -113,11 +113,13 @@ def hold_inputs(
 
 def read_at(hold: Hold, time: np.ndarray, delay: float, moving: bool = False) -> Hold:
     """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first interval. Before that the
-    plate rests, or is `moving` as in it."""
-    begin, read = time[0] + np.append(0.0, np.cumsum(hold.duration)[:-1]), time - delay
+    plate rests, or is `moving` as in it: it then begins with the first row."""
+    sooner = max(delay, 0.0) if moving else 0.0
+    duration = hold.duration + sooner * (np.arange(len(hold.duration)) == 0)
+    begin, read = time[0] - sooner + np.append(0.0, np.cumsum(duration)[:-1]), time - delay
     row = np.maximum(np.searchsorted(begin, read) - 1, 0)
-    elapsed = read - begin[row]
-    return hold._replace(interval=row.astype(np.int32), elapsed=elapsed if moving else np.maximum(elapsed, 0.0))
+    elapsed = np.maximum(read - begin[row], 0.0)
+    return hold._replace(duration=duration, interval=row.astype(np.int32), elapsed=elapsed)
 
 
 def cut(hold: Hold) -> tuple[Hold, np.ndarray]:

@@ -45,7 +45,8 @@ class Question:
 
 class Judged(NamedTuple):
     """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning. `found`: what the logs
-    hold to first order, as far as `open`: an effect that is tried in full may explain it. Else the cause is plain."""
+    hold to first order; `open`: an effect that is tried in full may explain it. Else the cause is plain, or nothing
+    is there."""
 
     wrong: list[Finding]
     doubts: list[Finding]
@@ -123,14 +124,15 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
     if ranges := [(t.log.name, said) for t in odd if (said := wording.ranged(t))]:
         return Judged([Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], [])
+    if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
+        found = [turned, *found]
+        wrong, doubts = _described(best, found, FINGER[0] in free)
+        return Judged(wrong, doubts, found, True)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
     gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
         return Judged([Finding("odd", "refused", said)], [], [])
-    if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
-        found = [turned]
-        wrong, doubts = _described(best, found, FINGER[0] in free)
-    described = not wrong
+    described = not wrong and not any(f.certain for f in found)
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
