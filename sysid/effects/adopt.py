@@ -38,7 +38,7 @@ from sysid.model.prior import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.finding import Finding
-from sysid.verdict.misfit import EXPLAINED, Found, Linear, misfits
+from sysid.verdict.misfit import Found, Linear, misfits
 from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, left_of, shared
 from sysid.verdict.view import View
 
@@ -52,6 +52,7 @@ FOLLOWED = 4  # effects that are followed
 STEPS = 15
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
+LEFT = 0.05  # of the power that neighbouring rows share: what else there is may leave that much of a cause that is true
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations: a step that short ends the search
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
@@ -96,7 +97,7 @@ class Adopted(NamedTuple):
         """Whether it leaves little of what the plant alone leaves of these logs, or no more than chance."""
         for i in self.where:
             power, chance = shared(self.state.trials[i], self.state.models[i])
-            if chance > SIGNIFICANT and power > EXPLAINED * shared(before.trials[i], before.models[i])[0]:
+            if chance > SIGNIFICANT and power > LEFT * shared(before.trials[i], before.models[i])[0]:
                 return False
         return True
 

@@ -116,10 +116,10 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (said := identify.overdamped(best, reference)) is not None:
         return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
     found, unseen = misfits(best, reference, free, at)
-    likely = _likeliest(found)
-    doubted = {f.log for f in likely if f.name == "saturation" and f.harmful and "background" in best.trials[f.log].nuisances}
+    doubted = {f.log for f in found if f.name == "saturation" and f.harmful and "background" in best.trials[f.log].nuisances}
     full = {i: compressed(question.minimiser, best, i) for i in doubted}
     found = [f for f in found if f.name != "saturation" or full.get(f.log, True)]
+    likely = _likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
     if ranges := [(t.log.name, said) for t in odd if (said := wording.ranged(t))]:
