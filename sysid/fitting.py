@@ -92,8 +92,8 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without
-        named, states = most.findings("refused", "which explains most of it"), minimiser.imaged([most.state])
-        question = replace(question, dispersion=question.dispersion + most.dispersion)
+        named, wider = most.findings("refused", "which explains most of it"), question.dispersion + most.dispersion
+        states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
     return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
 

@@ -136,11 +136,13 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
         best = search.best(before, numbers, here, len(some)) if here else None
         if best is None:
             break
-        ahead = best.evidence > max([SURE, *(_most_evidence(f) for f in found if not _may_be(f, best))])
+        others = (f for f in found if not (_may_be(f, best) or search.tried(f)))
+        ahead = best.evidence > max([SURE, *map(_most_evidence, others)])
         left, _ = misfits(best.state, minimiser.reference, minimiser.free, None)
         wrong = misfitting(best.state, left)
         if ahead and best.white and best.state.converged and not wrong and not any(f.certain for f in left):
-            return Outcome(best)
+            rough = any(x.effect.rough for x in best.instances)
+            return Outcome(None, best, search.refuted(best)) if rough else Outcome(best)
         named = best if not before and ahead and best.explains(state) else named
         before, numbers = best.instances, best.numbers
         here = [x for x in each if (x not in before or x.effect.many) and _promises(x, left, wrong)]
@@ -204,11 +206,20 @@ class Search:
         """Of the plant's parameters that are fitted."""
         return [n for n in NAMES if n in self.minimiser.free]
 
+    @cached_property
+    def base(self) -> float:
+        """Cost of the plant alone, as that of a description is counted."""
+        return self.cost((), np.zeros(0), self.refined((), np.zeros(0), self.alone))
+
     def refuted(self, named: Adopted | None) -> frozenset[tuple[str, int]]:
         """First order's names of effects that were tried by themselves and explain nothing."""
         told = [*self.ends] if named is None else [*self.ends, named]
         able = {(n, i) for a in told if a.evidence > 0 and a.explains(self.alone) for n, i in _names(a)}
         return frozenset({(n, i) for a in self.ends for n, i in _names(a)} - able)
+
+    def tried(self, found: Found) -> bool:
+        """Whether what was found to first order was tried in full."""
+        return any(name == found.name and found.log in (None, i) for a in self.ends for name, i in _names(a))
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
         """The best description with one more effect than those `before`, of `count` that were tried; None where none gains."""
@@ -222,7 +233,7 @@ class Search:
         rough = [r for r in rough if np.isfinite(r[0])]
         rough.sort(key=lambda r: r[:2])
         ends = []
-        for instance in list(dict.fromkeys(r[2] for r in rough))[:FOLLOWED]:
+        for instance in _likely([r[2] for r in rough]):
             every = (*before, instance)
             starts = [r[3:] for r in rough if r[2] == instance][:CLOSER]
             first = sorted((self.followed(every, *s, FIRST) for s in starts), key=lambda end: self.cost(every, *end))
@@ -261,8 +272,13 @@ class Search:
         return self.minimiser.refine(tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1)
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
-        """- log likelihood and - log prior of the numbers."""
-        return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood
+        """- log likelihood of what was recorded and - log prior of the numbers."""
+        stretched = sum(
+            x.effect.stretched(self.trials[i], numbers[part])
+            for x, part in zip(instances, self.parts(instances), strict=True)
+            for i in x.where
+        )
+        return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood - stretched
 
     def followed(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, most: int
@@ -332,15 +348,17 @@ class Search:
         return found
 
     def modelled(self, trial: Trial, view: View) -> np.ndarray:
-        """(n,) the plate's part of a log read as `trial`, as the view has it."""
+        """(n,) the plate's part of a log read as `trial`, as the view has it, less what is recorded."""
         course = Course.of(trial, self.minimiser.reference, view.course.theta)
         start, late = view.beside
         plate = view.own * (course.forced + start * course.free + late * course.rate)
         plate = plate if trial.alongside is None else plate + trial.alongside
-        return view.observed(plate[None])[0]
+        return view.observed(plate[None])[0] - trial.log.response
 
     def ended(self, instances: tuple[Instance, ...], numbers: np.ndarray, state: State, count: int) -> Adopted:
-        """The description at its optimum, with the noise that it leaves."""
+        """The description at its optimum, with the noise that it leaves; its evidence is that in white noise of one level, as that of
+        the plant alone is: tails and colour make up for what a wrong description leaves."""
+        cost = self.cost(instances, numbers, state) - self.base
         state = self.minimiser.refine(state.trials, state.theta, known=1)
         for _ in range(ROUNDS):
             step, covariance, dispersion = self.looked(instances, numbers, state, True)
@@ -351,11 +369,18 @@ class Search:
             state = self.minimiser.refine(tuple(replace(t, noise=old.noise) for t, old in anew), state.theta, known=1)
         stds = self.stds(instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
-        evidence = volume - self.cost(instances, numbers, state) - self.alone.likelihood
+        evidence = volume - cost
         std, parts = np.sqrt(np.diag(covariance)), self.parts(instances)
         sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
         evidence = evidence if np.isfinite(evidence) else -np.inf
         return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about, sense)
+
+
+def _likely(tried: Sequence[Instance]) -> list[Instance]:
+    """Of instances, the likeliest first: the first of each effect, and the first few."""
+    each = list(dict.fromkeys(tried))
+    first = {x.effect.name: x for x in reversed(each)}
+    return [x for k, x in enumerate(each) if k < FOLLOWED or first[x.effect.name] is x]
 
 
 def _white(trial: Trial, model: np.ndarray) -> bool:

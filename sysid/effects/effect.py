@@ -58,7 +58,9 @@ class Effect:
     `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are
     looked for. `applied`: the log read as with it. `numbers`: these, and their standard deviations, by name, in units of the bench.
     `said`: a sentence in two parts on the log and these. `scope`: "log", each log has numbers of its own; "plate", they are
-    the same in all logs that show it; "bench", they may be either. `many`: a log may have more than one. `known_as`: names that the first order gives to it
+    the same in all logs that show it; "bench", they may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for
+    the errors that the fit states, so that it is named and not adopted. `stretched`: of one that changes what
+    was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
     (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given to what it may be.
     `makes_sense`: whether numbers and their standard deviations are those of the effect; unless stated, whether one of them is
     seen at all.
@@ -73,6 +75,8 @@ class Effect:
     said: Callable[[Trial, dict[str, Number]], Told]
     scope: str = "log"
     many: bool = False
+    rough: bool = False
+    stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
     known_as: Sequence[str] = ()
     alike: Sequence[str] = ()
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)

@@ -12,7 +12,6 @@ from sysid.model.plant import Plant
 from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
-from sysid.verdict.compressed import compressed
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
@@ -116,9 +115,6 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (said := identify.overdamped(best, reference)) is not None:
         return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
     found, unseen = misfits(best, reference, free, at)
-    doubted = {f.log for f in found if f.name == "saturation" and f.harmful and "background" in best.trials[f.log].nuisances}
-    full = {i: compressed(question.minimiser, best, i) for i in doubted}
-    found = [f for f in found if f.name != "saturation" or full.get(f.log, True)]
     likely = _likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
@@ -145,13 +141,11 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
 def retold(judged: Judged, state: State, named: Sequence[Finding], refuted: Collection[tuple[str, int]], fingered: bool) -> Judged:
     """The same after effects were tried in full: those `named` explain most of their logs, and what is `refuted` explains
     nothing. `fingered`: what a finger does is fitted."""
-    found = [f for f in judged.found if (f.name, f.log) not in refuted]
+    found = [replace(f, explains=False) if (f.name, f.log) in refuted else f for f in judged.found]
     wrong, doubts = _described(state, found, fingered)
     if named:
         about = {name for f in named for name in f.logs}
         wrong = [*(w for w in wrong if w.logs and about.isdisjoint(w.logs)), *named]
-    elif not wrong:  # something is there, whatever it is
-        return judged
     return Judged(wrong, doubts, found)
 
 
