@@ -166,8 +166,9 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
 
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe."""
-    left = {i for i, t in enumerate(state.trials) if not t.silent and _left(state, i)}
-    return left | {f.log for f in found if f.log is not None and f.certain}
+    every = set(range(len(state.trials)))
+    shown = [every if f.log is None else {f.log} for f in found if f.certain]
+    return {i for i in every if not state.trials[i].silent and _left(state, i)}.union(*shown)
 
 
 def _left(state: State, i: int) -> bool:
@@ -244,7 +245,8 @@ class Search:
         best = max((a for a in ends if a.sense), key=lambda a: a.evidence, default=None)
         if best is None or best.evidence < SURE:
             return None
-        alike = [a for a in ends if a is not best and a.evidence > best.evidence - NEARLY]
+        alike = [self.finished(a) for a in ends if a is not best and a.evidence > best.evidence - NEARLY]
+        best = self.finished(best)
         nearly = dict.fromkeys(a.instances[-1].effect.name for a in alike if a.instances[-1].effect is not best.instances[-1].effect)
         return best._replace(dispersion=best.dispersion + _between(best, alike), nearly=tuple(nearly))
 
@@ -356,9 +358,24 @@ class Search:
         return view.observed(plate[None])[0] - trial.log.response
 
     def ended(self, instances: tuple[Instance, ...], numbers: np.ndarray, state: State, count: int) -> Adopted:
-        """The description at its optimum, with the noise that it leaves; its evidence is that in white noise of one level, as that of
-        the plant alone is: tails and colour make up for what a wrong description leaves."""
-        cost = self.cost(instances, numbers, state) - self.base
+        """The description at its optimum. Its evidence is that in white noise of one level, as that of the plant alone is: tails and
+        colour make up for what a wrong description leaves."""
+        _, covariance, dispersion = self.looked(instances, numbers, state)
+        stds, parts = self.stds(instances), self.parts(instances)
+        volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
+        evidence = volume - self.cost(instances, numbers, state) + self.base
+        evidence = evidence if np.isfinite(evidence) else -np.inf
+        found = Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about, True)
+        return found._replace(sense=self.makes_sense(found))
+
+    def makes_sense(self, found: Adopted) -> bool:
+        """Whether all numbers are those of their effects."""
+        std, each = np.sqrt(np.diag(found.covariance)), zip(found.instances, found.parts, strict=True)
+        return all(x.effect.makes_sense(found.numbers[p], std[p]) for x, p in each)
+
+    def finished(self, found: Adopted) -> Adopted:
+        """The description with the noise that it leaves, whatever its colour."""
+        instances, numbers, state = found.instances, found.numbers, found.state
         state = self.minimiser.refine(state.trials, state.theta, known=1)
         for _ in range(ROUNDS):
             step, covariance, dispersion = self.looked(instances, numbers, state, True)
@@ -367,13 +384,8 @@ class Search:
             numbers = numbers + step
             anew = zip(self.applied(instances, numbers), state.trials, strict=True)
             state = self.minimiser.refine(tuple(replace(t, noise=old.noise) for t, old in anew), state.theta, known=1)
-        stds = self.stds(instances)
-        volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
-        evidence = volume - cost
-        std, parts = np.sqrt(np.diag(covariance)), self.parts(instances)
-        sense = all(x.effect.makes_sense(numbers[p], std[p]) for x, p in zip(instances, parts, strict=True))
-        evidence = evidence if np.isfinite(evidence) else -np.inf
-        return Adopted(instances, state, numbers, parts, covariance, dispersion, evidence, self.about, sense)
+        done = found._replace(state=state, numbers=numbers, covariance=covariance, dispersion=dispersion)
+        return done._replace(sense=self.makes_sense(done))
 
 
 def _likely(tried: Sequence[Instance]) -> list[Instance]:
