@@ -10,13 +10,8 @@ A log is a table with a header whose names end in their units; lines `# key: val
 `read_logs` reads such files, and those of other instruments through a mapping file (see `logs.mapping`).
 """
 
-import contextlib
-import csv
 import dataclasses
-import glob
-import lzma
-import os
-import zlib
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,11 +21,9 @@ import numpy as np
 
 from sysid.logs import units
 from sysid.logs.benchwords import bench_of, misread
-from sysid.logs.capture import captures, side_by_side
-from sysid.logs.cells import Dialect, decimals, listed
+from sysid.logs.cells import decimals, listed
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.files import open_head
 from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
 from sysid.logs.mapping import (
     MappingFile,
@@ -45,14 +38,15 @@ from sysid.logs.mapping import (
     turned,
 )
 from sysid.logs.missing import refuse_row, rows_to_keep
+from sysid.logs.opening import groups, opened
 from sysid.logs.stamps import coarse
-from sysid.logs.textfile import unchanged
 from sysid.logs.together import doubted, in_common_units, of_one_plate
 from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.shown import Shown
 
 __all__ = ["Log", "LogError", "read_logs"]
 
+logger = logging.getLogger(__name__)
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
@@ -208,52 +202,21 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     """
     mapping = None if columns is None else load_mapping(columns)
     logs: dict[str, list[Log]] = {}
-    files = _expand([paths] if isinstance(paths, str | Path) else paths)
-    for group in captures(list(dict.fromkeys(files)), mapping) if mapping and mapping.files else [{"": path} for path in files]:
-        path, read = next(iter(group.values())), _read_file(group, mapping)
+    for group in groups(paths, mapping):
+        logger.info("%s", next(iter(group.values())))
+        with opened(group, mapping) as head:
+            read = logs_of(head, mapping)
         if known := logs.get(read[0].sha256):
-            note = f"{path} holds the same bytes: counted once"
+            note = f"{next(iter(group.values()))} holds the same bytes: counted once"
             logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
         else:
             logs[read[0].sha256] = read
-    return [doubted(log) for log in in_common_units(of_one_plate([log for read in logs.values() for log in read]))]
+    return of_one_bench([log for read in logs.values() for log in read])
 
 
-def _expand(paths: Iterable[str | Path]) -> list[str]:
-    files: list[str] = []
-    for path in map(str, paths):
-        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
-        if not found:
-            raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
-        files += found
-    if not files:
-        raise LogError("found no logs, expected at least one file")
-    return files
-
-
-def _check_file(path: str) -> None:
-    """Raise LogError where a path is not that of a file."""
-    if os.path.isdir(path):
-        raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
-    if not os.path.isfile(path):
-        found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
-        raise LogError(f"{path}: found {found}, expected a log")
-
-
-def _read_file(group: dict[str, str], mapping: MappingFile | None) -> list[Log]:
-    """The logs of a file, or of the several files of one capture."""
-    path = next(iter(group.values()))
-    for part in group.values():
-        _check_file(part)
-    try:
-        with contextlib.ExitStack() as stack, np.errstate(all="ignore"):  # the log refuses what is not finite
-            for part in group.values():
-                stack.enter_context(unchanged(part))
-            several = mapping is not None and bool(mapping.files)
-            head = side_by_side(group, mapping) if several else open_head(path, mapping.dialect if mapping else Dialect())
-            return logs_of(head, mapping)
-    except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
-        raise LogError(f"{path}: cannot be read: {error}") from None
+def of_one_bench(logs: list[Log]) -> list[Log]:
+    """Logs of one plate, in the first one's units. Raises LogError where they are not."""
+    return [doubted(log) for log in in_common_units(of_one_plate(logs))]
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
