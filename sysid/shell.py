@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 ASKED = "_ARGCOMPLETE"  # environment variable of a shell that asks: the place of the command in its line, from 1
@@ -14,13 +14,26 @@ def called(name: str) -> str:
     return sys.argv[0] if sys.argv[0] == f"sysid {name}" else name
 
 
-def completed(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    """The parser. A shell that asks how its line may go on is answered by it, and the process ends."""
+def completed(
+    parser: argparse.ArgumentParser, words: Callable[[], Iterable[str]] = tuple
+) -> argparse.ArgumentParser:
+    """The parser. A shell that asks how its line may go on is answered by it, and the process ends. `words`: what `--columns` may
+    be beside a file."""
     if ASKED in os.environ:
         import argcomplete
 
+        for action in parser._actions:
+            if action.dest == "columns":
+                vars(action)["completer"] = _words_or_files(words)
         argcomplete.autocomplete(parser)
     return parser
+
+
+def _words_or_files(words: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
+    """What completes a word that is one of several or a file."""
+    from argcomplete.completers import FilesCompleter
+
+    return lambda prefix, **_: [*(word for word in words() if word.startswith(prefix)), *FilesCompleter()(prefix)]
 
 
 @contextmanager

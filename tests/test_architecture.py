@@ -18,8 +18,8 @@ precision
 shell
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           uff touchstone files mapping capture opening missing labels
-           roles draft header lockin switched carrier waveform benchwords together log taken written made
+           uff touchstone files preset mapping mapfile capture opening missing labels
+           roles draft found header lockin switched carrier waveform benchwords together log taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
@@ -34,7 +34,7 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
            prediction change
 report     text plots costs screen dryrun html brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
-command    refusal line clock bill outputs kept sets costcurve check arguments cli commands
+command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
 __main__
 """
 

@@ -114,13 +114,15 @@ sys.argv = {line.split()[:1]!r}
 @pytest.mark.parametrize(
     ("line", "main", "some"),
     [
-        ("sysid ", "commands", ("identify", "simulate", "check", "--version")),
+        ("sysid ", "commands", ("identify", "simulate", "check", "presets", "--version")),
         ("sysid sim", "commands", ("simulate",)),
         ("sysid identify --accu", "commands", ("--accuracy",)),
         ("sysid identify --accuracy ", "commands", ("quick", "standard", "exact")),
         ("sysid identify -o out data/synthetic/swe", "commands", ("data/synthetic/sweep_24C.csv",)),
         ("sysid simulate --wav", "commands", ("--waveform",)),
         ("sysid check --col", "commands", ("--columns",)),
+        ("sysid identify --columns preset:e", "commands", ("preset:e4990a",)),
+        ("sysid check --columns preset:pico", "commands", ("preset:picoscope",)),
         ("identify --advise set", "cli", ("settling",)),
         ("simulate --dr", "simulate", ("--draw",)),
     ],

@@ -8,6 +8,7 @@ from sysid import __version__
 from sysid.posterior.accuracy import NAMES
 from sysid.shell import called, completed
 
+COLUMNS = "mapping file (TOML) for logs of other instruments, or preset:NAME (sysid presets lists them)"
 REFERENCE = 24.0  # degC
 ABSOLUTE_ZERO = -273.15  # degC
 # What a check of a closed loop, a dry run and a cost curve have no use for.
@@ -19,7 +20,7 @@ IDLE = {"check": ("dry_run", *UNCHECKED), "dry_run": UNCHECKED, "cost_curve": UN
 def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states an option that has
     nothing to do beside the others."""
-    command = completed(parser())
+    command = completed(parser(), columns_of)
     arguments = command.parse_args(argv)
     if bool(arguments.logs) == bool(arguments.check):
         missing = "the following arguments are required: LOGS"
@@ -39,6 +40,13 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def columns_of() -> list[str]:
+    """What `--columns` may be beside a file: the presets."""
+    from sysid.logs.preset import PREFIX, presets
+
+    return [f"{PREFIX}{name}" for name in presets()]
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     command = argparse.ArgumentParser(
@@ -49,7 +57,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
     command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
-    command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
+    command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument(
         "--reference-temperature", type=_temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
     )

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from sysid.command.arguments import COLUMNS, columns_of
 from sysid.command.refusal import refuse
 from sysid.shell import called, completed, reader
 
@@ -63,8 +64,6 @@ def _parser() -> argparse.ArgumentParser:
         default="identified",
         help="the folder of controller.json (%(default)s)",
     )
-    parser.add_argument(
-        "--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments"
-    )
+    parser.add_argument("--columns", metavar="FILE", help=COLUMNS)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
-    return completed(parser)
+    return completed(parser, columns_of)

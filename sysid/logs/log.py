@@ -24,7 +24,8 @@ from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.cells import decimals, listed
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
+from sysid.logs.header import INPUTS, counted, metadata_number, not_understood, planned, stated, table_plan
+from sysid.logs.mapfile import load_mapping
 from sysid.logs.mapping import (
     MappingFile,
     Plan,
@@ -32,7 +33,6 @@ from sysid.logs.mapping import (
     decode,
     is_analysed,
     is_decibel,
-    load_mapping,
     lock_in,
     select_rows,
     turned,
@@ -221,7 +221,7 @@ def of_one_bench(logs: list[Log]) -> list[Log]:
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
     """The logs of a file's table. Raises LogError."""
-    plan = file_plan(head, mapping)
+    head, mapping, plan = planned(head, mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
     body = read_body(head, wanted, plan.split, dated)

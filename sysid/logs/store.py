@@ -99,7 +99,17 @@ class Store:
         plain = Dialect(",", ("#",), ".", True, table=dialect.table)
         sample = sheet.first(SAMPLE)
         return Head(
-            path, dict(self.constants), frozenset(), tuple(columns), plain, 0, 1, sample, notes, sheet=sheet
+            path,
+            dict(self.constants),
+            frozenset(),
+            tuple(columns),
+            plain,
+            0,
+            1,
+            sample,
+            notes,
+            sheet=sheet,
+            above=(self.kind, *self.tables),
         )
 
     def _of_one_length(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

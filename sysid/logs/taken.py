@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.header import file_plan
+from sysid.logs.header import planned
 from sysid.logs.log import Log, logs_of, of_one_bench
-from sysid.logs.mapping import Plan, load_mapping
+from sysid.logs.mapfile import load_mapping
+from sysid.logs.mapping import Plan
 from sysid.logs.opening import groups, opened
 
 
@@ -35,8 +36,9 @@ def taken(
         path, head, plan = next(iter(group.values())), None, None
         try:
             with opened(group, mapping) as head:
-                plan = file_plan(head, mapping)
-                found.append(Taken(path, head, plan, tuple(logs_of(head, mapping))))
+                logs = tuple(logs_of(head, mapping))
+                head, _, plan = planned(head, mapping)
+                found.append(Taken(path, head, plan, logs))
         except LogError as error:
             found.append(Taken(path, head, plan, error=error))
     if any(file.error for file in found):
