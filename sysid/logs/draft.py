@@ -12,7 +12,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
-from sysid.logs.labels import GAINS, SCATTERING
+from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
 from sysid.logs.mapping import ANGLES, is_decibel
 from sysid.logs.preset import named, recognised
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
@@ -170,9 +170,22 @@ class _Draft:
                 name, may = ("duty", duty) if duty else (name, may)
             lines += [f'# {name} = {{ column = {self._place(may[0]) if may else _quote("?")}, unit = "?" }}']
             taken |= {name: may[0]} if may and (name in ("x", "y") or not any(self.head.names)) else {}
+        lines += self._errors()
         unused = [index for index in range(len(self.head.names)) if index not in self.found.values()]
         named = [self.head.names[index] or str(index) for index in unused]
         return lines + ([f"# not used: {_in_comment(listed(named))}"] if unused else [])
+
+    def _errors(self) -> list[str]:
+        """A column that may hold standard errors of the response, commented out: a spread of single readings is none."""
+        spread = [
+            index
+            for index, label in enumerate(self.columns.labels)
+            if NOT_DATA.search(self.head.names[index]) and label.part != "phase" and self.columns.moves(index)
+        ]
+        if not spread or "response" in self.found or self.ratio:
+            return []
+        unit = self.columns.unit(spread[0]) or "?"
+        return [f"# std = {{ column = {self._place(spread[0])}, unit = {_quote(unit)} }}  # if these are its standard errors"]
 
     def _candidates(self, name: str, taken: Mapping[str, int]) -> list[int]:
         if any(self.head.names):

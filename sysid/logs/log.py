@@ -40,6 +40,7 @@ from sysid.logs.mapping import (
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.stamps import coarse
+from sysid.logs.stated import ERRORS, errors, read_errors
 from sysid.logs.together import doubted, in_common_units, of_one_plate
 from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.shown import Shown
@@ -87,17 +88,21 @@ class Log(Shown):
     warnings: tuple[str, ...] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
     path: str = ""
     sha256: str = ""
+    std: np.ndarray | None = None  # standard error of each row's response, per channel, but for a factor of all
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
     temperature_digit: float = 0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
     relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
-        for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
+        for name in ("response", "time", "drive", "frequency", "temperature", "force", "std", "theta"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
         if self.time is not None and (decrease := _decrease(self.time)) is not None:
             raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+        if self.std is not None and (row := int(np.argmin(self.std > 0))) >= 0 and not self.std[row] > 0:
+            found = f"row {row} (counted from 0): found a standard error of {self.std[row]:g}"
+            raise LogError(f"{self.path or self.name}, {found}, expected one above zero")
         if self.kind is None:
             object.__setattr__(self, "kind", self._tell_kind())
         for word, words in ((self.kind, KINDS), (self.sampling, SAMPLINGS)):
@@ -248,7 +253,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if chosen is not None:
         rows = chosen if rows is None else rows[chosen]
         count = len(rows)
-    arrays = {key: _values(body, source, rows, count) for key, source in plan.sources.items()}
+    arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
     if keep is not None:
@@ -272,6 +277,10 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
+    stated_errors = {key: arrays.pop(key) for key in ERRORS if key in arrays}
+    for key, (values, _) in stated_errors.items():
+        if (values <= 0).any():
+            refuse_row(head, body, plan.sources[key], rows, int(np.argmax(values <= 0)), "a standard error above zero")
     fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
     fields["warnings"] = plan.warnings
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
@@ -283,6 +292,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
+        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"))
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
@@ -294,7 +304,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=is_analysed(plan) or any(is_decibel(source.unit) for source in plan.sources.values()),
+        relative_noise=not stated_errors and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
@@ -313,12 +323,13 @@ def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
     return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
 
 
-def _values(body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+def _values(name: str, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
     """Peak values of one source, NaN where a cell holds no number, and their unit."""
+    read = read_errors if name in ERRORS else decode
     if source.column is None:
-        return decode(np.full(count, source.constant), source)
+        return read(np.full(count, source.constant), source)
     numbers = body.numbers[source.column]
-    return decode(numbers if rows is None else numbers[rows], source)
+    return read(numbers if rows is None else numbers[rows], source)
 
 
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:

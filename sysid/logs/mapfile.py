@@ -127,6 +127,10 @@ def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]
     if not waveform and named and response not in map(set, RESPONSES):
         expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
         raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
+    if waveform and columns & {"std", "std_q"}:
+        raise mapping.fail("[columns] std", "belongs to rows of amplitudes; found a waveform, whose noise its samples show")
+    if "std_q" in columns and "std" not in columns:
+        raise mapping.fail("[columns] std_q", "found the standard errors of q alone, expected std, those of d, beside them")
     if both := columns & constants:
         raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
     if len(drives := (columns | constants) & {*units.DRIVES}) > 1:

@@ -24,6 +24,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     frequency = { column = "f", unit = "kHz" }                                # ... or be stated
     x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
     y = { column = 4, unit = "mV", scale = 10.0 }
+    std = { column = 5, unit = "mV", scale = 10.0 }                           # standard error of each row, per channel
                                         # `file = "*CH1.csv"` in each: one capture in several files, see logs.capture
 
     [units]                             # of columns that are found, and whose heads state none
@@ -39,7 +40,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
 
 The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
 wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
-carrier samples (`kind = "waveform"`) response, with voltage or drive. Rows may
+carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of the response are `std`, or `std` of
+d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of it (`logs.stated`). Rows may
 be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
 be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
 header stands again among the rows, `rows` are counted in each table.
@@ -254,7 +256,7 @@ class MappingFile:
             raise self.fail(key, 'found unit = "?", expected the unit')
         if name == "phase" and unit not in ANGLES:
             raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
-        if name == "phase" or (name in ("magnitude", "w") and is_decibel(unit)):
+        if name == "phase" or (name in ("magnitude", "w", "std", "std_q") and is_decibel(unit)):
             return
         try:
             units.check_unit(name, unit)
