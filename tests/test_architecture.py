@@ -18,7 +18,7 @@ precision
 shell
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           jsonlines uff touchstone files preset mapping mapfile stated capture opening missing labels
+           jsonlines uff touchstone files preset mapping mapfile capture opening missing stated timed labels
            roles draft found header lockin switched carrier waveform benchwords together log taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior

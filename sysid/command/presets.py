@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         from sysid.report.screen import rows
 
-        rows([("preset", "files"), *((name, one.title) for name, one in presets().items())], sys.stdout)
+        rows([("preset", "files"), *((name, one.title) for name, one in presets().items())], sys.stdout, right=False)
     return 0
 
 

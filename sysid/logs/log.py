@@ -39,8 +39,8 @@ from sysid.logs.mapping import (
 )
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
-from sysid.logs.stamps import coarse
-from sysid.logs.stated import ERRORS, errors, read_errors
+from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
+from sysid.logs.timed import decrease_of, timed
 from sysid.logs.together import doubted, in_common_units, of_one_plate
 from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.shown import Shown
@@ -56,7 +56,6 @@ POSSIBLE = {
     "frequency": (0.0, np.inf, "a frequency of 0 or more"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
-FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
@@ -98,7 +97,7 @@ class Log(Shown):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
-        if self.time is not None and (decrease := _decrease(self.time)) is not None:
+        if self.time is not None and (decrease := decrease_of(self.time)) is not None:
             raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
         if self.std is not None and (row := int(np.argmin(self.std > 0))) >= 0 and not self.std[row] > 0:
             found = f"row {row} (counted from 0): found a standard error of {self.std[row]:g}"
@@ -260,14 +259,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
         rows = np.flatnonzero(keep) if rows is None else rows[keep]
         plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
-    if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
-        plan = _without_time(plan, arrays)
-    if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
-        refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
-    if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
-        if kind != "steady" and not _sweeps(arrays):
-            refuse_row(head, body, plan.sources["time"], rows, same, FINER)
-        plan = _without_time(plan, arrays)
+    plan = timed(head, body, plan, rows, arrays, kind)
     for key, (low, high, expected) in POSSIBLE.items():
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
@@ -277,10 +269,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
-    stated_errors = {key: arrays.pop(key) for key in ERRORS if key in arrays}
-    for key, (values, _) in stated_errors.items():
-        if (values <= 0).any():
-            refuse_row(head, body, plan.sources[key], rows, int(np.argmax(values <= 0)), "a standard error above zero")
+    stated_errors = stated_in(head, body, plan, rows, arrays)
     fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
     fields["warnings"] = plan.warnings
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
@@ -309,18 +298,6 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
     return log
-
-
-def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
-    """The plan with a note that the dates are kept out, as they now are of `arrays`."""
-    del arrays["time"]
-    note = f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or are missing"
-    return dataclasses.replace(plan, notes=(*plan.notes, note))
-
-
-def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
-    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its time."""
-    return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
 
 
 def _values(name: str, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
@@ -394,9 +371,3 @@ def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, .
 
 def _either(word: str, words: tuple[str, ...]) -> str:
     return " or ".join(words) + units.did_you_mean(word, words)
-
-
-def _decrease(time: np.ndarray) -> int | None:
-    """The first row whose time lies below the one before."""
-    below = time[1:] < time[:-1]
-    return int(np.argmax(below)) + 1 if below.any() else None

@@ -8,8 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.csvfile import LogError
+from sysid.logs.csvbody import Body
+from sysid.logs.csvfile import Head, LogError
 from sysid.logs.mapping import Plan, Source, is_decibel
+from sysid.logs.missing import refuse_row
 
 ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
 NEPER = math.log(10) / 20  # of a decibel
@@ -22,6 +24,22 @@ def read_errors(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
     values = values * source.scale + source.offset
     share = is_decibel(source.unit) or _is_share(source.unit)
     return (values if share else values * units.PEAK.get(source.amplitude, 1.0)), source.unit
+
+
+def stated_in(
+    head: Head,
+    body: Body,
+    plan: Plan,
+    rows: np.ndarray | None,
+    arrays: dict[str, tuple[np.ndarray, str]],
+) -> Arrays:
+    """The standard errors among the `arrays`, which they leave. Raises LogError where one is not above zero."""
+    stated = {name: arrays.pop(name) for name in ERRORS if name in arrays}
+    for name, (values, _) in stated.items():
+        if (values <= 0).any():
+            row = int(np.argmax(values <= 0))
+            refuse_row(head, body, plan.sources[name], rows, row, "a standard error above zero")
+    return stated
 
 
 def errors(where: str, plan: Plan, arrays: Arrays, stated: Arrays, frequency: np.ndarray | None) -> np.ndarray | None:

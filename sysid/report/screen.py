@@ -36,9 +36,9 @@ def findings(found: Sequence[Any], file: IO[str]) -> None:
     console_of(file).print(table)
 
 
-def rows(cells: Sequence[Sequence[str]], file: IO[str]) -> None:
-    """Print a table whose first row is its header."""
-    table = table_of(*cells[0], right=tuple(cells[0][1:]))
+def rows(cells: Sequence[Sequence[str]], file: IO[str], right: bool = True) -> None:
+    """Print a table whose first row is its header; all columns but the first hold numbers, which end on the `right`."""
+    table = table_of(*cells[0], right=tuple(cells[0][1:]) if right else ())
     for row_ in cells[1:]:
         table.add_row(*row_)
     console_of(file).print(table)
