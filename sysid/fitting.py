@@ -1,5 +1,6 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -30,6 +31,7 @@ from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
 from sysid.verdict.through import with_delays
 
+log = logging.getLogger(__name__)
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
 WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that may be a delay
 
@@ -70,6 +72,7 @@ def fit(
     found = _concluded(question, states)
     if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
         return told
+    log.info("what the model leaves")
     if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
         again = _concluded(*filtered)
         if again.result is Result.successful:
@@ -84,6 +87,7 @@ def fit(
 def _with_effects(question: Question, best: State, names: Sequence[str]) -> tuple[Question, Fit] | None:
     """The question with the effects of these names that describe its logs, and its fit; None where none do."""
     minimiser = question.minimiser
+    log.info("whether %s describe what is left", ", ".join(names))
     found, _ = misfits(best, minimiser.reference, minimiser.free, None)
     told = adopted(minimiser, best, found, names)
     if told is None:
