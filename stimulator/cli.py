@@ -1,4 +1,4 @@
-"""The command `simulate` for all files: scenes of the plate as `sysid` plays them, and touch files.
+"""The command `simulate`: logs from scene files and touch files, as a bench would have recorded them.
 
 The log of a touch has columns of its own beside those that `identify` reads: the finger, what was sensed of
 it, friction.

@@ -1,5 +1,6 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -29,6 +30,7 @@ from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
 from sysid.verdict.through import with_delays
 
+log = logging.getLogger(__name__)
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
 WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that may be a delay
 
@@ -70,6 +72,7 @@ def fit(
         return told
     names = [n for n in nuisances if n in ADOPTED]
     if found.result in (Result.misfit, Result.successful) and found.judged.open and names:
+        log.info("whether one of %s describes what is left", ", ".join(names))
         question, found = _with_effects(question, found, names)
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)

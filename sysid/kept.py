@@ -3,6 +3,7 @@
 They are of this machine, this JAX and this code alone; whoever may write into the folder may run code here.
 """
 
+import logging
 import os
 import pickle
 import platform
@@ -14,6 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+log = logging.getLogger(__name__)
 SWITCH = "SYSID_PROGRAMS"  # environment variable: a folder to keep programs in, or `off`
 LARGEST = 256 << 20  # bytes that all programs together may take
 ROOT = Path(__file__).parents[1]  # of the packages
@@ -50,6 +52,7 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     path = where / f"{function.__name__}-{sha256(whole.encode()).hexdigest()}"
 
     def anew() -> Any:
+        log.info("compiling %s, for later runs too", function.__name__.strip("_").replace("_", " "))
         made = make()
         if not _cached_by_jax():  # what JAX loads from a cache of its own is not whole when it is written again
             _write(path, made)

@@ -2,6 +2,9 @@
 
 import pytest
 
+from sysid.logs.cells import Dialect
+from sysid.logs.files import open_head
+from sysid.logs.header import drafted
 from sysid.logs.log import LogError, read_logs
 
 
@@ -12,6 +15,11 @@ def refused(paths, *words, **options):
     message = str(error.value)
     assert all(str(word) in message for word in words), message
     return error.value
+
+
+def draft_of(path):
+    """The mapping file that is drafted for a file, whether or not it is read without one."""
+    return drafted(open_head(str(path), Dialect()))
 
 
 def changed(text, old, new):

@@ -15,10 +15,11 @@ ROOT = Path(__file__).parents[1]
 HOUSE = """
 kept
 precision
+shell
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           uff touchstone files mapping capture missing labels
-           roles draft header lockin switched carrier waveform benchwords together log written made
+           jsonlines uff touchstone files preset mapping mapfile capture opening missing stated timed labels
+           roles draft found header lockin switched carrier waveform benchwords together log taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
@@ -31,9 +32,9 @@ effects    effect clock plate registry adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
            prediction change
-report     text plots costs screen html brief frames inference
+report     text plots costs screen dryrun html brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
-command    clock bill outputs kept sets costcurve arguments cli
+command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
 __main__
 """
 
@@ -116,7 +117,7 @@ def test_imports_run_one_way(path):
 
 def test_only_the_command_knows_the_controller():
     users = {relative(p) for p in SOURCES if any(name.split(".")[0] == "controller" for name in imported(p))}
-    assert users <= {"sysid/command/cli.py", "sysid/command/sets.py"}
+    assert users <= {"sysid/command/check.py", "sysid/command/cli.py", "sysid/command/sets.py"}
 
 
 def test_neither_package_knows_the_stimulator():

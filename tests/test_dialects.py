@@ -333,12 +333,14 @@ def draft(save, text):
             'phase = { column = "Channel 2 Phase (Deg)", unit = "deg" }',
         ]),
         ("freq[Hz],re:Trc1_S21,im:Trc1_S21", [
-            'x = { column = "re:Trc1_S21", unit = "?" }', 'y = { column = "im:Trc1_S21", unit = "?" }',
+            'x = { column = "re:Trc1_S21", unit = "1" }  # as it is written by Rohde & Schwarz\' network analysers',
+            'y = { column = "im:Trc1_S21", unit = "1" }  # as it is written by Rohde & Schwarz\' network analysers',
         ]),
-        ("freq[Hz],db:Trc1_S21,ang:Trc1_S21", ['magnitude = { column = "db:Trc1_S21", unit = "?" }']),
+        ("freq[Hz],db:Trc1_S21,ang:Trc1_S21", ['magnitude = { column = "db:Trc1_S21", unit = "dB" }']),
         ("Frequency[Hz],Gain[dB],Phase[deg]", ['magnitude = { column = "Gain[dB]", unit = "dB" }']),
         ("Frequency (Hz),Trace 1: Gain: Real,Trace 1: Gain: Imaginary,Trace 2: Gain: Phase (°)", [
-            'x = { column = "Trace 1: Gain: Real", unit = "?" }', 'y = { column = "Trace 1: Gain: Imaginary", unit = "?" }',
+            'x = { column = "Trace 1: Gain: Real", unit = "1" }  # as it is written by the Bode 100',
+            'y = { column = "Trace 1: Gain: Imaginary", unit = "1" }  # as it is written by the Bode 100',
         ]),
         ("X_Value,Lockin X,Lockin Y", ['time = { column = "X_Value", unit = "?" }', 'x = { column = "Lockin X", unit = "?" }']),
         ("% Time (s),Input A - X (V),Input B - Y (V)", [
@@ -365,7 +367,7 @@ def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
     header = "Frequency (Hz),Channel 1 Magnitude (dB),Channel 2 Magnitude (dB),Channel 2 Phase (deg)\n"
     path = save("#Digilent WaveForms Network Analyzer - Bode\n#Start: 31900 Hz\n\n" + header
                 + "".join(",".join(map(repr, row)) + "\n" for row in columns))  # fmt: skip
-    text = refused(path, "no response").mapping
+    text = refused(path, "quantity", "preset:digilent").mapping
     for key, value in (("amplitude", '"peak"'), ("quantity", '"displacement"'), ("phase_sign", "1")):
         text = text.replace(f'{key} = "?"', f"{key} = {value}")
     (log,) = read_logs(path, columns=save(text, "map.toml"))

@@ -3,15 +3,20 @@
 What was written here is the truth; each file is made by the library's own writer, or byte by byte.
 """
 
+import gzip
 import io
+import json
 import struct
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from refusal import refused
+from refusal import draft_of, refused
 from test_drafts import answered, asked
 
-from sysid.logs import store
+from sysid.logs import csvbody, store
 from sysid.logs.log import LogError, read_logs
 
 F = np.arange(31800.0, 32801.0, 20.0)
@@ -69,7 +74,14 @@ def uff(path, frequency, signal, kind=8):
     pyuff.UFF(str(path)).write_sets(function, "overwrite")
 
 
-WRITERS = {"a.h5": hdf, "b.mat": mat5, "c.mat": mat73, "d.parquet": parquet, "e.feather": feather, "f.tdms": tdms}
+def jsonlines(path, columns, **constants):
+    lines = [dict(zip(columns, map(float, row), strict=True)) for row in zip(*columns.values(), strict=True)]
+    path.write_text("".join(json.dumps(line) + "\n" for line in [*([constants] if constants else []), *lines]))
+
+
+WRITERS = {
+    "a.h5": hdf, "b.mat": mat5, "c.mat": mat73, "d.parquet": parquet, "e.feather": feather, "f.tdms": tdms, "k.jsonl": jsonlines,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -99,7 +111,10 @@ def test_a_number_that_is_none_is_refused_by_its_row(tmp_path, name):
     refused(tmp_path / name, f"{name}, row 26", "'wq_um'", "found 'nan'", "a finite number", "% of what the log tells")
 
 
-@pytest.mark.parametrize(("name", "write"), [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms)])
+CONSTANTS = [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms), ("k.jsonl", jsonlines)]
+
+
+@pytest.mark.parametrize(("name", "write"), CONSTANTS)
 def test_what_is_constant_is_read(save, tmp_path, name, write):
     write(tmp_path / name, COLUMNS, drive_V=10.0, temperature_degC=24.0)
     draft = refused(tmp_path / name).mapping
@@ -222,16 +237,16 @@ def test_one_port_is_the_admittance_that_it_means(save, tmp_path, head, r):
     pytest.importorskip("skrf")
     path = tmp_path / "a.s1p"
     path.write_text(touchstone(head.replace("R 50", f"R {r}"), FORMS[head](one_port(Y, r))))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert asked(draft) == []
-    (log,) = read_logs(path, columns=save(draft, "map.toml"))
-    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
-    assert log.response_unit == "S*s" and set(log.drive) == {1.0}
+    for (log,) in (read_logs(path), read_logs(path, columns=save(draft, "map.toml"))):
+        np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
+        assert log.response_unit == "S*s" and set(log.drive) == {1.0}
 
 
 @pytest.mark.parametrize("place", ["series", "across"])
 def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
-    pytest.importorskip("skrf")
+    skrf = pytest.importorskip("skrf")
     r = 50.0
     z = 1 / Y
     s11, s21 = (z / (z + 2 * r), 2 * r / (z + 2 * r)) if place == "series" else (-r / (2 * z + r), 2 * z / (2 * z + r))
@@ -239,7 +254,7 @@ def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
     path.write_text(
         touchstone("# Hz S RI R 50", (F, *(part for s in (s11, s21, s21, s11) for part in (s.real, s.imag))))
     )
-    (log,) = read_logs(path, columns=save(refused(path).mapping, "map.toml"))
+    (log,) = read_logs(path)
     np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-8)
     turned = s21 * np.exp(1j)  # behind a cable of its own length: it may be either
     path.write_text(
@@ -247,7 +262,11 @@ def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
     )
     refused(path, "neither in series nor across", 'table = "series" or table = "across"')
     table = save(f'table = "{place}"\n', "map.toml")
-    assert "Y re [S]" in refused(path, columns=table).mapping
+    network = skrf.Network(path)
+    stated = -network.y[:, 1, 0] if place == "series" else 1 / network.z[:, 1, 0]
+    (log,) = read_logs(path, columns=table)
+    np.testing.assert_allclose(log.response, stated / (2 * np.pi * F), rtol=1e-9)
+    assert "as preset:touchstone says" in " ".join(log.notes)
 
 
 def test_three_ports_are_refused(tmp_path):
@@ -255,6 +274,59 @@ def test_three_ports_are_refused(tmp_path):
     rows = "".join("1000 " + " ".join(["0.1 0.2"] * 3) + "\n" + 2 * ("0.1 0.2 " * 3 + "\n") for _ in range(3))
     (tmp_path / "a.s3p").write_text("# Hz S RI R 50\n" + rows)
     refused(tmp_path / "a.s3p", "a.s3p", "3 ports")
+
+
+def test_lines_of_lists_are_an_experiment_each(tmp_path):
+    lines = [{"frequency_Hz": F.tolist(), "voltage_V": v, "w_um": (v * np.abs(S)).tolist()} for v in (1.0, 2.0)]
+    (tmp_path / "a.json").write_text("\n\n".join(map(json.dumps, lines)))
+    first, second = read_logs(tmp_path / "a.json")
+    np.testing.assert_array_equal(second.response, 2 * first.response)
+    assert (set(first.drive), set(second.drive), len(first)) == ({1.0}, {2.0}, len(F))
+
+
+def test_json_lines_may_be_packed_nested_and_hold_texts(save, tmp_path):
+    rows = [{"at": f"2026-04-03T12:00:{k:02d}", "demod": {"x": k, "y": 2 * k}, "note": "ok"} for k in range(6)]
+    with gzip.open(tmp_path / "a.jsonl.gz", "wt") as file:
+        file.write("\n".join(map(json.dumps, rows)))
+    columns = 'quantity = "charge"\namplitude = "peak"\nphase_sign = 1\n[columns]\ntime = "at"\n'
+    columns += 'x = { column = "demod.x", unit = "C" }\ny = { column = "demod.y", unit = "C" }\n'
+    (log,) = read_logs(tmp_path / "a.jsonl.gz", columns=save(columns, "map.toml"))
+    np.testing.assert_array_equal(log.time, np.arange(6.0))
+    np.testing.assert_array_equal(log.response, 1j * (1 + 2j) * np.arange(6))
+
+
+def test_a_row_without_a_name_has_an_empty_cell_there(tmp_path):
+    rows = [{"frequency_Hz": f, "w_um": abs(s)} for f, s in zip(F, S, strict=True)]
+    del rows[3]["w_um"]
+    rows[4]["w_um"] = None
+    jsonl = "\n".join(map(json.dumps, rows))
+    (tmp_path / "a.jsonl").write_text(jsonl)
+    (log,) = read_logs(tmp_path / "a.jsonl")
+    assert len(log) == len(F) - 2 and "left out" in " ".join(log.notes)
+
+
+HOSTILE_LINES = {
+    '{"w_um": 1}\n{"w_um"\n': ("line 2", "no JSON object"),
+    '{"w_um": 1, "w_um": 2}': ("line 1", "'w_um' is there twice"),
+    '{"a":' * 100_000: ("line 1", "no JSON object"),
+    '{"a":' * 20 + "1" + "}" * 20: ("line 1", "objects within objects"),
+    '{"w_um": [[1, 2], [3, 4]]}': ("line 1", "lists within a list"),
+    '{"w_um": [1, 2], "time_s": [1]}': ("line 1", "lists of 1 and 2 values"),
+    '{"w_um": 1}\n{"w_um": 2}\n{"w_um": [1, 2]}': ("lines of rows and lines of lists",),
+    '{"w_um": 1}\n[1, 2]\n': ("line 2", "a list"),
+    '{"w_um": 1' + "0" * 5000 + "}": ("line 1", "no JSON object"),
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE_LINES, ids=lambda text: text[:24])
+def test_json_lines_that_are_none_are_refused_by_line(tmp_path, text):
+    (tmp_path / "a.jsonl").write_text(text)
+    refused(tmp_path / "a.jsonl", "a.jsonl", *HOSTILE_LINES[text])
+
+
+def test_rows_of_ever_new_names_do_not_fill_the_memory(tmp_path):
+    (tmp_path / "a.jsonl").write_text("".join(f'{{"a": 1, "b{k}": 1}}\n' for k in range(10_000)))
+    refused(tmp_path / "a.jsonl", "a.jsonl, line 409", "4096 names")
 
 
 # Hostile files
@@ -310,6 +382,53 @@ def test_numbers_that_are_claimed_and_not_there(tmp_path, monkeypatch):
     table = pyarrow.table({"w_um": pyarrow.chunked_array([column] * 150)})
     parquet_.write_table(table, tmp_path / "a.parquet")
     refused(tmp_path / "a.parquet", "a.parquet", "150000 numbers claimed")
+
+
+def peak(path):
+    """Megabytes that a process of its own takes at most to read a file, and what it says."""
+    script = "from sysid.logs.log import LogError, read_logs\n"
+    script += f"try: read_logs({str(path)!r})\nexcept LogError as error: print(error)\n"
+    # not getrusage, which begins with what the process had that started this one
+    script += "print(next(int(line.split()[1]) // 1024 for line in open('/proc/self/status') if line.startswith('VmHWM')))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    *said, used = done.stdout.splitlines()
+    return int(used), " ".join(said)
+
+
+def test_a_feather_file_is_counted_before_it_is_unpacked(tmp_path):
+    """49 kB that would be 1.6 GB."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("how much memory a process took at most is not told here")
+    feather_, pyarrow = pytest.importorskip("pyarrow.feather"), pytest.importorskip("pyarrow")
+    zeros = pyarrow.array(np.zeros(1_000_000))
+    table = pyarrow.table({"w_um": pyarrow.chunked_array([zeros] * 150)})
+    feather_.write_feather(table, tmp_path / "a.feather", compression="zstd", chunksize=1_000_000)
+    used, said = peak(tmp_path / "a.feather")
+    assert "150000000 numbers claimed" in said and used < 600
+
+
+def test_a_packed_text_ends_where_it_holds_too_much(tmp_path, monkeypatch):
+    with gzip.open(tmp_path / "a.csv.gz", "wt") as file:
+        file.write("time_s,w_um\n" + "".join(f"{k},1\n" for k in range(3000)))
+    assert len(read_logs(tmp_path / "a.csv.gz")[0]) == 3000
+    monkeypatch.setattr(csvbody, "UNPACKED", 2000)
+    refused(tmp_path / "a.csv.gz", "a.csv.gz", "more than 2000 numbers in a packed file", "unpack it")
+
+
+def test_texts_and_samples_are_counted_before_they_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(store, "MOST", 1000)
+    wavfile = pytest.importorskip("scipy.io.wavfile")
+    wavfile.write(tmp_path / "a.wav", 192000, np.zeros((600, 2), np.int16))
+    refused(tmp_path / "a.wav", "a.wav", "1200 numbers claimed")
+    for name in ("a.s1p", "a.uff"):
+        (tmp_path / name).write_text("# Hz S RI R 50\n" + "1 2 3\n" * 1000)
+        refused(tmp_path / name, name, "numbers claimed")
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("w_um", (100,), "S800", chunks=(10,))
+    refused(tmp_path / "a.h5", "a.h5, /w_um", "10000 numbers claimed")
+    jsonlines(tmp_path / "a.jsonl", {"time_s": np.arange(600.0), "w_um": np.arange(600.0)})
+    refused(tmp_path / "a.jsonl", "a.jsonl, line 501", "numbers claimed")
 
 
 def test_what_a_compressed_file_would_unpack_to_is_counted_first(tmp_path, monkeypatch):

@@ -117,7 +117,8 @@ def test_a_refusal_is_one_line_and_its_mapping_file_is_toml(tmp_path, hostile):
     assert "\n" not in str(error.value) and printable(text.clean(str(error.value)))
     given = tomllib.loads(error.value.mapping)
     assert given == tomllib.loads(text.clean(error.value.mapping))  # as it is printed
-    assert set(given) <= {"amplitude", "quantity", "phase_sign", "columns"} and given["columns"] == {}
+    assert set(given) <= {"amplitude", "quantity", "phase_sign", "split_by", "columns"} and given["columns"] == {}
+    assert given["split_by"] == "log"
 
 
 def test_a_header_that_is_refused(tmp_path, hostile):

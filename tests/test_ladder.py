@@ -24,7 +24,7 @@ from sysid.posterior.chain import Chain
 from sysid.posterior.estimate import Estimate
 from sysid.posterior.mixture import Mixture
 from sysid.posterior.target import Target
-from sysid.report import costs
+from sysid.report import costs, text
 from sysid.trials.trial import Trial
 from sysid.verdict.result import Result
 
@@ -229,7 +229,7 @@ def test_the_bill_says_what_more_would_take():
         " --accuracy exact would take 7 s more, for more"
     )
     assert "not known" in bill.sentence(float("nan"), None, None)
-    assert [bill.span(s) for s in (0.0123, 99.0, 600.0, 36000.0)] == ["0.012 s", "99 s", "10 min", "10 h"]
+    assert [text.span(s) for s in (0.0123, 99.0, 600.0, 36000.0)] == ["0.012 s", "99 s", "10 min", "10 h"]
     assert [r.name for r in accuracy.up_to("standard")] == ["quick", "standard"] and accuracy.above("exact") is None
 
 

@@ -10,7 +10,7 @@ import pytest
 import refusal
 from refusal import changed
 
-from sysid.logs import mapping
+from sysid.logs import mapfile, mapping
 from sysid.logs.log import LogError, read_logs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -365,14 +365,14 @@ def test_the_example_in_the_documentation_is_a_mapping(tmp_path):
     example = mapping.__doc__.partition("A full example:\n")[2].partition("\nThe names of")[0]
     path = tmp_path / "map.toml"
     path.write_text(textwrap.dedent(example))
-    assert set(mapping.load_mapping(path).options) == set(mapping._OPTIONS)
+    assert set(mapfile.load_mapping(path).options) == set(mapfile._OPTIONS)
     assert tomllib.loads(path.read_text())["rows"] == [100, 380]
 
 
 def test_the_mapping_files_of_the_page_on_logs_are_some(save):
     """Those that it shows whole: each reads as a mapping file."""
     blocks = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8").split("```toml\n")[1:]
-    shown = [mapping.load_mapping(save(block.partition("```")[0], "map.toml")) for block in blocks]
+    shown = [mapfile.load_mapping(save(block.partition("```")[0], "map.toml")) for block in blocks]
     assert [bool(of.files) for of in shown] == [False, False, False, True]
     assert [of.dialect.join for of in shown] == [None, "Frequency", None, None]
 

@@ -72,7 +72,8 @@ def test_the_screen_says_all_that_was_promised():
         assert words in screenful, words
     for words in ("um/V", "95 % interval", "not determined", "half bandwidth"):
         assert words in screenful, words
-    for words in ("cannot tell k_T; record more", "Kp ", "tracker ", "result  successful", "fit.json", "column x is kept out"):
+    assert screenful.startswith("successful: G, tau and f0 are determined from 2 logs; k_T is not\n")
+    for words in ("cannot tell k_T; record more", "Kp ", "tracker ", "fit.json", "column x is kept out"):
         assert words in screenful, words
     assert max(map(len, screenful.splitlines())) <= screen.WIDTH
 

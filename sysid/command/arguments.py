@@ -6,43 +6,58 @@ from collections.abc import Sequence
 
 from sysid import __version__
 from sysid.posterior.accuracy import NAMES
+from sysid.shell import called, completed
 
+COLUMNS = "mapping file (TOML) for logs of other instruments, or preset:NAME (sysid presets lists them)"
 REFERENCE = 24.0  # degC
 ABSOLUTE_ZERO = -273.15  # degC
-# What a check of a closed loop, and a cost curve, have no use for.
+# What a check of a closed loop, a dry run and a cost curve have no use for.
 UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature", "compare")
 UNMEASURED = ("advise", "rig", "compare")
+IDLE = {"check": ("dry_run", *UNCHECKED), "dry_run": UNCHECKED, "cost_curve": UNMEASURED}
 
 
 def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states an option that has
     nothing to do beside the others."""
-    command = parser()
+    command = completed(parser(), columns_of)
     arguments = command.parse_args(argv)
     if bool(arguments.logs) == bool(arguments.check):
         missing = "the following arguments are required: LOGS"
         command.error("expected LOGS to fit, or --check FILE" if arguments.check else missing)
-    work, idle = ("--check", UNCHECKED) if arguments.check else ("--cost-curve", UNMEASURED if arguments.cost_curve else ())
-    given = [name for name in idle if not (getattr(arguments, name) is None or getattr(arguments, name) is False)]
-    if found := [f"--{name.replace('_', '-')}" for name in given]:
-        command.error(f"found {', '.join(found)} beside {work}, which does nothing with it: expected it without")
+    work = next((name for name in IDLE if getattr(arguments, name)), None)
+    given = {name for name, value in vars(arguments).items() if value is not None and value is not False}
+    idle = [name for name in IDLE.get(work, ()) if name in given]
+    if found := ", ".join(map(_option, idle)):
+        command.error(f"found {found} beside {_option(work)}, which does nothing with it: expected it without")
     if arguments.reference_temperature is None:
         arguments.reference_temperature = REFERENCE
     arguments.seed = arguments.seed or 0
     return arguments
 
 
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def columns_of() -> list[str]:
+    """What `--columns` may be beside a file: the presets."""
+    from sysid.logs.preset import PREFIX, presets
+
+    return [f"{PREFIX}{name}" for name in presets()]
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     command = argparse.ArgumentParser(
-        prog="identify",
+        prog=called("identify"),
         description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
         epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
         allow_abbrev=False,
     )
     command.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
     command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
-    command.add_argument("--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments")
+    command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument(
         "--reference-temperature", type=_temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
     )
@@ -73,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--compare", metavar="FILE", help="the fit.json of an older fit, or its folder: say whether the plate has changed since"
+    )
+    command.add_argument(
+        "--dry-run", action="store_true", help="say what each file is taken for, as which columns, units and constants, and stop"
     )
     spent = command.add_mutually_exclusive_group()
     spent.add_argument(

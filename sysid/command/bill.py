@@ -4,6 +4,8 @@ import math
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
+from sysid.report.text import span
+
 if TYPE_CHECKING:
     from sysid.command.clock import Budget
     from sysid.posterior.posterior import Offer, Posterior
@@ -40,7 +42,3 @@ def sentence(error: float, twice: float | None, offer: "Offer | None") -> str:
         parts.append(f"--accuracy {offer.accuracy} would take {span(offer.seconds)} more, for {offer.brings}")
     return "; ".join(parts)
 
-
-def span(seconds: float) -> str:
-    """A length of time to two digits."""
-    return f"{seconds:.2g} s" if seconds < 99.5 else f"{seconds / 60:.2g} min" if seconds < 5970 else f"{seconds / 3600:.2g} h"

@@ -11,17 +11,18 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.command.arguments import arguments_of
+from sysid.command.refusal import offer, refuse
 from sysid.kept import user_cache
 from sysid.posterior.accuracy import NAMES
+from sysid.shell import called, reader
 
 if TYPE_CHECKING:
     from sysid.command.clock import Budget, Stages
@@ -39,13 +40,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = arguments_of(argv)
     arguments.alone = argv is None  # the process is the command's own
-    work = _check if arguments.check else _cost_curve if arguments.cost_curve else _identify
+    works = {"check": _check, "dry_run": _dry_run, "cost_curve": _cost_curve}
+    work = next((work for name, work in works.items() if getattr(arguments, name)), _identify)
     collects = gc.isenabled()
     gc.disable()  # what the libraries leave on loading is searched for cycles again and again: a twentieth of a run's time
     try:
         return work(arguments)
     except KeyboardInterrupt:
-        print("identify: interrupted", file=sys.stderr)
+        print(f"{called('identify')}: interrupted", file=sys.stderr)
         return 130
     except Exception:  # a defect of the program is none of the results that exit 1 stands for
         traceback.print_exc()
@@ -65,7 +67,7 @@ def _identify(arguments: argparse.Namespace) -> int:
         with Budget(arguments.budget, begun, stages, user_cache() / "seconds.json") as budget:
             return _run(arguments, stages, budget)
     except BudgetError as error:
-        return _refuse(f"--budget: {error}")
+        return refuse(f"--budget: {error}")
 
 
 def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> int:
@@ -76,64 +78,65 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     try:
         outputs.check_writable(folder)
     except OSError as error:
-        return _refuse(f"{folder}: cannot be written: {error}")
+        return refuse(f"{folder}: cannot be written: {error}")
     try:
         with stages("read", "reading the logs"):
             from sysid.logs.log import read_logs
 
             logs = read_logs(arguments.logs, arguments.columns)
     except LogError as error:
-        return _refuse(str(error), error.mapping)
+        return refuse(str(error), error.mapping)
     try:
         rig = _rig(arguments.rig, logs[0].drive_unit, logs[0].response_unit)
     except ValueError as error:
-        return _refuse(str(error))
+        return refuse(str(error))
     try:
         older = _older(arguments.compare)
     except ValueError as error:
-        return _refuse(f"--compare: {error}")
+        return refuse(f"--compare: {error}")
     posterior, drawn = _posterior(logs, arguments, stages, budget)
     try:
         change = _change(posterior, older)
     except ValueError as error:
-        return _refuse(f"--compare: {arguments.compare}: {error}")
+        return refuse(f"--compare: {arguments.compare}: {error}")
     with stages("design", "designing the controller"):
         loop, warnings = _design(posterior, rig)
     try:
         content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget)
     except OSError as error:
-        return _refuse(f"{folder}: cannot be written: {error}")
+        return refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
-    with _reader():
+    with reader():
         _say(content, text, posterior, folder, arguments.json)
     return 0 if content["result"] == "successful" else 1
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    """Whether a closed loop does what its controller.json predicts: 0 or 1; 2 when one of them cannot be read."""
-    import json
+    from sysid.command.check import judge
 
-    from controller.check import check
+    return judge(arguments.check, arguments.folder, arguments.columns, arguments.json, "identify")
+
+
+def _dry_run(arguments: argparse.Namespace) -> int:
+    """Say what each file is taken for: 0; 2 when one, or all of them together, cannot be read."""
     from sysid.command import outputs
-    from sysid.logs.log import LogError, read_logs
-    from sysid.report.screen import findings
+    from sysid.logs.log import LogError
+    from sysid.logs.taken import taken
+    from sysid.report import dryrun
 
-    path = Path(arguments.folder) / outputs.CONTROLLER
     try:
-        predicted = json.loads(path.read_text(encoding="utf-8"))
-        if not isinstance(predicted, dict) or predicted.get("schema") != outputs.SCHEMA or "promise" not in predicted:
-            return _refuse(f"{path}: found no controller of schema {outputs.SCHEMA}; identify writes it")
-        found = check(predicted, read_logs([arguments.check], arguments.columns)[0])
+        files, apart = taken(arguments.logs, arguments.columns)
     except LogError as error:
-        return _refuse(str(error), error.mapping)
-    except (OSError, ValueError) as error:
-        return _refuse(f"{path}: cannot be read: {error}; identify writes it")
-    with _reader():
+        return refuse(str(error), error.mapping)
+    told = dryrun.as_dict(files, apart, arguments.columns)
+    with reader():
         if arguments.json:
-            sys.stdout.write(outputs.to_json({"kept": all(f.kept for f in found), "findings": [f._asdict() for f in found]}))
+            sys.stdout.write(outputs.to_json(told))
         else:
-            findings(found, sys.stdout)
-    return 0 if all(f.kept for f in found) else 1
+            dryrun.show(told, sys.stdout)
+    for draft in dict.fromkeys(file.error.mapping for file in files if file.error and file.error.mapping):
+        offer(draft)
+    return 0 if told["readable"] else 2
 
 
 def _cost_curve(arguments: argparse.Namespace) -> int:
@@ -148,17 +151,18 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
         outputs.check_writable(folder)
         found = measure(lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed)
         if not isinstance(found, CostCurve):
-            print(f"identify: {found.result.value}: {advice(found.result.value, len(found.fit.logs))}", file=sys.stderr)
+            said = f"{found.result.value}: {advice(found.result.value, len(found.fit.logs))}"
+            print(f"{called('identify')}: {said}", file=sys.stderr)
             return 1
         from sysid.report import costs, screen
 
         text = outputs.to_json(found.as_dict())
         outputs.add(folder, {"cost_curve.json": text.encode(), "cost_curve.png": costs.curve_figure(found.points)})
     except LogError as error:
-        return _refuse(str(error), error.mapping)
+        return refuse(str(error), error.mapping)
     except OSError as error:
-        return _refuse(f"{folder}: cannot be written: {error}")
-    with _reader():
+        return refuse(f"{folder}: cannot be written: {error}")
+    with reader():
         if arguments.json:
             sys.stdout.write(text)
         else:
@@ -294,23 +298,3 @@ def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) 
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that has no ± gets a question mark
     show(content, derived(posterior.draws, content["parameters"]), folder, sys.stdout)
-
-
-@contextmanager
-def _reader() -> Iterator[None]:
-    """Around what is printed: a reader that has closed the pipe, as `head` does, has what it wanted, and changes no exit code."""
-    try:
-        yield
-        sys.stdout.flush()
-    except (BrokenPipeError, SystemExit):  # rich makes the other of the one
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or what is left in the buffer fails on the way out
-
-
-def _refuse(message: str, mapping: str | None = None) -> int:
-    from sysid.report.text import clean
-
-    print(f"identify: {clean(message)}", file=sys.stderr)
-    if mapping:
-        print("\nSave the following as map.toml, complete it, and run: identify --columns map.toml LOGS\n", file=sys.stderr)
-        print(clean(mapping), file=sys.stderr)
-    return 2

@@ -1,4 +1,4 @@
-"""The time of a run: seconds of each stage, a spinner while it lasts, and a budget that is kept or refused.
+"""The time of a run: seconds of each stage, a line while it lasts, and a budget that is kept or refused.
 
 What starting and writing take is measured in every run and kept in the user's cache folder, never assumed: it is the floor below
 which a budget is refused, and what is set aside for the files when the rung is chosen.
@@ -23,21 +23,21 @@ FILES = ("design", "compare", "report")  # stages after the posterior
 
 
 class Stages:
-    """Seconds that each stage took, and a spinner on a terminal while it lasts."""
+    """Seconds that each stage took, and a line on a terminal while it lasts."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.now = "starting"
-        self._spin: Callable[[str], Any] = nullcontext
+        self._line: Callable[[str], Any] = nullcontext
         if sys.stderr.isatty():
-            from rich.console import Console
+            from sysid.command.line import Line
 
-            self._spin = Console(stderr=True).status
+            self._line = Line()
 
     @contextmanager
     def __call__(self, name: str, doing: str) -> Iterator[None]:
         begun, self.now = time.perf_counter(), doing
-        with self._spin(f"{doing} ..."):
+        with self._line(doing):
             yield
         self.seconds[name] = round(time.perf_counter() - begun, 3)
 
@@ -140,7 +140,7 @@ class Budget:
         self._leave.acquire()
         if self.fresh is not None:
             shutil.rmtree(self.fresh, ignore_errors=True)
-        shown = "\x1b[?25h\n" if sys.stderr.isatty() else ""  # the spinner hides the cursor
+        shown = "\x1b[?25h\n" if sys.stderr.isatty() else ""  # the line hides the cursor
         print(
             f"{shown}identify: --budget: found {self.seconds:g} s, expected more for these logs: still {self.stages.now} after"
             f" {self.spent:.2g} s; nothing was written",

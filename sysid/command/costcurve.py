@@ -14,8 +14,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from sysid.command.bill import ladder, span
+from sysid.command.bill import ladder
 from sysid.posterior.accuracy import NAMES
+from sysid.report.text import span
 
 if TYPE_CHECKING:
     from sysid.posterior.posterior import Posterior

@@ -57,14 +57,14 @@ def document(
     from sysid.posterior.change import covariance, plate_of
     from sysid.report.text import derived, verdict
 
-    fit = posterior.fit
+    fit, plate = posterior.fit, plate_of(posterior.fit)
     parameters = {name: _parameter(p) for name, p in posterior.summary().items()}
     made, (names, matrix) = derived(posterior.draws, parameters), covariance(fit, parameters)
     content = {
         "schema": SCHEMA,
         "result": posterior.result.value,
-        "verdict": verdict(posterior.result.value, parameters, len(fit.logs)),
-        "plate": plate_of(fit),
+        "verdict": verdict(posterior.result.value, parameters, len(fit.logs), plate),
+        "plate": plate,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "parameters": parameters,
         "derived": {name.replace(" ", "_"): p for name, p in made.items()},

@@ -1,6 +1,7 @@
 """WAV files: a channel is a column of samples, as a fraction of full scale, at the file's sample rate."""
 
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,11 @@ def read_wav(path: str, kind: str) -> Store:
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            rate, samples = wavfile.read(path)
+            rate, samples = _samples(wavfile, path)
+            store.claim("the samples", samples.size)
+            store.claimed = 0
+    except LogError:
+        raise
     except Exception as error:  # the library answers damaged files with errors of many types
         raise LogError(f"{path}: found a damaged WAV file ({error}), expected one that can be read") from None
     if cut := next((str(of.message) for of in said if "EOF" in str(of.message)), ""):
@@ -29,3 +34,11 @@ def read_wav(path: str, kind: str) -> Store:
         store.add("", f"channel {k}", (channel.astype(np.float64) - zero) / scale)
     store.constants["sample_rate_Hz"] = f"{rate}"
     return store
+
+
+def _samples(wavfile: Any, path: str) -> tuple[int, np.ndarray]:
+    """Sample rate and samples, which stay in the file where their width is one of numpy's."""
+    try:
+        return wavfile.read(path, mmap=True)
+    except ValueError:  # of 24 bits
+        return wavfile.read(path)

@@ -18,9 +18,10 @@ from sysid.logs.csvfile import Head, LogError, metadata_of
 from sysid.logs.pieces import Gap, find_gaps, pieces, rows_like, without_end
 from sysid.logs.preamble import DEEPEST, names_below
 from sysid.logs.stamps import EXAMPLE, is_date, is_local, seconds_since
-from sysid.logs.textfile import open_text
+from sysid.logs.textfile import is_packed, open_text
 
 BLOCK = 1 << 24  # bytes parsed at a time
+UNPACKED = 1 << 27  # numbers, and lines, of a packed file, whose size says nothing of what it unpacks to
 RANGES = 8  # of good rows that a message names
 
 
@@ -61,7 +62,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     spare: list[str] = []
     line = head.first_line
     delimiter, marks = str(head.dialect.delimiter), tuple(mark.encode() for mark in head.dialect.comment or ())
-    digest = _digest(head.path)
+    digest, packed = _digest(head.path), is_packed(head.path)
     with open_text(head.path) as file:
         gaps = find_gaps(file, (*head.header, b"")[0], head.start, line, rows_like(head.sample[0], delimiter), BLOCK)
         tables = (head.metadata, *(_of_table(head, gap) for gap in gaps))
@@ -77,6 +78,9 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
                     known[-rows:] = numbers[column]
                 keys.append(texts)
             line += count
+            if packed and (line - head.first_line) * max(len(columns), 1) > UNPACKED:
+                found = f"found more than {UNPACKED} numbers in a packed file"
+                raise LogError(f"{head.path}, line {line}: {found}, expected fewer; unpack it, or save a part of it")
     if not keys:
         raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
     notes = [f"below the last row, left out: {listed(spare)}"] if spare else []

@@ -41,7 +41,7 @@ class Head:
     remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
     sheet: Sheet | None = None  # the whole table, where it does not lie in its file as one row a line
     parts: Mapping[str, tuple[int, int]] = field(default_factory=dict)  # of several files: the columns of each
-    above: tuple[str, ...] = ()  # the lines above the table, comments without their marks: which instrument wrote it
+    above: tuple[str, ...] = ()  # lines above the table, comments without marks, or the kind of a file: which instrument wrote it
 
     def first(self, column: int) -> str:
         """The column's cell in the first row, "" where that is too short."""

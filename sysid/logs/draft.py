@@ -12,38 +12,21 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
-from sysid.logs.labels import GAINS, SCATTERING
+from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
 from sysid.logs.mapping import ANGLES, is_decibel
+from sysid.logs.preset import named, recognised
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
 
-SPLITS = ("chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
+SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
 KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
 # What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
 # amplitude.
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
 _CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
-# What instruments are known to write, by what stands above their tables: units of columns that state none,
-# and options.
-ANALYSER = {"ratio": "ohm", "frequency": "Hz", "phase": "deg"}
-RMS = {"amplitude": "rms"}
-KNOWN = (
-    (
-        r"\b(HP|Agilent|Keysight)?\s*(4192A|4194A|4294A|4990A|E4990A)\b",
-        "impedance analysers",
-        ANALYSER,
-    ),
-    (
-        r"^chunk\W+timestamp\W+size\W+fieldname",
-        "LabOne",
-        {"frequency": "Hz", "phase": "rad", "x": "V", "magnitude": "V"} | RMS,
-    ),
-    (r"\bSR8[1346][045]A?\b", "this lock-in", RMS),
-)
 
-
-def template(head: Head) -> str:
-    """A mapping file for this file, filled in as far as the names tell; what is left to say is "?" or
-    commented out."""
+def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
+    """A mapping file for this file, filled in as far as the names tell, and as is `given` by the options of
+    another or known of the instrument; what is left to say is "?" or commented out."""
     columns = Columns(head)
     guessed = roles(columns)
     samples = waveform(columns, guessed)
@@ -52,7 +35,7 @@ def template(head: Head) -> str:
         {"time": guessed["time"], "drive": files["of"], "response": files["of"]} if files else {}
     )
     found = samples or lone_signal(columns, guessed)
-    known = _known(head)
+    known = _known(head) if given is None else (_instrument(given), _facts(given))
     unsaid = not {word for label in columns.labels for word in label.words} & (GAINS | _CIRCUIT)
     ratio = columns.ratio or (known[1].get("ratio", "") if unsaid else "")
     ratio = ratio if found.keys() & {"x", "y", "magnitude"} and _is_ratio(columns, found, ratio) else ""
@@ -95,7 +78,7 @@ class _Draft:
         first = next((self.found[name] for name in ("x", "y", "magnitude") if name in self.found), None)
         lines += [self._quantity(first)]
         if self.found.keys() & {"phase", "x", "y"} or "magnitude" not in self.found:
-            sign = "1" if self._words() & SCATTERING else '"?"'
+            sign = "1" if self._words() & SCATTERING else self.known.get("phase_sign", '"?"')
             lines += [
                 f"phase_sign = {sign}  # 1 when the phase falls through the resonance, -1 when it rises"
             ]
@@ -187,9 +170,22 @@ class _Draft:
                 name, may = ("duty", duty) if duty else (name, may)
             lines += [f'# {name} = {{ column = {self._place(may[0]) if may else _quote("?")}, unit = "?" }}']
             taken |= {name: may[0]} if may and (name in ("x", "y") or not any(self.head.names)) else {}
+        lines += self._errors()
         unused = [index for index in range(len(self.head.names)) if index not in self.found.values()]
         named = [self.head.names[index] or str(index) for index in unused]
         return lines + ([f"# not used: {_in_comment(listed(named))}"] if unused else [])
+
+    def _errors(self) -> list[str]:
+        """A column that may hold standard errors of the response, commented out: a spread of single readings is none."""
+        spread = [
+            index
+            for index, label in enumerate(self.columns.labels)
+            if NOT_DATA.search(self.head.names[index]) and label.part != "phase" and self.columns.moves(index)
+        ]
+        if not spread or "response" in self.found or self.ratio:
+            return []
+        unit = self.columns.unit(spread[0]) or "?"
+        return [f"# std = {{ column = {self._place(spread[0])}, unit = {_quote(unit)} }}  # if these are its standard errors"]
 
     def _candidates(self, name: str, taken: Mapping[str, int]) -> list[int]:
         if any(self.head.names):
@@ -278,6 +274,8 @@ class _Draft:
         words = self.columns.labels[index].words if index is not None else ()
         called = next((kind for kind in KINDS if kind in words), "?")
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
+        known = self.known.get("quantity", "?")  # of no ratio: its columns are none of an impedance
+        quantity = known if quantity == "?" and known != "impedance" else quantity
         return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
 
 
@@ -310,11 +308,24 @@ def _files(head: Head, columns: Columns, guessed: Mapping[str, int]) -> dict[str
 
 
 def _known(head: Head) -> tuple[str, Mapping[str, str]]:
-    """The instrument that wrote a file, by the lines above its table, and what it is known to write."""
-    for pattern, name, facts in KNOWN:
-        if any(re.search(pattern, line) for line in head.above):
-            return name, facts
-    return "", {}
+    """The instrument that wrote a file, by the lines above its rows, and what it is known to write."""
+    found = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
+    if found is None:
+        return "", {}
+    known = {key: value for key, value in found.options.items() if key not in found.assumed}
+    return found.instrument, _facts(known)
+
+
+def _instrument(given: Mapping[str, Any]) -> str:
+    """What wrote a file, by the preset that is given."""
+    return named(given["preset"]).instrument if "preset" in given else "an instrument that states none"
+
+
+def _facts(options: Mapping[str, Any]) -> dict[str, str]:
+    """What a mapping file says of files that do not say it: units by name, and words."""
+    words = {key: str(options[key]) for key in ("amplitude", "quantity", "phase_sign") if key in options}
+    ratio = {"ratio": "ohm"} if words.get("quantity") == "impedance" else {}
+    return {**options.get("units", {}), **words, **ratio}
 
 
 def _quote(text: str) -> str:

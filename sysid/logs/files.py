@@ -9,6 +9,7 @@ from sysid.logs import arrow, audio, matlab, tdms, touchstone, uff
 from sysid.logs.cells import Dialect, listed
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.hdf import read_hdf
+from sysid.logs.jsonlines import is_jsonlines, read_jsonlines
 from sysid.logs.store import Store
 
 Reader = Callable[[str, str], Store]
@@ -22,6 +23,7 @@ BY_MARK: dict[bytes, tuple[Reader, str]] = {
     b"TDSm": (tdms.read_tdms, "a TDMS file"),
 }
 USER_BLOCKS = (512, 1024, 2048)  # bytes that may stand before an HDF5 file's own
+JSON = r"\.(jsonl|ndjson|json)(\.(gz|bz2|xz))?$"
 UFF = r"\.uff|\.unv"
 BY_ENDING: dict[str, tuple[Reader, str]] = {
     r"\.s\d+p|\.ts": (touchstone.read_touchstone, "a Touchstone file"),
@@ -59,6 +61,7 @@ def _reader(path: str) -> tuple[Reader, str] | None:
         return BY_ENDING[UFF]
     if found := next((of for mark, of in BY_MARK.items() if first.startswith(mark)), None):
         return found
-    return next(
-        (of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.IGNORECASE)), None
-    )
+    if found := next((of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.I)), None):
+        return found
+    may_be = first.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") or re.search(JSON, path, re.IGNORECASE)
+    return (read_jsonlines, "a file of JSON lines") if may_be and is_jsonlines(path) else None

@@ -67,12 +67,13 @@ def _add_dataset(h5py: Any, store: Store, item: Any, place: str, name: str) -> N
         if not text:
             store.left_out.append(f"{within} (objects)")
             return
-    store.claim(within, item.size)
+    count = int(item.size) * max(item.dtype.itemsize // 8, 1)
+    store.claim(within, count)
     if item.size and not item.id.get_storage_size():
         raise LogError(
             f"{store.path}, {within}: found {item.size} numbers claimed and none stored, expected the data themselves"
         )
-    store.claimed -= int(item.size)
+    store.claimed -= count
     unit = next((_word(item.attrs[key]) for key in UNITS if key in item.attrs), "")
     values = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
     if (names := getattr(np.asarray(values).dtype, "names", None)) and {*names} == {

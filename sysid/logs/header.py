@@ -7,16 +7,19 @@ that is not understood is refused with a mapping file to start from.
 import contextlib
 import dataclasses
 import math
-import os
+import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 
-from sysid.logs import layout, units
+from sysid.logs import units
 from sysid.logs.cells import SHOWN, Dialect, amount, listed, to_number
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.draft import template
+from sysid.logs.found import completed, joined, with_preset
 from sysid.logs.mapping import MappingFile, Plan, Source, is_absent, is_decibel
+from sysid.logs.preset import recognised
 from sysid.logs.stamps import EXAMPLE, is_local, is_long
+from sysid.logs.stated import ERRORS
 
 INPUTS = ("time", "frequency", "temperature", "force")
 # Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
@@ -26,9 +29,25 @@ SYNONYMS = {
     "volt": "voltage", "volts": "voltage",
 }  # fmt: skip
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
-SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
+STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
 SAMPLES = ("sample", "samples", "sample_no", "sample_number", "sample_index")  # what counts the rows of an even sampling
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
+
+
+def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
+    """The plan for a file by the mapping file, or by its own names, or as the preset says that recognises it; with the head that
+    it is for, and the mapping file with the columns that were found by their heads. Raises LogError."""
+    if not (mapping and mapping.finds):
+        try:
+            return head, mapping, file_plan(head, mapping)
+        except LogError as error:
+            preset = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
+            if error.mapping is None or preset is None or (mapping and mapping.names_columns):
+                raise
+            mapping = with_preset(mapping, preset)
+    head, mapping, notes = completed(head, mapping)
+    plan = file_plan(head, mapping)
+    return head, mapping, dataclasses.replace(plan, notes=(*plan.notes, *notes))
 
 
 def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
@@ -73,8 +92,9 @@ def contract_plan(head: Head) -> Plan:
     unknown = []
     waveform = _is_waveform(head)
     for index, label in enumerate(head.names):
-        ours = waveform or _first_word(label) != "response"
-        ours = ours and _add_source(head, sources, label, Source(label, "", column=index))
+        of_errors = _of_errors(label)
+        ours = not of_errors if waveform else _first_word(label) != "response"
+        ours = ours and _add_source(head, sources, of_errors or label, Source(label, "", column=index))
         if not ours and label.casefold() != "log":
             unknown.append(label)
     for key, value in head.metadata.items():
@@ -96,6 +116,7 @@ def contract_plan(head: Head) -> Plan:
     else:
         _check_understood(head, sources, unknown)
     notes += _kept_out(head, [label for label in unknown if label], "time" in sources)
+    notes += [f"column {sources[name].label} is read as standard errors of the response" for name in ERRORS if name in sources]
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -106,6 +127,15 @@ def contract_plan(head: Head) -> Plan:
         notes=tuple(notes),
         warnings=(_without_rate(head, counter),) if counter and not rate and _seems_timed(head, sources) else (),
     )
+
+
+def _of_errors(label: str) -> str:
+    """The name of a column of standard errors, `std_um`, `w_std_um`, `wd_std_um` or `wq_std_um`, with its unit in brackets; "" of
+    any other."""
+    if not (found := STANDARD.fullmatch(label.strip())):
+        return ""
+    _, unit, amplitude = units.split_unit(f"std{found['unit']}")
+    return f"{'std_q' if (found['of'] or '').casefold() == 'wq' else 'std'} [{unit}] {amplitude}"
 
 
 def _counter(head: Head, labels: Collection[str]) -> str | None:
@@ -306,13 +336,7 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
 
 def drafted(head: Head) -> str:
     """A mapping file to begin with; of a file whose traces stand one below the other for all of them side by side."""
-    with contextlib.suppress(LogError):
-        if head.sheet is None and os.path.getsize(head.path) <= SMALL:
-            found = layout.tables(head.path, dataclasses.replace(head.dialect, delimiter=None))
-            if layout.can_be_joined(found):
-                join = found[0].names[0] or 0
-                head = read_head(head.path, Dialect(comment=head.dialect.comment, join=join))
-    return template(head)
+    return template(joined(head, Dialect()))
 
 
 def _width(row: Sequence[str]) -> int:

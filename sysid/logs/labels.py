@@ -182,6 +182,7 @@ def parse(text: str) -> Label:
     words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", apart.casefold()) if word]
     parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
     unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
+    unit = unit or ("dB" if "db" in parts else "")  # db:Trc1_S21
     unit = _DEGREES.get(unit, unit) if set(parts) & set(INPUTS["temperature"]) else unit
     return Label(rest.strip(" :;,").casefold(), parts, unit, sign, stated[1].casefold() if stated else "")
 

@@ -10,13 +10,8 @@ A log is a table with a header whose names end in their units; lines `# key: val
 `read_logs` reads such files, and those of other instruments through a mapping file (see `logs.mapping`).
 """
 
-import contextlib
-import csv
 import dataclasses
-import glob
-import lzma
-import os
-import zlib
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,12 +21,11 @@ import numpy as np
 
 from sysid.logs import units
 from sysid.logs.benchwords import bench_of, misread
-from sysid.logs.capture import captures, side_by_side
-from sysid.logs.cells import Dialect, decimals, listed
+from sysid.logs.cells import decimals, listed
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.files import open_head
-from sysid.logs.header import INPUTS, counted, file_plan, metadata_number, not_understood, stated, table_plan
+from sysid.logs.header import INPUTS, counted, metadata_number, not_understood, planned, stated, table_plan
+from sysid.logs.mapfile import load_mapping
 from sysid.logs.mapping import (
     MappingFile,
     Plan,
@@ -39,20 +33,21 @@ from sysid.logs.mapping import (
     decode,
     is_analysed,
     is_decibel,
-    load_mapping,
     lock_in,
     select_rows,
     turned,
 )
 from sysid.logs.missing import refuse_row, rows_to_keep
-from sysid.logs.stamps import coarse
-from sysid.logs.textfile import unchanged
+from sysid.logs.opening import groups, opened
+from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
+from sysid.logs.timed import decrease_of, timed
 from sysid.logs.together import doubted, in_common_units, of_one_plate
 from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.shown import Shown
 
 __all__ = ["Log", "LogError", "read_logs"]
 
+logger = logging.getLogger(__name__)
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
@@ -61,7 +56,6 @@ POSSIBLE = {
     "frequency": (0.0, np.inf, "a frequency of 0 or more"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
-FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
@@ -93,17 +87,21 @@ class Log(Shown):
     warnings: tuple[str, ...] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
     path: str = ""
     sha256: str = ""
+    std: np.ndarray | None = None  # standard error of each row's response, per channel, but for a factor of all
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
     temperature_digit: float = 0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
     relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
 
     def __post_init__(self) -> None:
-        for name in ("response", "time", "drive", "frequency", "temperature", "force", "theta"):
+        for name in ("response", "time", "drive", "frequency", "temperature", "force", "std", "theta"):
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
-        if self.time is not None and (decrease := _decrease(self.time)) is not None:
+        if self.time is not None and (decrease := decrease_of(self.time)) is not None:
             raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+        if self.std is not None and (row := int(np.argmin(self.std > 0))) >= 0 and not self.std[row] > 0:
+            found = f"row {row} (counted from 0): found a standard error of {self.std[row]:g}"
+            raise LogError(f"{self.path or self.name}, {found}, expected one above zero")
         if self.kind is None:
             object.__setattr__(self, "kind", self._tell_kind())
         for word, words in ((self.kind, KINDS), (self.sampling, SAMPLINGS)):
@@ -208,57 +206,26 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     """
     mapping = None if columns is None else load_mapping(columns)
     logs: dict[str, list[Log]] = {}
-    files = _expand([paths] if isinstance(paths, str | Path) else paths)
-    for group in captures(list(dict.fromkeys(files)), mapping) if mapping and mapping.files else [{"": path} for path in files]:
-        path, read = next(iter(group.values())), _read_file(group, mapping)
+    for group in groups(paths, mapping):
+        logger.info("%s", next(iter(group.values())))
+        with opened(group, mapping) as head:
+            read = logs_of(head, mapping)
         if known := logs.get(read[0].sha256):
-            note = f"{path} holds the same bytes: counted once"
+            note = f"{next(iter(group.values()))} holds the same bytes: counted once"
             logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
         else:
             logs[read[0].sha256] = read
-    return [doubted(log) for log in in_common_units(of_one_plate([log for read in logs.values() for log in read]))]
+    return of_one_bench([log for read in logs.values() for log in read])
 
 
-def _expand(paths: Iterable[str | Path]) -> list[str]:
-    files: list[str] = []
-    for path in map(str, paths):
-        found = [path] if os.path.exists(path) or not glob.has_magic(path) else sorted(glob.glob(path, recursive=True))
-        if not found:
-            raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
-        files += found
-    if not files:
-        raise LogError("found no logs, expected at least one file")
-    return files
-
-
-def _check_file(path: str) -> None:
-    """Raise LogError where a path is not that of a file."""
-    if os.path.isdir(path):
-        raise LogError(f"{path}: found a directory, expected a file; give {path.rstrip('/')}/*.csv for all logs in it")
-    if not os.path.isfile(path):
-        found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
-        raise LogError(f"{path}: found {found}, expected a log")
-
-
-def _read_file(group: dict[str, str], mapping: MappingFile | None) -> list[Log]:
-    """The logs of a file, or of the several files of one capture."""
-    path = next(iter(group.values()))
-    for part in group.values():
-        _check_file(part)
-    try:
-        with contextlib.ExitStack() as stack, np.errstate(all="ignore"):  # the log refuses what is not finite
-            for part in group.values():
-                stack.enter_context(unchanged(part))
-            several = mapping is not None and bool(mapping.files)
-            head = side_by_side(group, mapping) if several else open_head(path, mapping.dialect if mapping else Dialect())
-            return logs_of(head, mapping)
-    except (OSError, EOFError, zlib.error, lzma.LZMAError, csv.Error) as error:
-        raise LogError(f"{path}: cannot be read: {error}") from None
+def of_one_bench(logs: list[Log]) -> list[Log]:
+    """Logs of one plate, in the first one's units. Raises LogError where they are not."""
+    return [doubted(log) for log in in_common_units(of_one_plate(logs))]
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
     """The logs of a file's table. Raises LogError."""
-    plan = file_plan(head, mapping)
+    head, mapping, plan = planned(head, mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
     body = read_body(head, wanted, plan.split, dated)
@@ -285,21 +252,14 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if chosen is not None:
         rows = chosen if rows is None else rows[chosen]
         count = len(rows)
-    arrays = {key: _values(body, source, rows, count) for key, source in plan.sources.items()}
+    arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
     if keep is not None:
         arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
         rows = np.flatnonzero(keep) if rows is None else rows[keep]
         plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
-    if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
-        plan = _without_time(plan, arrays)
-    if "time" in arrays and (decrease := _decrease(arrays["time"][0])) is not None:
-        refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
-    if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
-        if kind != "steady" and not _sweeps(arrays):
-            refuse_row(head, body, plan.sources["time"], rows, same, FINER)
-        plan = _without_time(plan, arrays)
+    plan = timed(head, body, plan, rows, arrays, kind)
     for key, (low, high, expected) in POSSIBLE.items():
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
@@ -309,6 +269,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
     if "carrier" in arrays:
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
+    stated_errors = stated_in(head, body, plan, rows, arrays)
     fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
     fields["warnings"] = plan.warnings
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
@@ -320,6 +281,7 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
+        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"))
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
@@ -331,31 +293,20 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=is_analysed(plan) or any(is_decibel(source.unit) for source in plan.sources.values()),
+        relative_noise=not stated_errors and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
     return log
 
 
-def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
-    """The plan with a note that the dates are kept out, as they now are of `arrays`."""
-    del arrays["time"]
-    note = f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or are missing"
-    return dataclasses.replace(plan, notes=(*plan.notes, note))
-
-
-def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
-    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its time."""
-    return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
-
-
-def _values(body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+def _values(name: str, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
     """Peak values of one source, NaN where a cell holds no number, and their unit."""
+    read = read_errors if name in ERRORS else decode
     if source.column is None:
-        return decode(np.full(count, source.constant), source)
+        return read(np.full(count, source.constant), source)
     numbers = body.numbers[source.column]
-    return decode(numbers if rows is None else numbers[rows], source)
+    return read(numbers if rows is None else numbers[rows], source)
 
 
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:
@@ -420,9 +371,3 @@ def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, .
 
 def _either(word: str, words: tuple[str, ...]) -> str:
     return " or ".join(words) + units.did_you_mean(word, words)
-
-
-def _decrease(time: np.ndarray) -> int | None:
-    """The first row whose time lies below the one before."""
-    below = time[1:] < time[:-1]
-    return int(np.argmax(below)) + 1 if below.any() else None

@@ -12,7 +12,7 @@ from sysid.logs.store import Store
 from sysid.logs.together import doubted
 from sysid.logs.written import label
 
-SERIES = ("time", "drive", "frequency", "temperature", "force", "theta")
+SERIES = ("time", "drive", "frequency", "temperature", "force", "std", "theta")
 
 
 def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:

@@ -16,13 +16,19 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     table = "/sweep"                    # of a file of several tables, HDF5 groups say: which of them
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
+    preset = "sr865"                    # what a preset says (`logs.preset`), and is not said here
+    find = true                         # columns that are not named below are found by their heads, as a draft does
 
     [columns]                           # name = "column", or position from 0, or table; number * scale + offset in unit
     time = "time_unix_s"                # the unit may be the end of the column's own name ...
     frequency = { column = "f", unit = "kHz" }                                # ... or be stated
     x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
     y = { column = 4, unit = "mV", scale = 10.0 }
+    std = { column = 5, unit = "mV", scale = 10.0 }                           # standard error of each row, per channel
                                         # `file = "*CH1.csv"` in each: one capture in several files, see logs.capture
+
+    [units]                             # of columns that are found, and whose heads state none
+    time = "s"
 
     [constants]                         # what was constant and is not in the file; peak, unless the unit says `V_rms`
     voltage = "1 V"
@@ -34,7 +40,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
 
 The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
 wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
-carrier samples (`kind = "waveform"`) response, with voltage or drive. Rows may
+carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of the response are `std`, or `std` of
+d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of it (`logs.stated`). Rows may
 be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
 be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
 header stands again among the rows, `rows` are counted in each table.
@@ -52,10 +59,8 @@ Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offse
 
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,16 +70,8 @@ from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.stamps import is_long
 
-RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
-_NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
 _PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
-_OPTIONS: dict[str, tuple[type, ...]] = {
-    "kind": (str,), "sampling": (str,), "amplitude": (str,), "quantity": (str,), "phase_sign": (int,),
-    "phase_offset_deg": (int, float), "delimiter": (str,), "decimal": (str,), "comment": (str,), "header": (bool,),
-    "skip": (int,), "join": (str, int), "table": (str,), "rows": (list, dict), "split_by": (str, int), "columns": (dict,),
-    "constants": (dict,), "metadata": (dict,),
-}  # fmt: skip
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
@@ -83,11 +80,6 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
-_NUMBER = (int, float)
-_COLUMN_KEYS = {
-    "column": (str, int), "unit": (str,), "scale": _NUMBER, "offset": _NUMBER, "amplitude": (str,), "file": (str,),
-}  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Source:
@@ -127,6 +119,8 @@ class MappingFile:
     path: str
     options: dict[str, Any]
     dialect: Dialect = field(default_factory=Dialect)
+    base: Mapping[str, Any] = field(default_factory=dict)  # what its preset says, which the options go before
+    finds: bool = False  # whether columns that it does not name are found by their heads (`logs.found`)
 
     def fail(self, key: str, message: str) -> LogError:
         return LogError(f"{self.path}, {key}: {message}")
@@ -262,7 +256,7 @@ class MappingFile:
             raise self.fail(key, 'found unit = "?", expected the unit')
         if name == "phase" and unit not in ANGLES:
             raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
-        if name == "phase" or (name in ("magnitude", "w") and is_decibel(unit)):
+        if name == "phase" or (name in ("magnitude", "w", "std", "std_q") and is_decibel(unit)):
             return
         try:
             units.check_unit(name, unit)
@@ -294,30 +288,6 @@ class MappingFile:
 def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
     """Whether nothing states an input, of which there is one drive."""
     return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
-
-
-def load_mapping(path: str | Path) -> MappingFile:
-    """Read and check a mapping file. Raises LogError that names the key."""
-    try:
-        options = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise LogError(f"{path}: cannot be read as a mapping file (TOML): {error}") from None
-    mapping = MappingFile(str(path), options)
-    _check_keys(mapping, "", options, _OPTIONS)
-    for key in ("columns", "constants"):
-        _check_keys(mapping, f"[{key}] ", options.get(key, {}), dict.fromkeys(_NAMES, (str, int, float, dict)))
-    if "columns" in options:
-        options["columns"] = {name: _as_table(mapping, name, entry) for name, entry in options["columns"].items()}
-    _check_response(mapping, set(options.get("columns", {})), set(options.get("constants", {})))
-    _check_rows(mapping)
-    delimiter = options.get("delimiter")
-    if (delimiter is not None and not re.fullmatch(r"[ -~\t]", delimiter)) or delimiter in ('"', "."):
-        raise mapping.fail("delimiter", f"found {delimiter!r}, expected one character such as ; or a tab")
-    if options.get("skip", 0) < 0:
-        raise mapping.fail("skip", f"found {options['skip']}, expected how many lines to leave out, 0 or more")
-    comment = (options["comment"],) if "comment" in options else None
-    dialect = Dialect(delimiter, comment, *(options.get(key) for key in ("decimal", "header", "skip", "table", "join")))
-    return MappingFile(str(path), options, dialect)
 
 
 def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:
@@ -397,64 +367,3 @@ def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
     if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(unit):
         return "", inner or amplitude  # the library would take S21_re for a temperature in degrees Réaumur
     return unit, inner or amplitude
-
-
-def _check_keys(mapping: MappingFile, where: str, table: dict[str, Any], known: Mapping[str, tuple[type, ...]]) -> None:
-    for key, value in table.items():
-        if key not in known:
-            raise mapping.fail(f"{where}{key}", f"not a known key{units.did_you_mean(key, list(known))}")
-        if not isinstance(value, known[key]) or (isinstance(value, bool) and bool not in known[key]):
-            names = " or ".join(kind.__name__ for kind in known[key])
-            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected {names}")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected a finite number")
-        if key in WORDS and value not in WORDS[key]:
-            raise mapping.fail(f"{where}{key}", f"found {value!r}, expected one of {', '.join(map(repr, WORDS[key]))}")
-
-
-def _as_table(mapping: MappingFile, name: str, entry: Any) -> dict[str, Any]:
-    table = entry if isinstance(entry, dict) else {"column": entry}
-    _check_keys(mapping, f"[columns] {name}.", table, _COLUMN_KEYS)
-    if "column" not in table:
-        raise mapping.fail(f"[columns] {name}", "found no column, expected its name or position")
-    if table.get("scale") == 0:
-        raise mapping.fail(f"[columns] {name}.scale", "found 0, expected a factor that keeps the column's numbers apart")
-    return table
-
-
-def _check_rows(mapping: MappingFile) -> None:
-    """Rows are [first, last], several of those, or either for each value of the split column; they become lists of several."""
-    stated = mapping.options.get("rows")
-    if isinstance(stated, dict) and "split_by" not in mapping.options:
-        raise mapping.fail("rows", "found rows of single experiments, expected split_by beside them")
-    for value, ranges in (stated if isinstance(stated, dict) else {None: stated} if stated is not None else {}).items():
-        several = [ranges] if isinstance(ranges, list) and all(type(edge) is int for edge in ranges) else ranges
-        pairs = isinstance(several, list) and all(isinstance(edges, list) and len(edges) == 2 for edges in several)
-        if not pairs or not all(type(edge) is int for edges in several for edge in edges):
-            raise mapping.fail("rows", f"found {ranges!r}, expected [first, last], or several such in a list")
-        stated = stated | {value: several} if value is not None else several
-    mapping.options["rows"] = stated
-
-
-def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]) -> None:
-    parts = {"wd", "wq", "w", "x", "y", "magnitude", "phase", "response"}
-    response = columns & parts
-    if constant := constants & parts:
-        raise mapping.fail(f"[constants] {min(constant)}", "found a response that is constant, expected a column")
-    waveform, named = mapping.options.get("kind") == "waveform", mapping.names_columns or not mapping.options
-    if waveform and named and (response != {"response"} or not columns & {"voltage", "drive"}):
-        found = ", ".join(sorted(columns)) or "no columns"
-        raise mapping.fail("[columns]", f"found {found} of a waveform, expected drive (or voltage) and response")
-    if waveform and "phase_sign" in mapping.options:
-        raise mapping.fail("phase_sign", "belongs to wd and wq, to x and y, or to phase; found a waveform, whose sign is known")
-    if not waveform and named and response not in map(set, RESPONSES):
-        expected = "wd and wq, or w, or x and y, or magnitude (and phase)"
-        raise mapping.fail("[columns]", f"found {', '.join(sorted(response)) or 'no response'}, expected {expected}")
-    if both := columns & constants:
-        raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
-    if len(drives := (columns | constants) & {*units.DRIVES}) > 1:
-        raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
-    if waveform and mapping.options.get("quantity") == "impedance":
-        raise mapping.fail("quantity", "found the impedance of a waveform, expected what its response shows")
-    if "quantity" in mapping.options and named and not response & {"x", "magnitude", "response"}:
-        raise mapping.fail("quantity", "belongs to x and y, to magnitude, or to a waveform; found a response that is one already")

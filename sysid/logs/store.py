@@ -4,6 +4,7 @@ be read.
 Numbers are taken as they are, complex ones as two columns, texts as texts; whatever else stands in such a
 file (objects, functions, references) is never made or run: it is named, and left out."""
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -16,6 +17,7 @@ from sysid.logs.csvfile import SAMPLE, Head
 from sysid.logs.sheet import Sheet
 from sysid.logs.textfile import LogError
 
+SHORTEST = 4  # bytes of a number in a text, with what parts it from the next
 MOST = 1 << 27  # numbers in a file: a gigabyte, which fits into a laptop's memory beside the fit
 
 
@@ -99,7 +101,17 @@ class Store:
         plain = Dialect(",", ("#",), ".", True, table=dialect.table)
         sample = sheet.first(SAMPLE)
         return Head(
-            path, dict(self.constants), frozenset(), tuple(columns), plain, 0, 1, sample, notes, sheet=sheet
+            path,
+            dict(self.constants),
+            frozenset(),
+            tuple(columns),
+            plain,
+            0,
+            1,
+            sample,
+            notes,
+            sheet=sheet,
+            above=(self.kind, *self.tables),
         )
 
     def _of_one_length(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -109,6 +121,12 @@ class Store:
         other = [name for name, values in columns.items() if len(values) != best]
         self.left_out += [f"{name} ({len(columns[name])} of {best} rows)" for name in other]
         return {name: values for name, values in columns.items() if len(values) == best and best > 0}
+
+
+def claim_text(store: Store) -> None:
+    """Count the numbers that a file of text may hold, which its library reads whole. Too many: LogError."""
+    store.claim("its text", os.path.getsize(store.path) // SHORTEST)
+    store.claimed = 0
 
 
 def library(name: str, path: str, kind: str, extra: str) -> Any:

@@ -53,6 +53,12 @@ def open_text(path: str) -> BinaryIO:
     return opener(path, "rb")
 
 
+def is_packed(path: str) -> bool:
+    """Whether what a file unpacks to may be larger than it is by any factor."""
+    with open(path, "rb") as file:
+        return file.read(20).startswith(tuple(PACKED))
+
+
 def _from_utf16(path: str) -> BinaryIO:
     """The text as UTF-8, whole in memory: spreadsheets save it so, which hold a million rows."""
     try:

@@ -49,5 +49,7 @@ def _as_first(log: "Log", first: "Log", what: str) -> "Log":
         raise LogError(
             f"{log.path}: found the {what} in {unit}, expected a unit such as {wanted} as in {first.path}"
         )
-    values = units.convert(getattr(log, what), unit, wanted)
-    return dataclasses.replace(log, **{what: values, f"{what}_unit": wanted})
+    changed = {what: units.convert(getattr(log, what), unit, wanted), f"{what}_unit": wanted}
+    if what == "response" and log.std is not None:
+        changed["std"] = units.convert(log.std, unit, wanted)
+    return dataclasses.replace(log, **changed)

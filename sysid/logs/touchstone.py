@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs.store import Store, library
+from sysid.logs.store import Store, claim_text, library
 from sysid.logs.textfile import LogError
 
 SAME = 0.1  # of S21 in series, of S11 across the line, by which a device may be off the rule of its place
@@ -26,6 +26,7 @@ def read_touchstone(path: str, kind: str) -> Store:
     """The contents of a Touchstone file of one port or two. Raises LogError of any other, and where it is
     damaged."""
     skrf, store = library("skrf", path, kind, "touchstone"), Store(path, kind)
+    claim_text(store)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs.store import Store, library
+from sysid.logs.store import Store, claim_text, library
 from sysid.logs.textfile import LogError
 
 ABSCISSA = {17: "time_s", 18: "frequency_Hz", 5: "temperature_degC"}
@@ -24,6 +24,7 @@ NONE = ("", "NONE", "NULL")
 def read_uff(path: str, kind: str) -> Store:
     """The functions of a universal file. Raises LogError where it is damaged."""
     pyuff, store = library("pyuff", path, kind, "uff"), Store(path, kind)
+    claim_text(store)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

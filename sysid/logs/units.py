@@ -14,8 +14,12 @@ from typing import Any, NamedTuple
 
 INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1", "carrier": "rad"}
 REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
-AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response")  # these may be rms or peak to peak
-QUANTITIES = ("time", "frequency", "temperature", "force", "duty", "carrier", "voltage", "drive", "wd", "wq", "w", "response")
+# These may be rms or peak to peak.
+AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response", "std", "std_q")
+QUANTITIES = (
+    *("time", "frequency", "temperature", "force", "duty", "carrier", "voltage", "drive", "wd", "wq", "w", "response"),
+    *("std", "std_q"),  # standard errors of the response, or of d and of q
+)
 DRIVES = ("voltage", "drive", "duty")  # of which a log has one
 CONSTANTS = ("temperature", "frequency", "force", *DRIVES)  # what may be constant over a log
 WORDS = ("kind", "sampling", "plate", "volts_per_duty")  # metadata without a unit

@@ -20,6 +20,7 @@ def columns(log: Log) -> dict[str, np.ndarray]:
     else:
         found[label(log.response_unit, "wd")] = log.response.real
         found[label(log.response_unit, "wq")] = log.response.imag
+    found[label(log.response_unit, "std")] = log.std
     return {name: values for name, values in found.items() if values is not None}
 
 

@@ -1,5 +1,6 @@
 """Minima of the cost, from the likeliest starting points; the noise of each log is estimated from its residual along the way."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,7 @@ from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
 from sysid.trials.trial import Trial, numbers_taken, with_noise
 
+log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
 MOST = 128  # steps of a search
@@ -99,6 +101,7 @@ class Minimiser:
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
         self._prepare(trials)
+        log.info("where to start")
         search = Search(trials, (self._frequency, self.reference[1]))
         points, score, cost = self._starts(search, start)
         level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
@@ -106,14 +109,14 @@ class Minimiser:
         untouched = np.zeros((len(points), len(FINGER)))
         starts = np.column_stack([_log_gains(search, points), points, untouched])
         rounds = 4 if any(t.begun for t in trials) else 1  # what an amplitude began with is found with the plant
+        log.info("start 1 of %d", len(starts))
         found = [self.refine(trials, starts[0], rounds)]
         reached = search.score(found[0].theta[None, 1:4], cost)[0]
         # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
-        found += [
-            self.refine(trials, theta, rounds)
-            for theta, short in zip(starts[1:], score[1:], strict=True)
-            if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum()
-        ]
+        for k, (theta, short) in enumerate(zip(starts[1:], score[1:], strict=True), 2):
+            if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum():
+                log.info("start %d of %d", k, len(starts))
+                found.append(self.refine(trials, theta, rounds))
         found.sort(key=lambda s: s.cost)
         found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
@@ -122,6 +125,7 @@ class Minimiser:
     def imaged(self, states: Sequence[State]) -> list[State]:
         """The minima and the images of the best of them, the best first, as far as they count as modes: for whoever changed what
         the logs are behind or what of the bench is fitted, as an image may then be where none was."""
+        log.info("mirror images of the minimum")
         best = sorted(states, key=lambda s: s.cost)
         more = self._images(best, 30)
         return self._distinct([*best, *more]) if more else [s for s in best if s.cost <= best[0].cost + MODES]

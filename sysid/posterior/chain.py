@@ -1,5 +1,6 @@
 """Markov chains of the posterior: emcee over the compiled density, proposals from the mixture about the fit's own minima."""
 
+import logging
 from collections.abc import Iterator
 from time import perf_counter
 
@@ -10,6 +11,7 @@ from sysid.posterior.diagnostics import ess, rhat
 from sysid.posterior.mixture import Mixture
 from sysid.posterior.target import Target
 
+log = logging.getLogger(__name__)
 WALKERS = 8
 AGREED = 1.01  # split R-hat
 BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
@@ -68,6 +70,7 @@ class Chain:
             steps = int(np.clip(short, LEAST, done)) if done else FIRST
             if until < np.inf and perf_counter() + steps * WALKERS * self.target.pace > until:
                 return False
+            log.info("%.0f of %g effective draws", self.ess, effective)
             self._move.prepare(steps)
             self._state = self._sampler.run_mcmc(self._state, steps, skip_initial_state_check=True)
             told = self._told()

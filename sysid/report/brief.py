@@ -151,7 +151,10 @@ def _identified(
     kind: str, fit: "Fit", result: str, found: "Mapping[str, Parameter]", tail: Sequence[str]
 ) -> Brief:
     """Of parameters, in the form of the screen."""
-    head, at, rows = f"{kind}: {verdict(result, found, len(fit.logs))}", fit.reference_temperature, []
+    from sysid.posterior.change import plate_of
+
+    said = verdict(result, found, len(fit.logs), plate_of(fit))
+    head, at, rows = f"{kind}: {said}", fit.reference_temperature, []
     for name, p in found.items():
         where = f" at {at:.4g} degC" if name == "f0" and p.determined and at is not None else ""
         cells = row(p) if p.determined else ("not determined", "", p.unit)

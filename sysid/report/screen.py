@@ -9,57 +9,68 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import advice, clean, gains, grouped, mode, moved, number, row, spent, taken_for
+from sysid.report.text import clean, exactness, gains, grouped, mode, moved, number, row, taken_for
 
-WIDTH = 100  # columns where the output is no terminal
+WIDTH = 80  # columns where the output is no terminal
+ROOMY = 100  # columns, from which on a table of logs has room for their noise
 NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask for"
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
 def show(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], folder: Path, file: IO[str]) -> None:
-    """Print what fit.json says (`document`), with the `derived` quantities and where the files are."""
-    console = _console(file)
-    console.print(_logs(document["logs"]), "")
+    """Print what fit.json says (`document`), the verdict first, with the `derived` quantities and where the files are."""
+    console = console_of(file)
+    console.print(_verdict(document))
+    console.print()
     console.print(_parameters(document, derived), "")
+    console.print(_logs(document["logs"], console.width), "")
     console.print(_sentences(document, folder))
 
 
 def findings(found: Sequence[Any], file: IO[str]) -> None:
     """Print what a closed loop did beside what was predicted of it."""
-    table = _table("", "found", "expected", "")
+    table = table_of("", "found", "expected", "")
     for f in found:
         said = Text("as predicted", style="green") if f.kept else Text(clean(f"no: {f.hint}"), style="red")
         table.add_row(*(Text(clean(cell)) for cell in (f.what, f.found, f.expected)), said)
-    _console(file).print(table)
+    console_of(file).print(table)
 
 
-def rows(cells: Sequence[Sequence[str]], file: IO[str]) -> None:
-    """Print a table whose first row is its header."""
-    table = _table(*cells[0], right=tuple(cells[0][1:]))
+def rows(cells: Sequence[Sequence[str]], file: IO[str], right: bool = True) -> None:
+    """Print a table whose first row is its header; all columns but the first hold numbers, which end on the `right`."""
+    table = table_of(*cells[0], right=tuple(cells[0][1:]) if right else ())
     for row_ in cells[1:]:
         table.add_row(*row_)
-    _console(file).print(table)
+    console_of(file).print(table)
 
 
-def _console(file: IO[str]) -> Console:
-    """Plain text, as wide as the terminal."""
+def console_of(file: IO[str]) -> Console:
+    """Plain text, as wide as the terminal; WIDTH where there is none."""
     return Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
 
 
-def _logs(logs: list[Mapping[str, Any]]) -> Table:
-    unit = clean(logs[0]["response_unit"])
-    table = _table("log", "kind", "rows", "taken for", "NRMSE", f"noise {unit}", right=("rows", "NRMSE"))
+def _verdict(document: Mapping[str, Any]) -> Text:
+    """How the fit ended, in a sentence."""
+    good = document["result"] == "successful"
+    said = f"{document['result']}: {document['verdict']}" if good else document["verdict"]
+    return Text(clean(said), style="bold green" if good else "bold red")
+
+
+def _logs(logs: list[Mapping[str, Any]], width: int) -> Table:
+    """What each log was taken for, and how well it is described; where the lines are wide enough, how noisy it is."""
+    noisy = (f"noise {clean(logs[0]['response_unit'])}",) if width >= ROOMY else ()
+    table = table_of("log", "kind", "rows", "taken for", "NRMSE", *noisy, right=("rows", "NRMSE"))
     table.columns[0].max_width = 30
     for log in logs:
         noise = number(log["noise_std"]) + ("" if log["noise"] == "white" else f", {log['noise']}")
         left = "" if log["nrmse_percent"] is None else f"{log['nrmse_percent']:.2f}%"
-        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), left, noise)
+        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), left, *([noise] if noisy else []))
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table
 
 
 def _parameters(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = _table("parameter", "value", "95 % interval", "unit")
+    table = table_of("parameter", "value", "95 % interval", "unit")
     for name, parameter in document["parameters"].items():
         cells = row(parameter) if parameter["determined"] else ("not determined", "", parameter["unit"])
         table.add_row(name + _at(name, parameter, document), *(Text(clean(cell)) for cell in cells))
@@ -78,8 +89,6 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    result = document["result"]
-    good = result == "successful"
     lines = [*_reasons(document), *(("note", note) for note in grouped(document))]
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
@@ -89,11 +98,9 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
         lines.append(("change", "\n".join([document["change"]["sentence"], *moved(document["change"])])))
     lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
     if cost := document["cost"]:
-        lines.append(("cost", f"{spent(cost)}; {cost['sentence']}"))
+        lines.append(("cost", exactness(cost)))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
-    said = result if good else f"{result}: {advice(result, len(document['logs'])) or 'see the warnings'}"
-    table.add_row("result", Text(said, style="bold green" if good else "bold red"))
     table.add_row("files", Text(f"{clean(str(folder))}: {', '.join([*sorted(document['files']), 'fit.json'])}"))
     return table
 
@@ -108,7 +115,8 @@ def _reasons(document: Mapping[str, Any]) -> list[tuple[str, str]]:
     return lines
 
 
-def _table(*names: str, right: tuple[str, ...] = ()) -> Table:
+def table_of(*names: str, right: tuple[str, ...] = ()) -> Table:
+    """A table without rows; the columns in `right` hold numbers."""
     table = Table(box=UNDERLINED, show_edge=False, padding=(0, 1, 0, 0), header_style="bold")
     for name in names:
         table.add_column(name, justify="right" if name in right else "left", overflow="fold")

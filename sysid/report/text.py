@@ -21,13 +21,14 @@ def advice(result: str, logs: int) -> str:
     return (SEVERAL if logs > 1 else {}).get(result) or ADVICE.get(result, "")
 
 
-def verdict(result: str, parameters: Mapping[str, Any], logs: int) -> str:
-    """One sentence on a fit of so many logs: what is determined and what is not, or how it ended and what to do."""
+def verdict(result: str, parameters: Mapping[str, Any], logs: int, plate: str | None = None) -> str:
+    """One sentence on a fit of so many logs of a plate: what is determined and what is not, or how it ended and what to do."""
     if result != "successful":
-        return f"{result}: {advice(result, logs)}"
+        return f"{f'plate {plate}: ' if plate else ''}{result}: {advice(result, logs)}"
     known = [name for name, p in parameters.items() if p["determined"]]
     open_ = [name for name, p in parameters.items() if not p["determined"]]
-    said = f"{_listed(known)} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
+    of = f" of plate {plate}" if plate else ""
+    said = f"{_listed(known)}{of} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
     return f"{said}; {_listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
 
 
@@ -154,11 +155,20 @@ def moved(change: Mapping[str, Any]) -> list[str]:
     return [*lines, *change["notes"]]
 
 
-def spent(cost: Mapping[str, Any]) -> str:
-    """What a run took, stage by stage."""
-    stages = ", ".join(f"{row['stage']} {row['seconds']:.2g}" for row in cost["stages"])
-    of = "" if cost["budget_s"] is None else f" of {cost['budget_s']:g}"
-    return f"{cost['total_s']:.2g}{of} s ({stages})"
+def span(value: float) -> str:
+    """A length of time (s) to two digits."""
+    return f"{value:.2g} s" if value < 99.5 else f"{value / 60:.2g} min" if value < 5970 else f"{value / 3600:.2g} h"
+
+
+def exactness(cost: Mapping[str, Any]) -> str:
+    """What a run took, how exact its numbers are, in standard deviations, and what more would take: one line."""
+    parts = [f"{cost['total_s']:.2g}" + (" s" if cost["budget_s"] is None else f" of {cost['budget_s']:g} s")]
+    error = next((row["error"] for row in cost["stages"] if row["stage"] == "sample"), None)
+    if error is not None and math.isfinite(error):
+        parts.append(f"exact to {error:.1g} std")
+    if more := cost["next"]:
+        parts.append(f"--accuracy {more['accuracy']} would take {span(more['seconds'])} more")
+    return "; ".join(parts)
 
 
 def _promise(controller: Mapping[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.rows.hold import Hold
 
-ARRAYS = ("response", "time", "drive", "frequency", "theta", "temperature", "force")  # of a log, a value for each row
+ARRAYS = ("response", "time", "drive", "frequency", "theta", "temperature", "force", "std")  # of a log, a value for each row
 LONG = 16384  # rows of a log that the fit looks at one by one
 MOST = 4096  # rows of a longer one when it is condensed, and
 LEAST = 16  # of each stretch of the same inputs, be these as many as they are
@@ -63,6 +63,8 @@ def means(log: Log, edges: np.ndarray, weight: np.ndarray | None) -> Log:
         values = getattr(log, name)
         constant = name in ("drive", "theta") or (name == "frequency" and log.kind != "steady")
         arrays[name] = None if values is None else values[edges] if constant else mean(values, edges, weight)
+    if log.std is not None:
+        arrays["std"] = np.sqrt(mean(np.square(log.std), edges, weight))  # of a row; the mean of many has less
     return replace(log, **arrays)
 
 

@@ -1,7 +1,22 @@
 """Scenes: what happens on a bench, simulated with only the effects that the scene names."""
 
-from sysid.scene.effects import EFFECTS
-from sysid.scene.profile import Profile
-from sysid.scene.scene import Scene, SceneError
+from importlib import import_module
 
-__all__ = ["EFFECTS", "Profile", "Scene", "SceneError"]
+_HOME = {
+    "EFFECTS": "sysid.scene.effects",
+    "Profile": "sysid.scene.profile",
+    "Scene": "sysid.scene.scene",
+    "SceneError": "sysid.scene.scene",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str):
+    """Public names, loaded when first used: `simulate --help` does not wait for a compiler."""
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'sysid.scene' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

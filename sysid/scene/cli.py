@@ -10,6 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
+from sysid.shell import called, completed, reader
+
 
 class Playable(Protocol):
     """What a file describes, and how its log is written: in pieces, each with the rows (or samples) that are there so far, of
@@ -24,7 +26,7 @@ class Playable(Protocol):
 
 def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code. `opened` reads a file."""
-    command = _parser()
+    command = completed(_parser())
     arguments = command.parse_args(argv)
     if arguments.draw is not None and not arguments.fit:
         command.error("found --draw without --fit: expected the fit.json whose posterior it is of")
@@ -35,7 +37,8 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
     from sysid.scene.toml import fitted, listed
 
     if arguments.effects:
-        print(listed())
+        with reader():
+            print(listed())
         return 0
     try:
         scenes = [(opened or SceneFile.opened)(path) for path in arguments.scenes]
@@ -49,20 +52,20 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
                 mark = f"_{seed}" if arguments.logs > 1 else ""
                 _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv", arguments.waveform)
     except SceneError as error:
-        print(f"simulate: {clean(str(error))}", file=sys.stderr)
+        print(f"{command.prog}: {clean(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"simulate: cannot be written: {clean(str(error))}", file=sys.stderr)
+        print(f"{command.prog}: cannot be written: {clean(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("simulate: interrupted", file=sys.stderr)
+        print(f"{command.prog}: interrupted", file=sys.stderr)
         return 130
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="simulate", description="CSV logs from scene files: what a bench would have recorded.", allow_abbrev=False
+        prog=called("simulate"), description="CSV logs from scene files: what a bench would have recorded.", allow_abbrev=False
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("scenes", nargs="*", default=[], metavar="SCENES", help="scene files (TOML)")

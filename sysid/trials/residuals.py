@@ -50,7 +50,9 @@ def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_:
 
 def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
     """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional to the response, or
-    the effect of time stamps that scatter while the response moves."""
+    the effect of time stamps that scatter while the response moves. Where the log states it, it is known."""
+    if trial.noise.stated is not None:
+        return trial
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
     share = _share(trial, model, size, least, round_)
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))

@@ -75,7 +75,8 @@ class Trial:
         rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
         share = DECIBEL[kind] if log.relative_noise else 0.0
         level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
-        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread)
+        stated = _stated(read.log, log)
+        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread, stated=stated)
         return cls(
             read.log,
             kind,
@@ -90,7 +91,7 @@ class Trial:
             most=read.most,
             rectified=rectified,
             whole=log if len(read.log) < len(log) else None,
-            steps=() if log.relative_noise else rounding.steps(log.response),
+            steps=() if log.relative_noise or log.std is not None else rounding.steps(log.response),
         )
 
     def uncondensed(self) -> "Trial":
@@ -101,7 +102,7 @@ class Trial:
             return self
         read = prepare(self.whole, self.kind, len(self.whole))
         rows = 1.0 if read.log.time is not None else len(read.log) / len(self.log)  # times are in rows where none is recorded
-        noise = self.noise.of_rows(read.log, read.count, read.there, rows)
+        noise = self.noise.of_rows(read.log, read.count, read.there, rows, _stated(read.log, self.whole))
         swept = self.steady and self.resonant
         now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
         order = np.argsort(now, kind="stable")
@@ -433,6 +434,11 @@ def numbers_taken(trial: Trial) -> float:
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
     """The trial with a noise level (never below float64's resolution) and correlation time; `levels`: those of d and q."""
     return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
+
+
+def _stated(log: Log, whole: Log) -> np.ndarray | None:
+    """(n,) noise of each row over the median of the whole log's, as it states them; None where it states none."""
+    return None if log.std is None else log.std / np.median(whole.std)
 
 
 def _scale(response: np.ndarray) -> float:

@@ -34,6 +34,7 @@ class Noise:
     levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `std` is then its root mean square
     share: float = 0.0  # of its variance at the largest response, which is proportional to the response
     spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    stated: np.ndarray | None = field(default=None, repr=False)  # the same, as the log states it of each row
     rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
     own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
     tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
@@ -85,6 +86,7 @@ class Noise:
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         weight = weight if self.spread is None else weight / self.spread
+        weight = weight if self.stated is None else weight / self.stated
         if self.rounded is not None and not np.iscomplexobj(self.rounded):  # of d and q it is that of `parts`
             weight = weight / self.rounded
         return weight if self.tail is None else weight * np.sqrt(self.tail)
@@ -120,12 +122,13 @@ class Noise:
         apart = np.iscomplexobj(self.rounded)  # which rows share their rounding is of d and of q
         return replace(new, rounded=None, own=None) if apart and not levels else new
 
-    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float) -> "Noise":
-        """The same process over other rows of the log, without knowledge of single rows. `scale`: of the clock."""
+    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float, stated: np.ndarray | None) -> "Noise":
+        """The same process over other rows of the log, without knowledge of single rows but what is `stated` of them. `scale`: of
+        the clock."""
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
         process = (self.std, scale * self.time, levels, self.share)
-        return Noise(clock_of(log), count, kept, *process, efficiency=told, jitter=self.jitter)
+        return Noise(clock_of(log), count, kept, *process, stated=stated, efficiency=told, jitter=self.jitter)
 
 
 def clock_of(log: Log) -> np.ndarray:

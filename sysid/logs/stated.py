@@ -1,0 +1,83 @@
+"""Standard errors that a log states, a column beside its response: those of each row's response, per channel.
+
+They say how the rows compare; how large they are altogether the residual tells, as of any log."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from sysid.logs import units
+from sysid.logs.csvbody import Body
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.mapping import Plan, Source, is_decibel
+from sysid.logs.missing import refuse_row
+
+ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
+NEPER = math.log(10) / 20  # of a decibel
+Arrays = Mapping[str, tuple[np.ndarray, str]]
+
+
+def read_errors(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
+    """Numbers of a column of standard errors, and their unit: decibels are none of a level, and a share has no
+    peak."""
+    values = values * source.scale + source.offset
+    share = is_decibel(source.unit) or _is_share(source.unit)
+    return (values if share else values * units.PEAK.get(source.amplitude, 1.0)), source.unit
+
+
+def stated_in(
+    head: Head,
+    body: Body,
+    plan: Plan,
+    rows: np.ndarray | None,
+    arrays: dict[str, tuple[np.ndarray, str]],
+) -> Arrays:
+    """The standard errors among the `arrays`, which they leave. Raises LogError where one is not above zero."""
+    stated = {name: arrays.pop(name) for name in ERRORS if name in arrays}
+    for name, (values, _) in stated.items():
+        if (values <= 0).any():
+            row = int(np.argmax(values <= 0))
+            refuse_row(head, body, plan.sources[name], rows, row, "a standard error above zero")
+    return stated
+
+
+def errors(where: str, plan: Plan, arrays: Arrays, stated: Arrays, frequency: np.ndarray | None) -> np.ndarray | None:
+    """(n,) standard errors in the unit of the response, which `arrays` hold as it was recorded; None where
+    none are `stated`. Raises LogError where a unit does not fit."""
+    if not stated:
+        return None
+    first = next(name for name in ("w", "wd", "x", "magnitude") if name in arrays)
+    signal, unit = arrays[first]
+    size = np.abs(signal)
+    if first in ("wd", "x"):
+        other, its = arrays["wq" if first == "wd" else "y"]
+        size = np.hypot(signal, units.convert(other, its, unit))
+    each = [_in(where, values, its, unit, size) for values, its in stated.values()]
+    std = np.sqrt(np.mean(np.square(each), axis=0))
+    return std if first in ("w", "wd") else std * _slope(plan, size, unit, frequency)
+
+
+def _in(where: str, values: np.ndarray, unit: str, wanted: str, size: np.ndarray) -> np.ndarray:
+    """Standard errors in the unit of the signal."""
+    if is_decibel(unit):
+        return NEPER * values * size
+    if units.same_kind(unit, wanted):
+        return units.convert(values, unit, wanted)
+    if _is_share(unit):
+        return units.convert(values, unit, "1") * size
+    raise LogError(f"{where}: found standard errors in {unit}, expected {wanted}, as its response, dB or %")
+
+
+def _slope(plan: Plan, size: np.ndarray, unit: str, frequency: np.ndarray | None) -> np.ndarray | float:
+    """By how much the response moves per unit of the signal that shows it (`mapping.lock_in`)."""
+    if plan.quantity in ("displacement", "charge"):
+        return 1.0
+    omega = 2 * np.pi * frequency
+    if plan.quantity != "impedance":
+        return 1 / omega
+    return units.convert(1.0, unit, "ohm") / (units.convert(size, unit, "ohm") ** 2 * omega)
+
+
+def _is_share(unit: str) -> bool:
+    return unit in ("%", "1") or units.same_kind(unit, "1")
