@@ -71,7 +71,7 @@ def fit(
     if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
         return told
     names = [n for n in nuisances if n in ADOPTED]
-    if found.result in (Result.misfit, Result.successful) and found.judged.open and names:
+    if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found = _with_effects(question, found, names)
     if found.result is Result.successful and "late" in nuisances:
@@ -90,7 +90,7 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful:
             return again, anew
-    if found.result is Result.successful:
+    if found.result is not Result.misfit:
         return question, found
     named: tuple[Finding, ...] = ()
     states = list(found.modes)

@@ -78,7 +78,7 @@ class Adopted(NamedTuple):
     covariance: np.ndarray
     dispersion: np.ndarray
     evidence: float
-    about: list[About]
+    about: About
     sense: bool
     nearly: tuple[str, ...] = ()
 
@@ -106,7 +106,7 @@ class Adopted(NamedTuple):
         found, stds = [], np.sqrt(np.diag(self.covariance))
         for x, part in zip(self.instances, self.parts, strict=True):
             names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
-            numbers = x.effect.numbers(self.numbers[part], stds[part], self.about[first])
+            numbers = x.effect.numbers(self.numbers[part], stds[part], self.about)
             told = x.effect.said(self.state.trials[first], numbers)
             as_well = " or ".join(f"a {name.replace('_', ' ')}" for name in self.nearly)
             doubt = f" ({as_well} describes it nearly as well)" if as_well else ""
@@ -198,7 +198,7 @@ class Search:
 
     def __init__(self, minimiser: Minimiser, state: State):
         self.minimiser, self.alone = minimiser, state
-        self.about = [About.of(state, minimiser.reference, i) for i in range(len(state.trials))]
+        self.about = About.of(state, minimiser.reference)
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
         self.ends: list[Adopted] = []  # of the effects that were tried by themselves
 
@@ -227,9 +227,10 @@ class Search:
         rough: list[tuple[float, int, Instance, np.ndarray, State]] = []
         for instance in tried:
             i = instance.where[0]
-            for start in instance.effect.starts(self.trials[i], self.about[i]):
+            for start in instance.effect.starts(self.trials[i], self.about):
                 u = np.append(numbers, start)
-                state = self.refined((*before, instance), u, self.alone)
+                near = self.anew((*before, instance), u) if instance.effect.afresh else self.alone
+                state = self.refined((*before, instance), u, near)
                 rough.append((self.cost((*before, instance), u, state), len(rough), instance, u, state))
         rough = [r for r in rough if np.isfinite(r[0])]
         rough.sort(key=lambda r: r[:2])
@@ -242,11 +243,11 @@ class Search:
             optima.sort(key=lambda end: self.cost(every, *end))
             ends += [self.ended(every, *end, count) for end in self.distinct(every, optima)]
         self.ends += [] if before else ends
-        best = max((a for a in ends if a.sense), key=lambda a: a.evidence, default=None)
-        if best is None or best.evidence < SURE:
+        able = sorted((a for a in ends if a.sense and a.evidence >= SURE), key=lambda a: -a.evidence)
+        best, first = next(((done, a) for a in able if (done := self.finished(a)).sense), (None, None))
+        if best is None:
             return None
-        alike = [self.finished(a) for a in ends if a is not best and a.evidence > best.evidence - NEARLY]
-        best = self.finished(best)
+        alike = [self.finished(a) for a in ends if a is not first and a.evidence > best.evidence - NEARLY]
         nearly = dict.fromkeys(a.instances[-1].effect.name for a in alike if a.instances[-1].effect is not best.instances[-1].effect)
         return best._replace(dispersion=best.dispersion + _between(best, alike), nearly=tuple(nearly))
 
@@ -255,7 +256,7 @@ class Search:
         read = list(self.trials)
         for instance, part in zip(instances, self.parts(instances), strict=True):
             for i in instance.where:
-                read[i] = instance.effect.applied(read[i], numbers[part], self.about[i])
+                read[i] = instance.effect.applied(read[i], numbers[part], self.about)
         return tuple(read)
 
     def parts(self, instances: Sequence[Instance]) -> list[slice]:
@@ -265,13 +266,17 @@ class Search:
 
     def stds(self, instances: Sequence[Instance]) -> np.ndarray:
         """Prior standard deviations of the numbers."""
-        each = [x.effect.stds(self.trials[x.where[0]], self.about[x.where[0]]) for x in instances]
+        each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
         return np.concatenate(each) if each else np.zeros(0)
 
     def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so costs compare."""
         read = zip(self.applied(instances, numbers), near.trials, strict=True)
         return self.minimiser.refine(tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1)
+
+    def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
+        """The best minimum that the logs, read with these effects, lead to by themselves."""
+        return self.minimiser.minima(self.applied(instances, numbers))[0]
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""

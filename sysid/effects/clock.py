@@ -98,10 +98,10 @@ FILTERS = tuple(_filter(order) for order in (1, 2, 4))  # as lock-ins have them
 
 
 def one_way(trial: Trial) -> bool:
-    """Whether a log is a sweep of settled points that may have been too fast: of d and q, driven, in one direction."""
-    if not (trial.swept and trial.signed and trial.driven) or len(trial.log) < LEAST_ROWS:
+    """Whether a log is a sweep of settled points that may have been too fast: driven, in one direction."""
+    if not (trial.swept and trial.driven) or len(trial.log) < LEAST_ROWS:
         return False
-    if "background" not in trial.nuisances:
+    if trial.signed and "background" not in trial.nuisances:
         return False  # what is left is then rather that
     steps = np.diff(trial.log.frequency)
     return bool(np.all(steps > 0) or np.all(steps < 0))

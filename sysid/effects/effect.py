@@ -35,20 +35,21 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 
 class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the half bandwidth Hz;
-    `top`, the largest response of the logs; `size` (n,), the modelled magnitude of each row of a log."""
+    `top`, the largest response of the logs, and `span` (Hz), the widest sweep."""
 
     reference: tuple[float, float]
     theta: np.ndarray
     tau: float
     half_bandwidth: float
     top: float
-    size: np.ndarray
+    span: float
 
     @classmethod
-    def of(cls, state: State, reference: tuple[float, float], i: int) -> "About":
-        """Of the i-th log at a minimum."""
+    def of(cls, state: State, reference: tuple[float, float]) -> "About":
+        """Of the logs at a minimum."""
         top = max(t.scale for t in state.trials)
-        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, np.abs(state.models[i]))
+        span = max((float(np.ptp(t.log.frequency)) for t in state.trials if t.resonant), default=0.0)
+        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, span)
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class Effect:
     looked for. `applied`: the log read as with it. `numbers`: these, and their standard deviations, by name, in units of the bench.
     `said`: a sentence in two parts on the log and these. `scope`: "log", each log has numbers of its own; "plate", they are
     the same in all logs that show it; "bench", they may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for
-    the errors that the fit states, so that it is named and not adopted. `stretched`: of one that changes what
+    the errors that the fit states, so that it is named and not adopted. `afresh`: with it the plant may be far from what it
+    seems without, and is looked for anew from each start. `stretched`: of one that changes what
     was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
     (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given to what it may be.
     `makes_sense`: whether numbers and their standard deviations are those of the effect; unless stated, whether one of them is
@@ -76,6 +78,7 @@ class Effect:
     scope: str = "log"
     many: bool = False
     rough: bool = False
+    afresh: bool = False
     stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
     known_as: Sequence[str] = ()
     alike: Sequence[str] = ()

@@ -9,7 +9,7 @@ from sysid.model.plant import steady
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
-SHIFTS = np.array([0.25, 0.7, 2.0, 6.0])  # half bandwidths at the largest response
+SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
 APART = 2.0 ** np.arange(0, 5)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 LEAST_ROWS = 8
@@ -26,7 +26,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """A Duffing plate settles like one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979, 4.1):
     row k shows, whichever way the sweep came, what a linear plate shows at f_k - kappa |W_k|^2."""
     size = np.abs(trial.log.response)
-    return read_anew(trial, frequency=trial.log.frequency - values[0] * about.half_bandwidth * (size / about.top) ** 2)
+    return read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * (size / about.top) ** 2)
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -45,11 +45,12 @@ DUFFING = Effect(
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
     applied=_softened,
     numbers=lambda values, stds, about: {
-        "shift_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
+        "shift_Hz": number(values[0], stds[0], "Hz", about.span),
         "at": number(about.top, 0.0, "of the response"),
     },
     said=_softened_said,
     scope="plate",
+    afresh=True,
     known_as=("amplitude",),
     alike=("amplitude", "saturation", "second resonance", "drift", "background", "swept too fast"),
 )

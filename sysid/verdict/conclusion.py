@@ -68,14 +68,14 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str], j
     result = fit.result
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
-    told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
-    if wrong and (told or any(w.mostly for w in wrong)):
+    any_told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
+    if wrong and (any_told or any(w.mostly for w in wrong)):
         result = Result.misfit  # a value from logs that the model does not describe is none
         mostly = any(w.mostly for w in wrong)
         parameters = {n: undescribed(p) if n in free and (mostly or not p.determined) else p for n, p in parameters.items()}
     aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
-    said = [f.sentence for f in (*question.effects, *doubts, *wrong)]
-    warnings = (*question.warnings, *coarse, *aside, *said, *turned, *believed)
+    told = [f.sentence for f in (*question.effects, *doubts, *wrong)]
+    warnings = (*question.warnings, *coarse, *aside, *told, *turned, *believed)
     findings = (*question.effects, *wrong, *doubts)
     return replace(fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged)
 
