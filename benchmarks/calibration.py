@@ -29,8 +29,8 @@ from rich.progress import track
 from scipy.stats import chisquare, kstest
 
 from sysid import Log, fit, sample
-from sysid.precision import keep_programs
 from sysid.effects.registry import EVERY
+from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
 reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))

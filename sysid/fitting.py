@@ -47,18 +47,18 @@ def fit(
 ) -> Fit:
     """Fit one plant to all `logs`, or to one, from no start values.
 
-    `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
-    (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
-    "late" (a trigger, a demodulator), "thermometer" (the error of its readings); and, on request, "drift", "lag" and "gain" (see
-    `trials.extra`), and "baseline" (an offset of a transient that goes on with the time). Adopted only where the plate alone does
-    not describe the logs: "delay", "filter" (of a lock-in that no log states), "dwell", "duffing", "second_mode" and "feedthrough"
-    under an amplitude (see `effects.registry`).
-    `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
-    (see `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
-    `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
-    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or
-    for a prior that is none.
-    """
+    `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator,
+    "background" (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output,
+    "start" (state at the first row), "late" (a trigger, a demodulator), "thermometer" (the error of its
+    readings); and, on request, "drift", "lag" and "gain" (see `trials.extra`), and "baseline" (an offset of a
+    transient that goes on with the time). Adopted only where the plate alone does not describe the logs:
+    "delay", "filter" (of a lock-in that no log states), "dwell", "duffing", "second_mode" and "feedthrough"
+    under an amplitude (see `effects.registry`). `priors`: what is known of the plant beforehand, value and
+    standard deviation by name, for example {"k_T": (-8.0, 1.0)} (see `model.prior`); flat unless stated. What
+    the logs alone do not determine stays undetermined. `start`: a plant to begin from instead of the data.
+    `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its offsets, before the fit looks
+    for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or for a prior
+    that is none. """
     logs = [logs] if isinstance(logs, Log) else logs
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
@@ -80,8 +80,8 @@ def fit(
 
 
 def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple[Question, Fit]:
-    """The question with the effects of these names that describe its logs, and its fit; else the fit, which says what it can of
-    these effects."""
+    """The question with the effects of these names that describe its logs, and its fit; else the fit, which
+    says what it can of these effects."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
     outcome = tried(minimiser, best, judged.found, names)
     if (told := outcome.adopted) is not None:
@@ -102,8 +102,8 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
-    """The fit of what is left of the logs without the driven rows that no plate explains; None where there are none, or where
-    what is left tells no tau."""
+    """The fit of what is left of the logs without the driven rows that no plate explains; None where there
+    are none, or where what is left tells no tau."""
     logs, said = decays(best, every)
     return of_decays(fit(logs, **given), said) if logs else None
 
@@ -124,8 +124,8 @@ def _together(question: Question, found: Fit) -> Fit:
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
-    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
-    well."""
+    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other
+    log determines G as well."""
     told = [with_delays(s, found.reference) for s in found.modes]
     if not (told[0].spanned or told[0].partly):
         return found
@@ -139,8 +139,8 @@ def _spanning(question: Question, found: Fit) -> Fit:
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
-    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are narrowed if that
-    describes the logs."""
+    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are
+    narrowed if that describes the logs."""
     minimiser, best = question.minimiser, states[0]
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
@@ -161,7 +161,8 @@ def _asked(
     reference_temperature: float,
     start: Plant | None,
 ) -> tuple[Question, list[State]]:
-    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best tau."""
+    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best
+    tau."""
     if not logs:
         raise ValueError("no logs to fit")
     known = (*NUISANCES, *EXTRA, *ADOPTED)
@@ -197,7 +198,8 @@ def _asked(
 
 
 def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:
-    """The minima with the errors of the thermometers where these matter, and sentences on what depends on them."""
+    """The minima with the errors of the thermometers where these matter, and sentences on what depends on
+    them."""
     spread = [np.sqrt(np.diag(s.covariance)) for s in states]
     found = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
     states = _anew(minimiser, states, [trials for trials, _ in found])

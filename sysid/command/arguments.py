@@ -66,9 +66,10 @@ def parser() -> argparse.ArgumentParser:
         type=_effects,
         metavar="LIST",
         help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
-        " offset, start, late and thermometer, and where the logs call for them delay, filter (of a lock-in), duffing, second_mode,"
-        " feedthrough (under amplitudes) and dwell (of a sweep too fast); --effects=-late leaves one out, --effects=+drift adds one"
-        " of drift, lag (of the temperature's sensor), gain and baseline (an output offset that goes on with the time)",
+        " offset, start, late and thermometer, and where the logs call for them delay, filter (of a lock-in),"
+        " duffing, second_mode, feedthrough (under amplitudes), dwell (of a sweep too fast) and saturation;"
+        " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor),"
+        " gain and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",

@@ -1,27 +1,28 @@
 """Effects that logs call for, found and fitted: the loop
 
-    minima --not described--> each effect, from each of its starts --> the best, with all its numbers --> described? --> adopted
+    minima --not described--> each effect, from each of its starts --> the best, with all its numbers -->
+    described? --> adopted
 
-An effect's numbers u stand outside of the fit of the plant. At each u the log is read as with the effect, and all else is
-fitted as ever; u then goes along the Gauss-Newton step of plant and numbers together, with the columns
+An effect's numbers u stand outside of the fit of the plant. At each u the log is read as with the effect, and
+all else is fitted as ever; u then goes along the Gauss-Newton step of plant and numbers together, with the
+columns
 
     d model/d u = (model(u + h) - model(u - h)) / 2h
 
-beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, the other way round). Their joint information
-gives the errors: what the numbers leave open of the plant is added to its covariance. Descriptions compare by the Laplace
-approximation of their evidence,
+beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, the other way round). Their
+joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
+Descriptions compare by the Laplace approximation of their evidence,
 
     log p(logs) = log likelihood - sum (u/s)^2 / 2 + log det(C_u/s^2) / 2 - log(effects that were tried)
 
-with s the numbers' prior standard deviations and C_u their covariance. One is adopted if it beats both the plant alone and all
-that the first order found of other kinds, whose evidence is at most
+with s the numbers' prior standard deviations and C_u their covariance. One is adopted if it beats both the
+plant alone and all that the first order found of other kinds, whose evidence is at most
 
     worth - freedom log(2 worth/freedom) / 2
 
-as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. The best that is not
-adopted is still named where it explains most of what the plant leaves. What was tried in full and explains nothing is refuted:
-the first order's name for it is no cause.
-"""
+as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. The
+best that is not adopted is still named where it explains most of what the plant leaves. What was tried in
+full and explains nothing is refuted: the first order's name for it is no cause. """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -67,9 +68,10 @@ class Instance:
 
 
 class Adopted(NamedTuple):
-    """A description with effects: its state, their `numbers` one after another, each one's in its `parts`, and these numbers'
-    covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of the plant alone; what is known of the
-    logs beforehand; whether its numbers are those of the effects; the names of others that are nearly as likely."""
+    """A description with effects: its state, their `numbers` one after another, each one's in its `parts`,
+    and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of
+    the plant alone; what is known of the logs beforehand; whether its numbers are those of the effects; the
+    names of others that are nearly as likely."""
 
     instances: tuple[Instance, ...]
     state: State
@@ -89,8 +91,8 @@ class Adopted(NamedTuple):
 
     @property
     def white(self) -> bool:
-        """Whether these are left with noise of each row's own, or that a filter behind it made: noise of longer memory may be what
-        a wrong effect leaves."""
+        """Whether these are left with noise of each row's own, or that a filter behind it made: noise of
+        longer memory may be what a wrong effect leaves."""
         return all(_white(self.state.trials[i], self.state.models[i]) for i in self.where)
 
     def explains(self, before: State) -> bool:
@@ -102,7 +104,8 @@ class Adopted(NamedTuple):
         return True
 
     def findings(self, outcome: str, beside: str) -> tuple[Finding, ...]:
-        """Each effect, in words and numbers; `beside`: what the words say between what there is and what to do."""
+        """Each effect, in words and numbers; `beside`: what the words say between what there is and what to
+        do."""
         found, stds = [], np.sqrt(np.diag(self.covariance))
         for x, part in zip(self.instances, self.parts, strict=True):
             names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
@@ -117,8 +120,8 @@ class Adopted(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the effects that were tried: a description that is adopted; one that is only `named`, as it explains most but
-    not all; and which names, of the first order in which log, are `refuted`."""
+    """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
+    it explains most but not all; and which names, of the first order in which log, are `refuted`."""
 
     adopted: Adopted | None = None
     named: Adopted | None = None
@@ -126,8 +129,8 @@ class Outcome:
 
 
 def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Outcome:
-    """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not describe. `found`: what
-    the logs hold to first order."""
+    """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not
+    describe. `found`: what the logs hold to first order."""
     search, each = Search(minimiser, state), instances(state.trials, names)
     some = [x for x in each if _promises(x, found, misfitting(state, found))]
     before: tuple[Instance, ...] = ()
@@ -150,8 +153,8 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
 
 
 def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
-    """All that logs can show, but for those in coarse steps: rows of one value share their rounding error, which is no noise by
-    which descriptions compare."""
+    """All that logs can show, but for those in coarse steps: rows of one value share their rounding error,
+    which is no noise by which descriptions compare."""
     each: list[Instance] = []
     for effect in (e for e in EFFECTS if e.name in names):
         here = tuple(i for i, t in enumerate(trials) if t.noise.rounded is None and effect.shows(t))
@@ -177,8 +180,8 @@ def _left(state: State, i: int) -> bool:
 
 
 def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bool:
-    """Whether the logs that it is about are not described, and the first order says nothing of one of them, or something that this
-    may be."""
+    """Whether the logs that it is about are not described, and the first order says nothing of one of them,
+    or something that this may be."""
     told = [f for f in found if f.log is None or f.log in instance.where]
     return not wrong.isdisjoint(instance.where) and (not told or any(f.name in instance.effect.alike for f in told))
 
@@ -223,7 +226,8 @@ class Search:
         return any(name == found.name and found.log in (None, i) for a in self.ends for name, i in _names(a))
 
     def best(self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int) -> Adopted | None:
-        """The best description with one more effect than those `before`, of `count` that were tried; None where none gains."""
+        """The best description with one more effect than those `before`, of `count` that were tried; None
+        where none gains."""
         rough: list[tuple[float, int, Instance, np.ndarray, State]] = []
         for instance in tried:
             i = instance.where[0]
@@ -244,11 +248,13 @@ class Search:
             ends += [self.ended(every, *end, count) for end in self.distinct(every, optima)]
         self.ends += [] if before else ends
         able = sorted((a for a in ends if a.sense and a.evidence >= SURE), key=lambda a: -a.evidence)
-        best, first = next(((done, a) for a in able if (done := self.finished(a)).sense), (None, None))
-        if best is None:
+        done = next(((d, a) for a in able if (d := self.finished(a)).sense), None)
+        if done is None:
             return None
-        alike = [self.finished(a) for a in ends if a is not first and a.evidence > best.evidence - NEARLY]
-        nearly = dict.fromkeys(a.instances[-1].effect.name for a in alike if a.instances[-1].effect is not best.instances[-1].effect)
+        best, own = done
+        alike = [self.finished(a) for a in ends if a is not own and a.evidence > best.evidence - NEARLY]
+        others = (a.instances[-1].effect for a in alike)
+        nearly = dict.fromkeys(e.name for e in others if e is not best.instances[-1].effect)
         return best._replace(dispersion=best.dispersion + _between(best, alike), nearly=tuple(nearly))
 
     def applied(self, instances: Sequence[Instance], numbers: np.ndarray) -> tuple[Trial, ...]:
@@ -270,7 +276,8 @@ class Search:
         return np.concatenate(each) if each else np.zeros(0)
 
     def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> State:
-        """The minimum near another, with these effects and white noise of the levels there; in one round: so costs compare."""
+        """The minimum near another, with these effects and white noise of the levels there; in one round: so
+        costs compare."""
         read = zip(self.applied(instances, numbers), near.trials, strict=True)
         return self.minimiser.refine(tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1)
 
@@ -324,8 +331,8 @@ class Search:
     def looked(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, coloured: bool = False
     ) -> tuple[np.ndarray, ...]:
-        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the plant (6, 6).
-        `coloured`: by the noise as it is found there, else as if it were white."""
+        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the
+        plant (6, 6). `coloured`: by the noise as it is found there, else as if it were white."""
         views = View.each(state, self.minimiser.reference, coloured)
         linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
         rows = self.columns(instances, numbers, state, views)
@@ -363,8 +370,8 @@ class Search:
         return view.observed(plate[None])[0] - trial.log.response
 
     def ended(self, instances: tuple[Instance, ...], numbers: np.ndarray, state: State, count: int) -> Adopted:
-        """The description at its optimum. Its evidence is that in white noise of one level, as that of the plant alone is: tails and
-        colour make up for what a wrong description leaves."""
+        """The description at its optimum. Its evidence is that in white noise of one level, as that of the
+        plant alone is: tails and colour make up for what a wrong description leaves."""
         _, covariance, dispersion = self.looked(instances, numbers, state)
         stds, parts = self.stds(instances), self.parts(instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1]) - len(instances) * np.log(count)
@@ -413,7 +420,8 @@ def _names(adopted: Adopted) -> set[tuple[str, int]]:
 
 
 def _between(best: Adopted, alike: Sequence[Adopted]) -> np.ndarray:
-    """(6, 6) what descriptions that are nearly as likely add to the covariance about the best, by their share of the evidence."""
+    """(6, 6) what descriptions that are nearly as likely add to the covariance about the best, by their share
+    of the evidence."""
     weights = np.exp([a.evidence - best.evidence for a in alike])
     found = np.zeros((len(NAMES), len(NAMES)))
     for weight, other in zip(weights, alike, strict=True):

@@ -1,4 +1,5 @@
-"""What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that was not waited for."""
+"""What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that
+was not waited for."""
 
 from dataclasses import replace
 
@@ -61,7 +62,8 @@ DELAY = Effect(
 
 
 def _filter(order: int) -> Effect:
-    """A lock-in's filter of so many poles, that no log states. Its number: the delay of all poles together, in tau."""
+    """A lock-in's filter of so many poles, that no log states. Its number: the delay of all poles together,
+    in tau."""
 
     def shows(trial: Trial) -> bool:  # means of many rows would have to be of fewer
         return _timed(trial) and trial.signed and trial.whole is None and "lockin_tau_s" not in trial.log.bench

@@ -2,10 +2,9 @@
 
     log --applied(numbers)--> the same log, read as with the effect          (`Trial` to `Trial`)
 
-All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero. Its numbers have
-normal priors about zero, in units of physics (a delay in time constants, a shift in half bandwidths, a share of the response), so
-that no verdict hangs on the units of a log.
-"""
+All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero.
+Its numbers have normal priors about zero, in units of physics (a delay in time constants, a shift in half
+bandwidths, a share of the response), so that no verdict hangs on the units of a log. """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -34,8 +33,8 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 
 
 class About(NamedTuple):
-    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the half bandwidth Hz;
-    `top`, the largest response of the logs, and `span` (Hz), the widest sweep."""
+    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
+    half bandwidth Hz; `top`, the largest response of the logs, and `span` (Hz), the widest sweep."""
 
     reference: tuple[float, float]
     theta: np.ndarray
@@ -56,17 +55,17 @@ class About(NamedTuple):
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are
-    looked for. `applied`: the log read as with it. `numbers`: these, and their standard deviations, by name, in units of the bench.
-    `said`: a sentence in two parts on the log and these. `scope`: "log", each log has numbers of its own; "plate", they are
-    the same in all logs that show it; "bench", they may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for
-    the errors that the fit states, so that it is named and not adopted. `afresh`: with it the plant may be far from what it
-    seems without, and is looked for anew from each start. `stretched`: of one that changes what
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d)
+    from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their standard
+    deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
+    "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
+    may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for the
+    errors that the fit states, so that it is named and not adopted. `afresh`: with it the plant may be far
+    from what it seems without, and is looked for anew from each start. `stretched`: of one that changes what
     was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
-    (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given to what it may be.
-    `makes_sense`: whether numbers and their standard deviations are those of the effect; unless stated, whether one of them is
-    seen at all.
-    """
+    (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given
+    to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the effect;
+    unless stated, whether one of them is seen at all. """
 
     name: str
     shows: Callable[[Trial], bool]

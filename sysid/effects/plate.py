@@ -13,7 +13,8 @@ SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what 
 APART = 2.0 ** np.arange(0, 5)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 LEAST_ROWS = 8
-# Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive, are in phase.
+# Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
+# are in phase.
 CAPACITIVE, RESISTIVE = 0.3, 0.05
 
 
@@ -23,8 +24,9 @@ def _sweep(trial: Trial) -> bool:
 
 
 def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A Duffing plate settles like one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979, 4.1):
-    row k shows, whichever way the sweep came, what a linear plate shows at f_k - kappa |W_k|^2."""
+    """A Duffing plate settles like one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear
+    Oscillations, 1979, 4.1): row k shows, whichever way the sweep came, what a linear plate shows at f_k -
+    kappa |W_k|^2."""
     size = np.abs(trial.log.response)
     return read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * (size / about.top) ** 2)
 
@@ -57,7 +59,8 @@ DUFFING = Effect(
 
 
 def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarray:
-    """(n,) settled response, of size one, of a mode `place` half bandwidths above the first and `width` of its time constant."""
+    """(n,) settled response, of size one, of a mode `place` half bandwidths above the first and `width` of
+    its time constant."""
     hold = trial.hold(about.reference)
     detuning = 2 * np.pi * (hold.offset + about.theta[2] + place * about.half_bandwidth)
     shape = (hold.drive * steady(np.exp(width) * about.tau, detuning, hold.omega, np))[hold.interval]

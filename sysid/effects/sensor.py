@@ -12,9 +12,9 @@ TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
 
 
 def _compressed(power: int, each: bool) -> Effect:
-    """What a channel that saturates takes off the largest row, as a share of it; undone by y (1 + c (|y|/y_max)^p), in each channel
-    by itself or by the magnitude. For a log of noise s per row the density of the recorded rows is that of the undone ones times
-    the derivative of what undoes them."""
+    """What a channel that saturates takes off the largest row, as a share of it; undone by y (1 + c
+    (|y|/y_max)^p), in each channel by itself or by the magnitude. For a log of noise s per row the density of
+    the recorded rows is that of the undone ones times the derivative of what undoes them."""
 
     def grown(trial: Trial, part: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
         size = (np.abs(part) / trial.scale) ** power

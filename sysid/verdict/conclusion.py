@@ -43,9 +43,9 @@ class Question:
 
 
 class Judged(NamedTuple):
-    """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning. `found`: what the logs
-    hold to first order; `open`: an effect that is tried in full may explain it. Else the cause is plain, or nothing
-    is there."""
+    """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning.
+    `found`: what the logs hold to first order; `open`: an effect that is tried in full may explain it. Else
+    the cause is plain, or nothing is there."""
 
     wrong: list[Finding]
     doubts: list[Finding]
@@ -54,8 +54,8 @@ class Judged(NamedTuple):
 
 
 def conclude(question: Question, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None) -> Fit:
-    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`; `judged` unless
-    that is known."""
+    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances
+    `hung`; `judged` unless that is known."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
     fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
@@ -110,7 +110,8 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
 
 
 def _judged(question: Question, best: State, at: float | None, hangs: bool) -> Judged:
-    """What the model does not describe. `at` (degC): where f0 is told. `hangs`: G does, on how late the response is."""
+    """What the model does not describe. `at` (degC): where f0 is told. `hangs`: G does, on how late the
+    response is."""
     reference, free = question.minimiser.reference, question.minimiser.free
     if (said := identify.overdamped(best, reference)) is not None:
         return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
@@ -138,9 +139,11 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     return Judged(wrong, doubts, found, not described)
 
 
-def retold(judged: Judged, state: State, named: Sequence[Finding], refuted: Collection[tuple[str, int]], fingered: bool) -> Judged:
-    """The same after effects were tried in full: those `named` explain most of their logs, and what is `refuted` explains
-    nothing. `fingered`: what a finger does is fitted."""
+def retold(
+    judged: Judged, state: State, named: Sequence[Finding], refuted: Collection[tuple[str, int]], fingered: bool
+) -> Judged:
+    """The same after effects were tried in full: those `named` explain most of their logs, and what is
+    `refuted` explains nothing. `fingered`: what a finger does is fitted."""
     found = [replace(f, explains=False) if (f.name, f.log) in refuted else f for f in judged.found]
     wrong, doubts = _described(state, found, fingered)
     if named:
@@ -150,15 +153,16 @@ def retold(judged: Judged, state: State, named: Sequence[Finding], refuted: Coll
 
 
 def _likeliest(found: Sequence[Found]) -> list[Found]:
-    """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth much less may be a
-    shadow of it, and of something that explains nothing by itself as well. More than two alike explain nothing."""
+    """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth
+    much less may be a shadow of it, and of something that explains nothing by itself as well. More than two
+    alike explain nothing."""
     alike = [f for f in found if f.worth >= found[0].worth - NEARLY and f.explains]
     return alike if len({f.name for f in alike}) <= ALTERNATIVES else []
 
 
 def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[Finding], list[Finding]]:
-    """What the model does not describe: what makes the fit a misfit; and what is only a warning. `found`: all that the logs hold;
-    `fingered`: what a finger does is fitted."""
+    """What the model does not describe: what makes the fit a misfit; and what is only a warning. `found`: all
+    that the logs hold; `fingered`: what a finger does is fitted."""
     likely = _likeliest(found)
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
