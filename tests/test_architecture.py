@@ -27,7 +27,7 @@ minimum    guess search start images descent minimise ridge
 verdict    result finding identify wording unexplained flank fitted determined view lone coincidence immediate through
            standing differing term moments terms misfit odd mirrored conclusion ownership decay bench comparison
 reading
-effects    effect clock plate sensor registry adopt
+effects    effect clock plate sensor registry description search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
            prediction change
