@@ -195,7 +195,7 @@ THE_PLATE_IS_ANOTHER = {
 
 THE_BENCH_IS_ANOTHER = {
     "trigger late by three rows": Case(lambda b: [spoilt(b.step(), late(3))], "right or refused", "begins late"),
-    "filter of half a tau": Case(lambda b: [smoothed(b.step(), 0.5 * PLATE.tau)], "right or refused", "filter is stated"),
+    "filter of half a tau": Case(lambda b: [smoothed(b.step(), 0.5 * PLATE.tau)], "right or refused", "filter is stated|begins late|no known effect"),
     "rows settled, said to be instant": Case(lambda b: [replace(settled(b), sampling="instant")]),
     "amplifier clips the larger steps": Case(
         lambda b: [felt(b, v := levels(b, (0.5, 1.0, 0.0, 1.0)), np.minimum(v, 70.0))], "refused", "not proportional to the drive"),

@@ -76,10 +76,12 @@ class _Adoption:
     def best(
         self, before: tuple[Instance, ...], numbers: np.ndarray, here: Sequence[Instance], count: int
     ) -> Description | None:
-        """The best description with one more effect; None where none gains, or none is an effect at all."""
+        """The best description with one more effect; None where none gains, or one that is no effect at all by
+        its numbers gains more: something else is there."""
         ends = self.search.ends(before, numbers, here, count)
         self.alone += [] if before else ends
-        for best in (d for d in ends if d.sense and d.evidence >= SURE):
+        least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
+        for best in (d for d in ends if d.sense and d.evidence >= least):
             done = self.search.finished(best) if self.ahead(best) else best
             if done.sense:
                 alike = [d for d in ends if d is not best and d.evidence > best.evidence - NEARLY]

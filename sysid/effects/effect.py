@@ -34,13 +34,15 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 
 class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
-    half bandwidth Hz; `top`, the largest response of the logs, and `span` (Hz), the widest sweep."""
+    half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
+    widest sweep."""
 
     reference: tuple[float, float]
     theta: np.ndarray
     tau: float
     half_bandwidth: float
     top: float
+    drive: float
     span: float
 
     @classmethod
@@ -48,7 +50,8 @@ class About(NamedTuple):
         """Of the logs at a minimum."""
         top = max(t.scale for t in state.trials)
         span = max((float(np.ptp(t.log.frequency)) for t in state.trials if t.resonant), default=0.0)
-        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, span)
+        drive = max((float(np.max(np.abs(t.log.drive))) for t in state.trials if t.driven), default=1.0)
+        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, drive, span)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.effects.effect import About, Effect, Told, number, read_anew
-from sysid.model.plant import steady
+from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
@@ -59,12 +59,17 @@ DUFFING = Effect(
 
 
 def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarray:
-    """(n,) settled response, of size one, of a mode `place` half bandwidths above the first and `width` of
-    its time constant."""
-    hold = trial.hold(about.reference)
-    detuning = 2 * np.pi * (hold.offset + about.theta[2] + place * about.half_bandwidth)
-    shape = (hold.drive * steady(np.exp(width) * about.tau, detuning, hold.omega, np))[hold.interval]
-    return shape / np.max(np.abs(shape))
+    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, from rest, of size one where
+    the largest drive of the logs holds it at its resonance."""
+    theta = about.theta + np.array([0.0, width, place * about.half_bandwidth, 0.0, 0.0, 0.0])
+    theta[0] = -np.log(about.drive)
+    return Course.of(trial, about.reference, theta).forced
+
+
+def _second_shows(trial: Trial) -> bool:
+    """A sweep, or d and q of a transient whose inputs change."""
+    moved = not trial.steady and trial.resonant and trial.signed and trial.driven and trial.changes > 0
+    return _sweep(trial) or (moved and trial.log.theta is None)
 
 
 def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -94,7 +99,7 @@ def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 SECOND_MODE = Effect(
     name="second_mode",
-    shows=_sweep,
+    shows=_second_shows,
     stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0]),
     starts=lambda trial, about: np.array(
         [[way * x, 0.0, 0.5 * turn.real, 0.5 * turn.imag] for x in APART for way in (-1, 1) for turn in TURNS]
@@ -103,6 +108,7 @@ SECOND_MODE = Effect(
     numbers=_second_numbers,
     said=_second_said,
     many=True,
+    scope="bench",
     known_as=("second resonance",),
     alike=("second resonance", "background", "amplitude", "drift", "swept too fast"),
     makes_sense=lambda values, stds: bool(abs(values[0]) >= APART[0] > stds[0]),

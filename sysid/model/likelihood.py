@@ -269,7 +269,7 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now = (jnp.ones(()), x.start, x.late, x.floor, jnp.zeros(()) if layout.alongside else x.offset)
+    now = (jnp.ones(()), x.start, x.late, x.floor, jnp.zeros((), complex) if layout.alongside else x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _off(_whiten(size, x), x)
