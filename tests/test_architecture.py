@@ -31,8 +31,9 @@ reading
 effects    effect clock plate registry adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
-           prediction change
-report     text plots costs screen dryrun html brief frames inference
+           prediction change each
+report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
+           brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
 command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
 __main__
