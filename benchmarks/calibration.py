@@ -29,8 +29,8 @@ from rich.progress import track
 from scipy.stats import chisquare, kstest
 
 from sysid import Log, fit, sample
+from sysid.effects.registry import EVERY
 from sysid.precision import keep_programs
-from sysid.trials.trial import NUISANCES
 
 HERE = Path(__file__).parent
 reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
@@ -135,7 +135,7 @@ class Run:
     ranks: dict[str, float]
 
 
-def run(case: Case, seed: int, nuisances: Sequence[str] = NUISANCES, accuracy: str = "standard") -> Run:
+def run(case: Case, seed: int, nuisances: Sequence[str] = EVERY, accuracy: str = "standard") -> Run:
     """One draw of a case."""
     rng = np.random.default_rng([seed, sum(map(ord, case.name))])
     truth = {n: float(np.exp(rng.uniform(*np.log(b))) if n in WIDE else rng.uniform(*b)) for n, b in case.box.items()}

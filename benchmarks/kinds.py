@@ -9,10 +9,9 @@ Each kind is made in three variants or more, from closed forms that share no cod
     silently wrong   successful with a determined number further off
 
 "No known effect explains it" names no cause. Where the program has no model of the kind, "told" is all that can be had.
-Writes kinds.md beside itself, or kinds_effects.md.
+Writes kinds.md beside itself.
 
     --seeds N   of each variant (default 7)        --only NAME   kinds whose name holds NAME; printed, not written
-    --effects   with the effects that are adopted where logs call for them
 """
 
 import argparse
@@ -27,16 +26,14 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from sysid import Log, fit
-from sysid.effects.registry import ADOPTED
-from sysid.trials.trial import NUISANCES
 
 WHERE = Path(__file__).with_suffix(".md")
 FAR = 4.0  # standard deviations: chance does it once in 16 000
 CAUSES = {
     "saturation": "compressed|saturated",
     "second resonance": "a second resonance",
-    "late": "begins late",
-    "early": "before it should",
+    "late": "begins late|s behind the inputs",
+    "early": "before it should|s before the inputs",
     "too fast": "swept too fast",
     "drift": "drifts",
     "amplitude": "depends? on the amplitude",
@@ -48,6 +45,7 @@ CAUSES = {
     "no resonance": "no resonance is seen",
     "one reading": "one reading decides",
     "offset": "an offset of d and q",
+    "feedthrough": "lies a feedthrough",
     "mirrored": "turns the other way",
 }
 
@@ -249,9 +247,9 @@ KINDS = {
          "own, back": wait_and_read(True, 1.5, back=True)}),
     "chirp": Kind({f"dwell {d} tau": wait_and_read(True, d, runs=True) for d in (0.5, 1.0, 2.0)}),
     "sweep too fast, without times": Kind({f"dwell {d} tau": hurried(d) for d in (0.4, 0.7, 1.0)}, ("too fast",)),
-    "feedthrough under amplitudes": Kind({f"{s:.0%}": amplitude_feedthrough(s) for s in (0.02, 0.05, 0.1)}, modelled=False),
+    "feedthrough under amplitudes": Kind({f"{s:.0%}": amplitude_feedthrough(s) for s in (0.02, 0.05, 0.1)}, ("feedthrough",)),
     "two modes, amplitudes": Kind(
-        {"3 apart": two_modes(3.0, 0.7), "4 apart": two_modes(4.5, 0.9), "6 apart": two_modes(6.0, 0.5)}, ("second resonance",), False),
+        {"3 apart": two_modes(3.0, 0.7), "4 apart": two_modes(4.5, 0.9), "6 apart": two_modes(6.0, 0.5)}, ("second resonance",)),
     "an oscillation that was not demodulated": Kind({f"period {p} s": raw_oscillation(p) for p in (0.3, 0.53, 0.9)}, modelled=False),
     "a low-pass": Kind({f"tau {t:g} s": low_pass(t) for t in (1e-4, 7e-4, 1e-2)}, ("no resonance",), False),
     "a drive of 1e-9 to 1e7 V": Kind({f"{v:g} V": small_drive(v) for v in (1e-9, 1e-7, 1e7)}),
@@ -261,9 +259,9 @@ KINDS = {
 }  # fmt: skip
 
 
-def verdict(kind: Kind, logs: list[Log], truth: dict[str, float], nuisances: tuple[str, ...] = NUISANCES) -> tuple[str, str]:
+def verdict(kind: Kind, logs: list[Log], truth: dict[str, float]) -> tuple[str, str]:
     """The answer's class, and what was said."""
-    found = fit(logs, nuisances=nuisances)
+    found = fit(logs)
     values = {n: p for n, p in found.parameters.items() if p.determined and n in truth}
     off = {n: abs(p.value - truth[n]) / p.std for n, p in values.items()}
     why = [p.why or "" for p in found.parameters.values()]
@@ -281,11 +279,11 @@ def verdict(kind: Kind, logs: list[Log], truth: dict[str, float], nuisances: tup
     return ("right" if found.result.name == "successful" else "told"), said
 
 
-def rows(kinds: dict[str, Kind], seeds: int, nuisances: tuple[str, ...]) -> Iterator[str]:
+def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
     """A row of the table for each variant; what is wrong is printed in full."""
     for k, (name, kind) in enumerate(kinds.items()):
         for v, (variant, made) in enumerate(kind.variants.items()):
-            answers = [verdict(kind, *made(np.random.default_rng([k, v, s])), nuisances) for s in range(seeds)]
+            answers = [verdict(kind, *made(np.random.default_rng([k, v, s]))) for s in range(seeds)]
             counts = Counter(a for a, _ in answers)
             for answer, said in answers:
                 if answer in ("silently wrong", "wrong cause", "perhaps"):
@@ -299,20 +297,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=7)
     parser.add_argument("--only", default="")
-    parser.add_argument("--effects", action="store_true")
     given = parser.parse_args()
     kinds = {name: kind for name, kind in KINDS.items() if given.only in name}
     table = [
         "# Logs of the kinds that people bring", "",
-        f"Made by `python benchmarks/kinds.py --seeds {given.seeds}{' --effects' * given.effects}` on {date.today()}.", "", __doc__.partition("\n\n")[2].partition("Writes")[0],
+        f"Made by `python benchmarks/kinds.py --seeds {given.seeds}` on {date.today()}.", "", __doc__.partition("\n\n")[2].partition("Writes")[0],
         "| kind | variant | right | told | wrong cause | perhaps | silently wrong | the first answer |", "|---|---|---|---|---|---|---|---|",
-        *rows(kinds, given.seeds, (*NUISANCES, *ADOPTED) if given.effects else NUISANCES), "",
+        *rows(kinds, given.seeds), "",
     ]  # fmt: skip
     if given.only:
         print("\n".join(table))
     else:
-        where = WHERE.with_stem("kinds_effects") if given.effects else WHERE
-        where.write_text("\n".join(table), encoding="utf-8")
+        WHERE.write_text("\n".join(table), encoding="utf-8")
 
 
 if __name__ == "__main__":

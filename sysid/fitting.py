@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sysid import reading
-from sysid.effects.adopt import adopted
-from sysid.effects.registry import ADOPTED
+from sysid.effects.adopt import tried
+from sysid.effects.registry import ADOPTED, EVERY
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State
 from sysid.minimum.ridge import unfolded
@@ -20,12 +20,11 @@ from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
-from sysid.verdict.conclusion import Question, conclude
+from sysid.verdict.conclusion import Question, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
+from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
-from sysid.verdict.hidden import behind
-from sysid.verdict.misfit import misfits
 from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
 from sysid.verdict.standing import with_offsets
@@ -40,7 +39,7 @@ WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that
 def fit(
     logs: Log | Sequence[Log],
     *,
-    nuisances: Sequence[str] = NUISANCES,
+    nuisances: Sequence[str] = EVERY,
     priors: Mapping[str, tuple[float, float]] | None = None,
     reference_temperature: float = 24.0,
     start: Plant | None = None,
@@ -48,19 +47,18 @@ def fit(
 ) -> Fit:
     """Fit one plant to all `logs`, or to one, from no start values.
 
-    `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator, "background"
-    (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output, "start" (state at the first row),
-    "late" (a trigger, a demodulator), "thermometer" (the error of its readings), "filter" (of a lock-in that no log states, where
-    they cannot be described without); and, on request, "drift", "lag" and "gain" (see
-    `trials.extra`), and "baseline" (an offset of a transient that goes on with the time). Also on request, and adopted only
-    where the plate alone does not describe the logs: "delay", "dwell", "duffing", "second_mode" and "feedthrough" under an
-    amplitude (see `effects.registry`).
-    `priors`: what is known of the plant beforehand, value and standard deviation by name, for example {"k_T": (-8.0, 1.0)}
-    (see `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined.
-    `start`: a plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz, degC) of
-    its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or
-    for a prior that is none.
-    """
+    `nuisances`: what the bench may have added to each log and is eliminated: "rotation" of the demodulator,
+    "background" (feedthrough of the drive; over a sweep a constant and a slope), "offset" of the output,
+    "start" (state at the first row), "late" (a trigger, a demodulator), "thermometer" (the error of its
+    readings); and, on request, "drift", "lag" and "gain" (see `trials.extra`), and "baseline" (an offset of a
+    transient that goes on with the time). Adopted only where the plate alone does not describe the logs:
+    "delay", "filter" (of a lock-in that no log states), "dwell", "duffing", "second_mode" and "feedthrough"
+    under an amplitude (see `effects.registry`). `priors`: what is known of the plant beforehand, value and
+    standard deviation by name, for example {"k_T": (-8.0, 1.0)} (see `model.prior`); flat unless stated. What
+    the logs alone do not determine stays undetermined. `start`: a plant to begin from instead of the data.
+    `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its offsets, before the fit looks
+    for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or for a prior
+    that is none. """
     logs = [logs] if isinstance(logs, Log) else logs
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
@@ -72,35 +70,40 @@ def fit(
     found = _concluded(question, states)
     if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
         return told
-    log.info("what the model leaves")
-    if found.result is Result.misfit and "filter" in nuisances and (filtered := behind(question, best)):
-        again = _concluded(*filtered)
-        if again.result is Result.successful:
-            question, found = filtered[0], again
-    if found.result is Result.misfit and (named := [n for n in nuisances if n in ADOPTED]):
-        question, found = _with_effects(question, best, named) or (question, found)
+    names = [n for n in nuisances if n in ADOPTED]
+    if found.judged.open and names:
+        log.info("whether one of %s describes what is left", ", ".join(names))
+        question, found = _with_effects(question, found, names)
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
-    return _together(question, found) if found.result is Result.successful else found
+    return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
 
 
-def _with_effects(question: Question, best: State, names: Sequence[str]) -> tuple[Question, Fit] | None:
-    """The question with the effects of these names that describe its logs, and its fit; None where none do."""
-    minimiser = question.minimiser
-    log.info("whether %s describe what is left", ", ".join(names))
-    found, _ = misfits(best, minimiser.reference, minimiser.free, None)
-    told = adopted(minimiser, best, found, names)
-    if told is None:
-        return None
-    wider, warnings = question.dispersion + told.dispersion, (*question.warnings, *told.said())
-    again = replace(question, trials=told.state.trials, warnings=warnings, dispersion=wider)
-    fitted = _concluded(again, minimiser.imaged([told.state]))
-    return (again, fitted) if fitted.result is Result.successful else None
+def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple[Question, Fit]:
+    """The question with the effects of these names that describe its logs, and its fit; else the fit, which
+    says what it can of these effects."""
+    minimiser, best, judged = question.minimiser, found.modes[0], found.judged
+    outcome = tried(minimiser, best, judged.found, names)
+    if (told := outcome.adopted) is not None:
+        fitted = told.findings("fitted", "which is fitted")
+        again = replace(question, trials=told.state.trials, dispersion=question.dispersion + told.dispersion, effects=fitted)
+        anew = _concluded(again, minimiser.imaged([told.state]))
+        if anew.result is Result.successful:
+            return again, anew
+    if found.result is not Result.misfit:
+        return question, found
+    named: tuple[Finding, ...] = ()
+    states = list(found.modes)
+    if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without
+        named, wider = most.findings("refused", "which explains most of it"), question.dispersion + most.dispersion
+        states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
+    judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
+    return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
-    """The fit of what is left of the logs without the driven rows that no plate explains; None where there are none, or where
-    what is left tells no tau."""
+    """The fit of what is left of the logs without the driven rows that no plate explains; None where there
+    are none, or where what is left tells no tau."""
     logs, said = decays(best, every)
     return of_decays(fit(logs, **given), said) if logs else None
 
@@ -121,8 +124,8 @@ def _together(question: Question, found: Fit) -> Fit:
 
 
 def _spanning(question: Question, found: Fit) -> Fit:
-    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other log determines G as
-    well."""
+    """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other
+    log determines G as well."""
     told = [with_delays(s, found.reference) for s in found.modes]
     if not (told[0].spanned or told[0].partly):
         return found
@@ -136,8 +139,8 @@ def _spanning(question: Question, found: Fit) -> Fit:
 
 
 def _concluded(question: Question, states: list[State]) -> Fit:
-    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are narrowed if that
-    describes the logs."""
+    """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are
+    narrowed if that describes the logs."""
     minimiser, best = question.minimiser, states[0]
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
@@ -158,14 +161,15 @@ def _asked(
     reference_temperature: float,
     start: Plant | None,
 ) -> tuple[Question, list[State]]:
-    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best tau."""
+    """The question and its minima; logs whose kind or sampling is not stated are read anew at the best
+    tau."""
     if not logs:
         raise ValueError("no logs to fit")
     known = (*NUISANCES, *EXTRA, *ADOPTED)
     if unknown := set(nuisances) - set(known):
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}")
     reading.check_units(logs)
-    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", "filter", *ADOPTED)))
+    trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", *ADOPTED)))
     reference, free = reading.reference(trials), reading.free(trials)
     stated = {name: given for name, given in checked(priors or {}).items() if name in free}
     unused = [name for name in priors or {} if name not in stated]
@@ -194,7 +198,8 @@ def _asked(
 
 
 def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:
-    """The minima with the errors of the thermometers where these matter, and sentences on what depends on them."""
+    """The minima with the errors of the thermometers where these matter, and sentences on what depends on
+    them."""
     spread = [np.sqrt(np.diag(s.covariance)) for s in states]
     found = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
     states = _anew(minimiser, states, [trials for trials, _ in found])

@@ -50,7 +50,8 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
     told = {"parameters": found, "units": UNITS, "reference_temperature": 24.0, "warnings": (), "priors": {}}
     names = tuple(MEANS)
     covariance = np.diag([STDS[name] ** 2 for name in names])
-    fit = SimpleNamespace(logs=logs, result=result, notes=(), names=names, covariance=covariance, modes=(), **told)
+    told |= {"notes": (), "findings": (), "modes": ()}
+    fit = SimpleNamespace(logs=logs, result=result, names=names, covariance=covariance, **told)
     off = {name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0) for name in draws}
     given = {"fit": fit, "draws": draws, "summary": lambda: found, "ess": ess, "rhat": 1.004, "result": result, "seed": 3}
     given |= {"convergence": {name: Convergence.of(x) for name, x in draws.items()}}

@@ -24,11 +24,10 @@ rows       clock dwell hold rounding thermometer lost glitch condense level gap 
 model      plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
-verdict    result identify wording unexplained flank fitted determined view lone coincidence immediate through standing
-           differing term moments terms misfit odd mirrored leaning hurried compressed late conclusion hidden ownership
-           decay bench comparison
+verdict    result finding identify wording unexplained flank fitted determined view lone coincidence immediate through
+           standing differing term moments terms misfit odd mirrored conclusion ownership decay bench comparison
 reading
-effects    effect clock plate registry adopt
+effects    effect clock plate sensor registry description search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
            prediction change each

@@ -14,6 +14,7 @@ from conftest import study
 from sysid import __version__
 from sysid.command import cli
 from sysid.command.arguments import parser
+from sysid.effects.registry import ADOPTED
 
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 LOGS = (SYNTHETIC / "sweep_24C.csv", SYNTHETIC / "step_100V_24C.csv")
@@ -359,10 +360,11 @@ def test_names_cannot_steer_the_terminal(tmp_path):
     [
         ("none", ()),
         ("late,rotation", ("rotation", "late")),
-        ("-late", ("rotation", "background", "offset", "start", "thermometer", "filter")),
-        ("-start, -offset, -thermometer", ("rotation", "background", "late", "filter")),
-        ("+drift", ("rotation", "background", "offset", "start", "late", "thermometer", "filter", "drift")),
-        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "thermometer", "filter", "lag", "gain")),
+        ("-late", ("rotation", "background", "offset", "start", "thermometer", *ADOPTED)),
+        ("-start, -offset, -thermometer", ("rotation", "background", "late", *ADOPTED)),
+        ("+drift", ("rotation", "background", "offset", "start", "late", "thermometer", *ADOPTED, "drift")),
+        ("-late,+gain,+lag", ("rotation", "background", "offset", "start", "thermometer", *ADOPTED, "lag", "gain")),
+        ("-second_mode,-late", ("rotation", "background", "offset", "start", "thermometer", *ADOPTED[:4], *ADOPTED[5:])),
         ("rotation,drift", ("rotation", "drift")),
     ],
 )

@@ -5,13 +5,12 @@ import pytest
 from conftest import seeds, study
 
 import sysid
-from sysid.effects.registry import ADOPTED
+from sysid.effects.registry import EVERY
 from sysid.logs.log import Log
 from sysid.trials.trial import NUISANCES
 
 F0, TAU, FAR = 32300.0, 1.669e-3, 4.5  # standard deviations: by chance in one of 150 000, of some hundred that are compared
 HALF = 1 / (2 * np.pi * TAU)
-EVERY = (*NUISANCES, *ADOPTED)
 
 
 def settled(f, f0=F0, tau=TAU):
@@ -87,8 +86,9 @@ KINDS = {
 def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
     for seed in seeds:
         logs = KINDS[kind](np.random.default_rng([len(kind), seed]))
-        fit = sysid.fit(logs, nuisances=EVERY)
+        fit = sysid.fit(logs)
         assert fit.result.name == "successful", (seed, fit.warnings)
+        assert [(f.key, f.outcome) for f in fit.findings if f.outcome == "fitted"] == [(kind.split()[0], "fitted")]
         for name, truth in (("tau", TAU), ("f0", F0)):
             found = fit.parameters[name]
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
@@ -96,7 +96,7 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_it_the_logs_are_a_misfit(kind):
-    fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))))
+    fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))), nuisances=NUISANCES)
     assert fit.result.name == "misfit"
 
 

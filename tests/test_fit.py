@@ -307,12 +307,17 @@ def test_a_clipped_sweep_is_a_misfit(bench):
     assert any("sweep: saturated" in said for said in fit.warnings)
 
 
-def test_a_second_resonance_is_a_misfit(bench):
+def test_a_second_resonance_is_fitted(bench):
     def two(clean, frequency):
         return clean + 0.3 * 2.0 / (1 + 1j * (frequency - 32550) / 60)
 
     fit = sysid.fit([bench.sweep(distort=two)])
-    assert fit.result is Result.misfit
+    (found,) = fit.findings
+    assert fit.result is Result.successful and (found.key, found.outcome) == ("second_mode", "fitted")
+    for name in ("G", "tau", "f0"):
+        assert abs(fit.parameters[name].value - getattr(bench.plant, name)) < 4.5 * fit.parameters[name].std
+    apart = found.numbers["apart_Hz"]
+    assert abs(apart.value - (32550 - bench.plant.f0)) < 4.5 * apart.std
 
 
 def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):

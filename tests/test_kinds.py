@@ -20,11 +20,11 @@ CASES = {
     ("ring-down of amplitudes on an offset", "below"): ("right", "successful"),
     ("sweep, set, wait, read", "own"): ("right", "the logs do not tell"),
     ("sweep, set, wait, read", "own, back"): ("right", "sampling: settled, as the logs show"),
-    ("sweep too fast, without times", "dwell 0.4 tau"): ("told", "swept too fast"),
-    ("feedthrough under amplitudes", "5%"): ("told", "no known effect explains it"),
+    ("sweep too fast, without times", "dwell 0.4 tau"): ("right", "swept too fast"),
+    ("feedthrough under amplitudes", "5%"): ("right", "lies a feedthrough"),
     ("a low-pass", "tau 0.0007 s"): ("told", "no resonance is seen"),
     ("a drive of 1e-9 to 1e7 V", "1e-07 V"): ("right", "successful"),
-    ("a step that is late, beside a sweep", "0.3 ms"): ("told", "begins late"),
+    ("a step that is late, beside a sweep", "0.3 ms"): ("right", "s behind the inputs"),
     ("restless, then a decay", "swing 0.1"): ("told", "restless"),
 }
 

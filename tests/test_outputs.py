@@ -22,7 +22,7 @@ from sysid.verdict.result import Result
 
 # What every fit.json holds, in its order.
 KEYS = ["schema", "result", "verdict", "plate", "created", "parameters", "derived", "covariance", "reference_temperature_degC"]
-KEYS += ["uncertainty", "warnings", "notes", "logs", "models", "advice", "change"]
+KEYS += ["uncertainty", "warnings", "notes", "findings", "logs", "models", "advice", "change"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 

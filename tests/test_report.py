@@ -300,7 +300,8 @@ def test_parts_of_figures_do_not_meet_on_the_page():
 def test_an_alternative_text_says_what_is_seen():
     logs = [standin.fitted(), standin.fitted("sweep.csv", "steady", 60)]
     seen = {f.title: f.seen for f in drawn(standin.posterior(logs))}
-    assert "1  step.csv over 0 to 20 ms, |W| up to 1.0" in seen["Over time"] and "1.2 % of it left by the fit" in seen["Over time"]
+    assert "1  step.csv over 0 to 20 ms, |W| up to 1.0" in seen["Over time"]
+    assert "1.2 % of it left by the fit" in seen["Over time"]
     assert "One sweep from 32000 to 32500 Hz" in seen["Sweeps"]
     assert "of 220 residuals lie within 1.96" in seen["Residuals, in units of the noise"]
     page = rendered(standin.posterior(logs))
@@ -308,7 +309,7 @@ def test_an_alternative_text_says_what_is_seen():
 
 
 def test_correlation_is_told_in_its_standard_errors():
-    """Of white noise it is normal with a standard deviation of 1; of noise whose correlation is known, too; else it stands out."""
+    """Of white noise, and of noise whose correlation is known, it is normal with a standard deviation of 1; else it stands out."""
     rng = np.random.default_rng(4)
     shared = np.zeros((2000, 2))
     shared[0] = rng.standard_normal(2)

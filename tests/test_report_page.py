@@ -115,7 +115,8 @@ def test_its_own_rules_let_it_do_nothing(reports, browser):
 
 def test_tables_stack_on_a_phone(reports, look):
     page = look(reports["controller"], "phone").page
-    boxes = page.evaluate("[...document.querySelectorAll('table.stack tr th[scope=row]')].map(e => e.getBoundingClientRect().width)")
+    names = "[...document.querySelectorAll('table.stack tr th[scope=row]')]"
+    boxes = page.evaluate(f"{names}.map(e => e.getBoundingClientRect().width)")
     assert min(b for b in boxes if b) > 300  # of 390, each name on a line of its own
     assert page.evaluate("getComputedStyle(document.querySelector('.stack td[data-label]'), '::before').content") != "none"
 
@@ -141,7 +142,8 @@ def test_a_dark_page_is_dark_and_a_printed_one_is_not(reports, look):
 
 def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, browser):
     page = look(reports["sixty"], "print").page
-    rows = page.evaluate("[...document.querySelectorAll('table[aria-label=Logs] tbody tr')].map(e => e.getBoundingClientRect().height)")
+    lines = "[...document.querySelectorAll('table[aria-label=Logs] tbody tr')]"
+    rows = page.evaluate(f"{lines}.map(e => e.getBoundingClientRect().height)")
     assert len(rows) == 60 and min(rows) > 5
     assert page.evaluate("[...document.querySelectorAll('figure')].every(e => getComputedStyle(e).breakInside === 'avoid')")
 

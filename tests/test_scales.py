@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import study, tiers
-from test_hidden import filtered_step, settled_sweep
+from test_filter_effect import filtered_step, settled_sweep
 
 import sysid
 

@@ -177,10 +177,10 @@ WINDOWS = {
 }  # fmt: skip
 
 THE_PLATE_IS_ANOTHER = {
-    "two peaks": Case(lambda b: [two_peaks(b, 6.0)], "refused", "no known effect"),
+    "two peaks": Case(lambda b: [two_peaks(b, 6.0)], "right or refused", "second resonance"),
     "two peaks in one": Case(lambda b: [two_peaks(b, 1.0)], "refused", "second resonance"),
-    "resonance that softens": Case(lambda b: [duffing(b, 0.5)], "refused", "depend on the amplitude"),
-    "resonance that jumps, upwards": Case(lambda b: [duffing(b, 4.0)], "refused or open", "amplitude|one resonance"),
+    "resonance that softens": Case(lambda b: [duffing(b, 0.5)], "right or refused", "on the amplitude"),
+    "resonance that jumps, upwards": Case(lambda b: [duffing(b, 4.0)], "right or refused or open", "amplitude|one resonance"),
     "resonance that jumps, downwards": Case(
         lambda b: [duffing(b, 4.0, back=True)], "refused or open", "amplitude|one resonance"),
     "sweep too fast, 3 tau": Case(lambda b: [hurried(b, 3.0)], "right or refused", "settled|ring"),
@@ -195,7 +195,7 @@ THE_PLATE_IS_ANOTHER = {
 
 THE_BENCH_IS_ANOTHER = {
     "trigger late by three rows": Case(lambda b: [spoilt(b.step(), late(3))], "right or refused", "begins late"),
-    "filter of half a tau": Case(lambda b: [smoothed(b.step(), 0.5 * PLATE.tau)], "refused", "begins late"),
+    "filter of half a tau": Case(lambda b: [smoothed(b.step(), 0.5 * PLATE.tau)], "right or refused", "filter is stated"),
     "rows settled, said to be instant": Case(lambda b: [replace(settled(b), sampling="instant")]),
     "amplifier clips the larger steps": Case(
         lambda b: [felt(b, v := levels(b, (0.5, 1.0, 0.0, 1.0)), np.minimum(v, 70.0))], "refused", "not proportional to the drive"),

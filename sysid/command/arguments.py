@@ -66,9 +66,10 @@ def parser() -> argparse.ArgumentParser:
         type=_effects,
         metavar="LIST",
         help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
-        " offset, start, late, thermometer and filter; --effects=-late leaves one out, --effects=+drift adds one of drift, lag"
-        " (of the temperature's sensor), gain and baseline (an output offset that goes on with the time); delay, dwell (of a"
-        " sweep too fast), duffing, second_mode and feedthrough (under amplitudes) are fitted only where the logs call for them",
+        " offset, start, late and thermometer, and where the logs call for them delay, filter (of a lock-in),"
+        " duffing, second_mode, feedthrough (under amplitudes), dwell (of a sweep too fast) and saturation;"
+        " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor),"
+        " gain and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",
@@ -135,11 +136,10 @@ def _seed(text: str) -> int:
 
 def _effects(text: str) -> tuple[str, ...]:
     """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
-    from sysid.effects.registry import ADOPTED
+    from sysid.effects.registry import EVERY
     from sysid.trials.extra import EXTRA
-    from sysid.trials.trial import NUISANCES
 
-    known = (*NUISANCES, *EXTRA, *ADOPTED)
+    known = (*EVERY, *EXTRA)
     names = [] if text == "none" else [name.strip() for name in text.split(",")]
     if unknown := {name[1:] if name[:1] in ("+", "-") else name for name in names} - set(known):
         raise argparse.ArgumentTypeError(
@@ -148,7 +148,7 @@ def _effects(text: str) -> tuple[str, ...]:
     changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
     if changed and len(changed) < len(names):
         raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
-    return tuple(name for name in known if (changed.get(name, name in NUISANCES) if changed else name in names))
+    return tuple(name for name in known if (changed.get(name, name in EVERY) if changed else name in names))
 
 
 def _prior(text: str) -> tuple[str, tuple[float, float]]:

@@ -33,6 +33,7 @@ from sysid.rows.hold import Hold
 from sysid.trials.noise import Level
 from sysid.trials.trial import Extra, Trial
 from sysid.trials.whitening import Jitter, Noise
+from sysid.verdict.finding import Finding, Number
 from sysid.verdict.fitted import Fit, FittedLog
 from sysid.verdict.result import Parameter, Result
 
@@ -40,7 +41,7 @@ TYPES = {
     t.__name__: t
     for t in (
         *(Posterior, Estimate, Fit, FittedLog, Parameter, Result, State, Plant, Prior),
-        *(Trial, Log, Hold, Noise, Level, Jitter, Extra),
+        *(Trial, Log, Hold, Noise, Level, Jitter, Extra, Finding, Number),
     )
 }
 TIMES = ("seconds", "pace", "exact_pace")  # of a run, which the same result does not share

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
     from sysid.verdict.comparison import Comparison
+    from sysid.verdict.finding import Finding
     from sysid.verdict.fitted import FittedLog
     from sysid.verdict.result import Parameter
 
@@ -72,6 +73,7 @@ def document(
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
         "notes": list(fit.notes),
+        "findings": [_finding(f) for f in fit.findings],
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
@@ -107,6 +109,12 @@ def to_json(content: Mapping[str, Any]) -> str:
 def _parameter(p: "Parameter") -> dict[str, Any]:
     shown = {"value": p.value, "std": p.std, "ci95": p.ci95, "unit": p.unit, "determined": p.determined, "why": p.why}
     return shown | ({"modes": list(p.modes)} if p.modes else {})
+
+
+def _finding(f: "Finding") -> dict[str, Any]:
+    numbers = {name: x._asdict() for name, x in f.numbers.items()}
+    found = {"key": f.key, "outcome": f.outcome, "logs": list(f.logs), "numbers": numbers, "evidence": f.evidence}
+    return found | {"moves": f.moves, "sentence": f.sentence}
 
 
 def _log(fitted: "FittedLog", own: "Mapping[str, Parameter]") -> dict[str, Any]:

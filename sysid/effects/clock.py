@@ -1,53 +1,125 @@
-"""What is the matter with the time of a log: a delay before the response, a sweep that was not waited for."""
+"""What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that
+was not waited for."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, read_anew
+from sysid.effects.effect import About, Effect, Told, number, read_anew
 from sysid.rows.hold import read_at
 from sysid.trials.trial import Trial
-from sysid.verdict.hurried import ENOUGH, one_way
-from sysid.verdict.late import THROUGH
+from sysid.verdict.finding import Number
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
+FILTERED = np.array([0.03, 0.1, 0.3, 1.0])  # of tau, the delay of all poles of a filter
+LEAST = 1e-3  # of tau: of a filter and of a dwell, which are not negative
+THROUGH = 0.03  # of the response: in a step a delay of less than a row looks like a gain and a feedthrough that cancel
 DWELLS = 2.0 ** np.arange(-2, 2.5, 0.5)[:, None]  # tau: of less a sweep shows no resonance, of more its points settle
+ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
+LEAST_ROWS = 8
 
 
-def _delay_shows(trial: Trial) -> bool:
-    return not trial.steady and trial.driven and trial.changes > 0 and trial.log.theta is None and "late" in trial.nuisances
+def _timed(trial: Trial) -> bool:
+    """A transient whose inputs change, of which it is not known how late it is."""
+    moved = not trial.steady and trial.driven and trial.changes > 0 and trial.log.theta is None
+    return moved and "late" in trial.nuisances
+
+
+def _on_time(trial: Trial) -> Trial:
+    """The trial whose lateness is known, with as little feedthrough as a bench has."""
+    narrow = trial.narrow | {"feedthrough": THROUGH * trial.scale}
+    return replace(trial, narrow=narrow, extra={}, resonance=None, late=0.0)
 
 
 def _delayed(trial: Trial, values: np.ndarray, about: About) -> Trial:
     delay = trial.log.bench.get("delay_s", 0.0) + float(values[0])
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
-    inputs, narrow = read_at(trial.inputs, log.time, delay), trial.narrow | {"feedthrough": THROUGH * trial.scale}
-    return replace(trial, log=log, inputs=inputs, narrow=narrow, extra={}, resonance=None, late=0.0)
+    return replace(_on_time(trial), log=log, inputs=read_at(trial.inputs, log.time, delay, trial.start_free))
 
 
-def _delay_said(trial: Trial, values: np.ndarray, stds: np.ndarray) -> str:
-    way = "behind" if values[0] > 0 else "before"
-    return (
-        f"the response is {abs(values[0]):.3g} ± {stds[0]:.1g} s {way} the inputs that are recorded, which is fitted; state"
-        f" delay_s ({trial.log.bench.get('delay_s', 0.0):.4g}), or the demodulator's lockin_tau_s and lockin_order"
+def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
+    late, stated = found["delay_s"], trial.log.bench["delay_s"]
+    way = "behind" if late.value > 0 else "before"
+    return Told(
+        f"the response is {abs(late.value):.3g} ± {late.std:.1g} s {way} the inputs that are recorded",
+        f"state delay_s ({stated:.4g}), or the demodulator's lockin_tau_s and lockin_order",
     )
 
 
 DELAY = Effect(
     name="delay",
-    shows=_delay_shows,
+    shows=_timed,
     stds=lambda trial, about: np.array([max(about.tau, ROWS[-1] * trial.spacing)]),
     starts=lambda trial, about: np.append(ROWS * trial.spacing, TAUS * about.tau)[:, None],
     applied=_delayed,
+    numbers=lambda values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
     said=_delay_said,
+    scope="bench",
+    known_as=("late", "early"),
     alike=("late", "early", "rows lost", "astray"),
 )
 
 
+def _filter(order: int) -> Effect:
+    """A lock-in's filter of so many poles, that no log states. Its number: the delay of all poles together,
+    in tau."""
+
+    def shows(trial: Trial) -> bool:  # means of many rows would have to be of fewer
+        return _timed(trial) and trial.signed and trial.whole is None and "lockin_tau_s" not in trial.log.bench
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        time = max(float(values[0]), LEAST) * about.tau / order
+        return replace(_on_time(trial), filter=(time, order))
+
+    def numbers(values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+        time = number(values[0], stds[0], "s", about.tau / order)
+        return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
+        what = f"no lock-in's filter is stated; one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
+        return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
+
+    return Effect(
+        name="filter",
+        shows=shows,
+        stds=lambda trial, about: np.array([1.0]),
+        starts=lambda trial, about: FILTERED[:, None],
+        applied=applied,
+        numbers=numbers,
+        said=said,
+        scope="bench",
+        known_as=("late",),
+        alike=("late", "early", "rows lost", "astray"),
+        makes_sense=lambda values, stds: bool(values[0] > 3 * stds[0]),
+    )
+
+
+FILTERS = tuple(_filter(order) for order in (1, 2, 4))  # as lock-ins have them
+
+
+def one_way(trial: Trial) -> bool:
+    """Whether a log is a sweep of settled points that may have been too fast: driven, in one direction."""
+    if not (trial.swept and trial.driven) or len(trial.log) < LEAST_ROWS:
+        return False
+    if trial.signed and "background" not in trial.nuisances:
+        return False  # what is left is then rather that
+    steps = np.diff(trial.log.frequency)
+    return bool(np.all(steps > 0) or np.all(steps < 0))
+
+
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    time = max(float(values[0]), 1e-3) * about.tau * np.arange(len(trial.log))
+    time = max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log))
     return read_anew(trial, time=time, kind="transient", sampling="settled")
+
+
+def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
+    dwell = found["dwell_s"]
+    return Told(
+        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s), and read as such a sweep",
+        f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind: transient",
+    )
 
 
 DWELL = Effect(
@@ -56,9 +128,8 @@ DWELL = Effect(
     stds=lambda trial, about: np.array([ENOUGH]),
     starts=lambda trial, about: DWELLS,
     applied=_hurried,
-    said=lambda trial, values, stds: (
-        f"swept too fast for settled points (dwell about {values[0]:.2g} ± {stds[0]:.1g} tau), and read as such a sweep; dwell"
-        f" {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind: transient"
-    ),
+    numbers=lambda values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
+    said=_hurried_said,
+    known_as=("swept too fast",),
     alike=("swept too fast", "second resonance"),
 )

@@ -2,10 +2,9 @@
 
     log --applied(numbers)--> the same log, read as with the effect          (`Trial` to `Trial`)
 
-All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero. Its numbers have
-normal priors about zero, in units of physics (a delay in time constants, a shift in half bandwidths, a share of the response), so
-that no verdict hangs on the units of a log.
-"""
+All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero.
+Its numbers have normal priors about zero, in units of physics (a delay in time constants, a shift in half
+bandwidths, a share of the response), so that no verdict hangs on the units of a log. """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,46 +15,71 @@ import numpy as np
 from sysid.minimum.minimise import State
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
+from sysid.verdict.finding import Number
 
 SEEN = 3.0  # standard deviations from zero
 
 
+class Told(NamedTuple):
+    """What there is, and what to do about it."""
+
+    what: str
+    to_do: str
+
+
+def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
+    """Of plain floats, of which one is `per` of the unit."""
+    return Number(float(value) * per, float(std) * per, unit)
+
+
 class About(NamedTuple):
-    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the half bandwidth Hz;
-    `top`, the largest response of the logs; `size` (n,), the modelled magnitude of each row of a log."""
+    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
+    half bandwidth Hz; `top`, the largest response of the logs, and `span` (Hz), the widest sweep."""
 
     reference: tuple[float, float]
     theta: np.ndarray
     tau: float
     half_bandwidth: float
     top: float
-    size: np.ndarray
+    span: float
 
     @classmethod
-    def of(cls, state: State, reference: tuple[float, float], i: int) -> "About":
-        """Of the i-th log at a minimum."""
+    def of(cls, state: State, reference: tuple[float, float]) -> "About":
+        """Of the logs at a minimum."""
         top = max(t.scale for t in state.trials)
-        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, np.abs(state.models[i]))
+        span = max((float(np.ptp(t.log.frequency)) for t in state.trials if t.resonant), default=0.0)
+        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, span)
 
 
 @dataclass(frozen=True)
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `plate`: it is the plate's, and so the same in all logs; else each log has numbers of its own. `shows`: whether a log can
-    show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d) from where they are looked for. `applied`: the
-    log read as with it. `said`: a sentence on the log, the numbers and their standard deviations. `alike`: names that the first
-    order gives to what it may be (`verdict.terms`). `makes_sense`: whether numbers and their standard deviations are those of the
-    effect; unless stated, whether one of them is seen at all.
-    """
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d)
+    from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their standard
+    deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
+    "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
+    may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for the
+    errors that the fit states, so that it is named and not adopted. `afresh`: with it the plant may be far
+    from what it seems without, and is looked for anew from each start. `stretched`: of one that changes what
+    was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
+    (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given
+    to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the effect;
+    unless stated, whether one of them is seen at all. """
 
     name: str
     shows: Callable[[Trial], bool]
     stds: Callable[[Trial, About], np.ndarray]
     starts: Callable[[Trial, About], np.ndarray]
     applied: Callable[[Trial, np.ndarray, About], Trial]
-    said: Callable[[Trial, np.ndarray, np.ndarray], str]
-    plate: bool = False
+    numbers: Callable[[np.ndarray, np.ndarray, About], dict[str, Number]]
+    said: Callable[[Trial, dict[str, Number]], Told]
+    scope: str = "log"
+    many: bool = False
+    rough: bool = False
+    afresh: bool = False
+    stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
+    known_as: Sequence[str] = ()
     alike: Sequence[str] = ()
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)
 

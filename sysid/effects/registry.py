@@ -1,8 +1,11 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
-from sysid.effects.clock import DELAY, DWELL
+from sysid.effects.clock import DELAY, DWELL, FILTERS
 from sysid.effects.effect import Effect
 from sysid.effects.plate import DUFFING, FEEDTHROUGH, SECOND_MODE
+from sysid.effects.sensor import SATURATIONS
+from sysid.trials.trial import NUISANCES
 
-EFFECTS: tuple[Effect, ...] = (DELAY, DUFFING, SECOND_MODE, FEEDTHROUGH, DWELL)
-ADOPTED = tuple(e.name for e in EFFECTS)  # as they are asked for
+EFFECTS: tuple[Effect, ...] = (*SATURATIONS, DELAY, *FILTERS, DUFFING, SECOND_MODE, FEEDTHROUGH, DWELL)
+ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for
+EVERY = (*NUISANCES, *ADOPTED)  # unless less is asked for

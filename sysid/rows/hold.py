@@ -1,4 +1,5 @@
-"""Inputs held from one change to the next, as the plant takes them; and how a finger's contact goes with its force."""
+"""Inputs held from one change to the next, as the plant takes them; and how a finger's contact goes with its
+force."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -12,14 +13,13 @@ Leaf = Any  # an array of numpy outside a compiled program, of JAX inside
 class Hold(NamedTuple):
     """Inputs held from one change to the next, and where each row falls among them.
 
-    (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive frequency
-    Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above.
-    (N,) per row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were averaged into
-    the row (0: a single sample). Settled points are intervals of their own.
-    `turn` (M,) is e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `begun` (M,) is 1 where the
-    response has settled as the interval begins, which is the first. `smoothing` s, the time constant of a pole of the lock-in's
-    filter.
-    """
+    (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive
+    frequency Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above. (N,) per
+    row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were
+    averaged into the row (0: a single sample). Settled points are intervals of their own. `turn` (M,) is
+    e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `begun` (M,) is 1 where
+    the response has settled as the interval begins, which is the first. `smoothing` s, the time constant of a
+    pole of the lock-in's filter. """
 
     duration: Leaf
     drive: Leaf
@@ -41,8 +41,8 @@ FULL_TOUCH = 1.5  # N, at which `contact` is one
 def contact(force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = jnp) -> Any:
     """How much a finger damps at `force` (N), over what it does at FULL_TOUCH; arrays of the module `xp`.
 
-    saturating: (1 - exp(-(F/scale)^n)) / (1 - exp(-(1.5 N/scale)^n));  power: (F/1.5 N)^n, as contact areas grow.
-    The power has an infinite slope at F = 0: its derivative is taken of ((F + e)^n - e^n), e = 1e-9 N.
+    saturating: (1 - exp(-(F/scale)^n)) / (1 - exp(-(1.5 N/scale)^n));  power: (F/1.5 N)^n, as contact areas
+    grow. The power has an infinite slope at F = 0: its derivative is taken of ((F + e)^n - e^n), e = 1e-9 N.
     """
     tiny = 1e-9
 
@@ -75,13 +75,13 @@ def hold_inputs(
     early=None,
     theta=None,
 ) -> Hold:
-    """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in place.
+    """Inputs held from row to row as a `Hold` of their runs of equal values; numpy, nothing is changed in
+    place.
 
-    `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at resonance.
-    `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is behind its time. `early` (N,)
-    s: by which the inputs of a row began before it, less than a row.
-    `theta` (rad): the carrier's phase at each row's time.
-    """
+    `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at
+    resonance. `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is
+    behind its time. `early` (N,) s: by which the inputs of a row began before it, less than a row. `theta`
+    (rad): the carrier's phase at each row's time. """
     columns, last = _columns(len(time), drive, frequency, temperature, contact), len(time) - 1
     changed = np.zeros(len(time), bool)  # from the row before
     for c in columns:
@@ -111,15 +111,20 @@ def hold_inputs(
     )
 
 
-def read_at(hold: Hold, time: np.ndarray, delay: float) -> Hold:
-    """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first interval."""
-    begin, read = time[0] + np.append(0.0, np.cumsum(hold.duration)[:-1]), time - delay
+def read_at(hold: Hold, time: np.ndarray, delay: float, moving: bool = False) -> Hold:
+    """The same inputs, with rows (N,) that are behind `time` by `delay` (s); `time` begins with the first
+    interval. Before that the plate rests, or is `moving` as in it: it then begins with the first row."""
+    sooner = max(delay, 0.0) if moving else 0.0
+    duration = hold.duration + sooner * (np.arange(len(hold.duration)) == 0)
+    begin, read = time[0] - sooner + np.append(0.0, np.cumsum(duration)[:-1]), time - delay
     row = np.maximum(np.searchsorted(begin, read) - 1, 0)
-    return hold._replace(interval=row.astype(np.int32), elapsed=np.maximum(read - begin[row], 0.0))
+    elapsed = np.maximum(read - begin[row], 0.0)
+    return hold._replace(duration=duration, interval=row.astype(np.int32), elapsed=elapsed)
 
 
 def cut(hold: Hold) -> tuple[Hold, np.ndarray]:
-    """The same inputs in shorter intervals (M'), that end where a row is read as well; and the row that each leads to (M')."""
+    """The same inputs in shorter intervals (M'), that end where a row is read as well; and the row that each
+    leads to (M')."""
     begin = np.append(0.0, np.cumsum(hold.duration)[:-1])
     read = begin[hold.interval] + hold.elapsed
     when, of = np.append(read, begin), np.append(hold.interval, np.arange(len(begin)))

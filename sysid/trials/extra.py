@@ -4,8 +4,6 @@
     lag           s      the plate is warmer by nu dT/dt than the temperature sensor        prior: a tenth of the log's duration
     gain          1      the sensor shows 1 + nu times what those of the other logs do      prior: a tenth
     thermometer   degC   the plate is warmer by nu than the reading                         prior: the error of reading
-    filter        1      a lock-in's time constant is 1 + nu times the assumed one          prior: one
-    poles         1      of n poles it blurs like one of n' with 1/n' = 1/n + nu            prior: a half
 
 Drift, lag and thermometer each add 2 pi j Z times a shift of the resonance (Hz) to the slow mode's Z' = a Z + b V, as in
 `trials.perturbed`. This is to first order, so the shift should stay well within the half bandwidth. Shapes are computed at the
@@ -14,8 +12,7 @@ the shape is taken; only the prior of that error ties it to f0 and k_T.
 
 Drift and lag are fitted on request only: in a sweep of one direction a drift hides in f0 and tau. A gain is fitted on request,
 and where a sweep's feedthrough may be a delay (`verdict.through`); the thermometer's error where it moves the resonance by as
-much as the logs could show; an unstated filter where the logs cannot be described without it (`verdict.hidden`). A drifting
-baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
+much as the logs could show. A drifting baseline, also on request, does not depend on the plate and is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,12 +24,8 @@ from sysid.trials.perturbed import Course
 from sysid.trials.trial import Extra, Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
-FILTER = ("filter", "poles")
-# As they are reported (`verdict.bench`); the numbers above are these but for the filter's, which is a share of its time constant.
-UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "filter": "s", "poles": "1", "thermometer": "degC"}
+UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
 STRIDE = 0.5  # half bandwidths: the most that a resonance moves in one round, within reach of the first order
-PART = 1e-3  # of a time constant: the step of a central difference, whose error is its square
-BLURRED = 0.5  # standard deviation of 1/n of n poles, which is 1, 1/2 or 1/4
 SHARE = 0.1  # prior, as a share of the log's duration and of the gain
 TOLD, UNTOLD = 0.2, 1.0  # standard deviations of f0 from which a thermometer's error is fitted, and mentioned where it cannot be
 
@@ -99,12 +92,6 @@ def _shapes(trial: Trial, course: Course, beside: tuple[complex, complex]) -> It
         rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps)) if len(stamps) > 1 else 0 * log.time
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, trial.narrow.get("gain", SHARE)
-    if trial.filter is not None:
-        time, order = trial.filter
-        later, sooner = course.behind(time * np.array([1 + PART, 1 - PART]), order).T
-        yield "filter", (later - sooner) / (2 * PART), 1.0
-        soft, sharp = (course.behind(np.array([time * order / n]), n)[:, 0] for n in (1, 4))
-        yield "poles", (soft - sharp) / (1 - 1 / 4), BLURRED
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:  # the last, as `model.likelihood` has its prior
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

@@ -15,7 +15,7 @@ from sysid.rows.prepare import OFFSET_UNITS, from_rest, one_level, prepare
 from sysid.trials.noise import Level
 from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 
-NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer", "filter")
+NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
 DIED = 0.1  # of the response at the first row: if its inputs sustain no more than that, the log begins with a free decay

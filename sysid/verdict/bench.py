@@ -23,17 +23,16 @@ ANY_ANGLE = 180.0 / np.sqrt(3.0)  # deg, the standard deviation of an angle of w
 
 
 class _Shown(NamedTuple):
-    """How a column of the view is reported: under which name, in which unit, by which factor, beside what."""
+    """How a column of the view is reported: under which name, in which unit, by which factor."""
 
     name: str
     unit: str
     factor: float
-    base: float = 0.0
 
 
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
-    the log states, `filter` (s) the time constant of a lock-in's that is fitted; `drift`, `lag`, `gain`, `thermometer` those of
+    the log states; `drift`, `lag`, `gain`, `thermometer` those of
     `trials.extra`; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides), `baseline` (per s) and `start` have
     d and q as the log records them, the start of an amplitude that is driven at its first row what it has beside the settled
     response, along it and across, and an offset under an amplitude what it has along the response at resonance; `noise` is one
@@ -49,7 +48,7 @@ def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
         for column, value, error in zip(view.columns, values, errors, strict=True):
             if shown := _shown(column.name, view.trial):
                 prior = min(column.prior * shown.factor, ANY_ANGLE if shown.name == "rotation" else np.inf)
-                number = shown.base + float(value) * shown.factor
+                number = float(value) * shown.factor
                 found[shown.name] = _parameter(number, float(error) * shown.factor, shown.unit, prior)
     return found | _noises(view.trial)
 
@@ -71,11 +70,8 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     unit, drive = trial.log.response_unit, trial.log.drive_unit if trial.log.drive is not None else None
     kind, _, channel = name.partition("_")
     real = not np.iscomplexobj(trial.log.response)
-    if kind == "poles":  # of no unit: what the number of poles may be
-        return None
     if kind in trial.extra and channel:
-        base, factor = trial.smoothing[0] if kind == "filter" else 0.0, trial.extra[kind].prior / trial.looseness
-        return None if channel == "q" else _Shown(kind, UNITS[kind], (base or 1.0) * factor, base)
+        return None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
     if kind in ("gain", "floor") or kind.startswith("memory") or (real and channel == "q"):
         return None
     shown = kind if real else name

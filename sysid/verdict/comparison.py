@@ -19,7 +19,7 @@ import numpy as np
 
 from sysid.model.prior import NAMES
 from sysid.shown import Shown
-from sysid.trials.extra import EXTRA, FILTER, UNITS
+from sysid.trials.extra import EXTRA, UNITS
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict.fitted import Fit
 from sysid.verdict.view import View
@@ -53,7 +53,7 @@ class Comparison(Shown):
 def compare(fit: Fit) -> tuple[Comparison, ...]:
     """Every description that leaves out one part of the fit's, the worst first."""
     logs = _Logs(fit)
-    every = tuple(n for n in (*NUISANCES, *EXTRA) if n not in FILTER)  # a filter that is fitted is part of all descriptions
+    every = (*NUISANCES, *EXTRA)  # effects that are fitted are part of all descriptions
     full = logs.described(every)
     others = {f"without {n}": logs.described(tuple(m for m in every if m != n)) for n in every if logs.hold(n)}
     if logs.first_order:
@@ -97,7 +97,7 @@ class _Logs:
         index = self.index if physics != "first order" else [k for k in self.index if k < 2]
         views, left = [], []
         for i, trial in enumerate(self.state.trials):
-            kept = tuple(n for n in trial.nuisances if n in nuisances or n in FILTER)
+            kept = tuple(n for n in trial.nuisances if n in nuisances)
             views.append(self.view(i, kept))
             left.append(views[-1].off(_left(self.view(i, trial.nuisances), kept, physics)))
         jacobians = [v.jacobian[:, index] for v in views]

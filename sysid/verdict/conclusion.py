@@ -1,6 +1,6 @@
 """What the minima amount to: the plant, what the logs leave open, and whether the model describes them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,13 +12,10 @@ from sysid.model.plant import Plant
 from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, wording
-from sysid.verdict.compressed import compressed
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
+from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
-from sysid.verdict.hurried import hurried
 from sysid.verdict.immediate import responds_at_once
-from sysid.verdict.late import SIDES, timed
-from sysid.verdict.leaning import leaning
 from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Found, misfits
 from sysid.verdict.odd import odd_one
@@ -42,14 +39,28 @@ class Question:
     reference_temperature: float  # degC, at which f0 is told if k_T is
     warnings: tuple[str, ...]  # what had to be assumed
     dispersion: np.ndarray  # (6, 6) what readings of the logs that cannot be told apart add to the covariance
+    effects: tuple[Finding, ...] = ()  # with which the logs are read
 
 
-def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -> Fit:
-    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances `hung`."""
+class Judged(NamedTuple):
+    """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning.
+    `found`: what the logs hold to first order; `open`: an effect that is tried in full may explain it. Else
+    the cause is plain, or nothing is there."""
+
+    wrong: list[Finding]
+    doubts: list[Finding]
+    found: list[Found]
+    open: bool = False
+
+
+def conclude(question: Question, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None) -> Fit:
+    """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances
+    `hung`; `judged` unless that is known."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
     fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
-    wrong, doubts = _judged(question, best, fit.reference_temperature, "late" in hung)
+    judged = judged or _judged(question, best, fit.reference_temperature, "late" in hung)
+    wrong, doubts = judged.wrong, judged.doubts
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
     believed = _believed(fit, question.reference_temperature)
@@ -57,14 +68,16 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str]) -
     result = fit.result
     if result is Result.successful and not usable(parameters, best.trials):
         result = Result.undetermined
-    told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
-    if wrong and (told or any(w.mostly for w in wrong)):
+    any_told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
+    if wrong and (any_told or any(w.mostly for w in wrong)):
         result = Result.misfit  # a value from logs that the model does not describe is none
         mostly = any(w.mostly for w in wrong)
         parameters = {n: undescribed(p) if n in free and (mostly or not p.determined) else p for n, p in parameters.items()}
     aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
-    warnings = (*question.warnings, *coarse, *aside, *doubts, *(w.sentence for w in wrong), *turned, *believed)
-    return replace(fit, parameters=parameters, result=result, warnings=warnings)
+    told = [f.sentence for f in (*question.effects, *doubts, *wrong)]
+    warnings = (*question.warnings, *coarse, *aside, *told, *turned, *believed)
+    findings = (*question.effects, *wrong, *doubts)
+    return replace(fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged)
 
 
 def _fit(question: Question, states: Sequence[State]) -> Fit:
@@ -96,80 +109,92 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     )
 
 
-class Said(NamedTuple):
-    """A sentence on what the model does not describe; `mostly`: it leaves most of a log, of which it then tells nothing."""
-
-    sentence: str
-    mostly: bool = False
-
-
-def _judged(question: Question, best: State, at: float | None, hangs: bool) -> tuple[list[Said], list[str]]:
-    """What the model does not describe, which makes the fit a misfit; and sentences on what is only a warning. `at` (degC):
-    where f0 is told. `hangs`: G does, on how late the response is."""
+def _judged(question: Question, best: State, at: float | None, hangs: bool) -> Judged:
+    """What the model does not describe. `at` (degC): where f0 is told. `hangs`: G does, on how late the
+    response is."""
     reference, free = question.minimiser.reference, question.minimiser.free
     if (said := identify.overdamped(best, reference)) is not None:
-        return [Said(said, True)], []
+        return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
     found, unseen = misfits(best, reference, free, at)
-    likely = _likeliest(timed(_likeliest(found, tried=False), best, reference, free))
-    doubted = {f.log for f in likely if f.name == "saturation" and f.harmful and "background" in best.trials[f.log].nuisances}
-    full = {i: compressed(question.minimiser, best, i) for i in doubted}
-    likely = [f for f in likely if f.name != "saturation" or full.get(f.log, True)]
-    wrong, doubts = _described(best, found, likely, FINGER[0] in free)
-    for another in (hurried, leaning) if wrong or doubts else ():
-        if said := another(question.minimiser, best, found):
-            return [Said(said)], []
-    if (wrong or doubts) and (said := mirrored(question.minimiser, question.trials, best, likely)):
-        return [Said(said)], []
+    likely = _likeliest(found)
+    wrong, doubts = _described(best, found, FINGER[0] in free)
     odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
-    if ranges := [f"{t.log.name}: {said}" for t in odd if (said := wording.ranged(t))]:
-        return [Said(said) for said in ranges], []
+    if ranges := [(t.log.name, said) for t in odd if (said := wording.ranged(t))]:
+        return Judged([Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], [])
+    if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
+        found = [turned, *found]
+        wrong, doubts = _described(best, found, FINGER[0] in free)
+        return Judged(wrong, doubts, found, True)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
     gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
     if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
-        wrong, doubts = [Said(said)], []
-    wrong = wrong or [Said(said) for said in responds_at_once(best, reference)]
-    doubts = doubts if wrong else [*doubts, *unseen]
+        return Judged([Finding("odd", "refused", said)], [], [])
+    described = not wrong and not any(f.certain for f in found)
+    wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
+    doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
-        doubts = [*doubts, wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))]
+        doubts = [*doubts, Finding("late", "noted", wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0]))))]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
-        doubts = [*doubts, carried]
-    return wrong, doubts
+        doubts = [*doubts, Finding("finger", "noted", carried)]
+    return Judged(wrong, doubts, found, not described)
 
 
-def _likeliest(found: Sequence[Found], tried: bool = True) -> list[Found]:
-    """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth much less may be a
-    shadow of it, and of something that explains nothing by itself as well. More than two alike explain nothing. Whether a delay
-    explains it is not known before it is `tried` in full."""
-    near = [f for f in found if f.worth >= found[0].worth - NEARLY]
-    alike = [f for f in near if f.explains or not (tried or f.name not in SIDES)]
+def retold(
+    judged: Judged, state: State, named: Sequence[Finding], refuted: Collection[tuple[str, int]], fingered: bool
+) -> Judged:
+    """The same after effects were tried in full: those `named` explain most of their logs, and what is
+    `refuted` explains nothing. `fingered`: what a finger does is fitted."""
+    found = [replace(f, explains=False) if (f.name, f.log) in refuted else f for f in judged.found]
+    wrong, doubts = _described(state, found, fingered)
+    if named:
+        about = {name for f in named for name in f.logs}
+        wrong = [*(w for w in wrong if w.logs and about.isdisjoint(w.logs)), *named]
+    return Judged(wrong, doubts, found)
+
+
+def _likeliest(found: Sequence[Found]) -> list[Found]:
+    """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth
+    much less may be a shadow of it, and of something that explains nothing by itself as well. More than two
+    alike explain nothing."""
+    alike = [f for f in found if f.worth >= found[0].worth - NEARLY and f.explains]
     return alike if len({f.name for f in alike}) <= ALTERNATIVES else []
 
 
-def _described(state: State, found: Sequence[Found], likely: Sequence[Found], fingered: bool) -> tuple[list[Said], list[str]]:
-    """What the model does not describe: what makes the fit a misfit; and sentences on what is only a warning. `found`: all that
-    the logs hold, `likely` what of it they say; `fingered`: what a finger does is fitted."""
+def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[Finding], list[Finding]]:
+    """What the model does not describe: what makes the fit a misfit; and what is only a warning. `found`: all
+    that the logs hold; `fingered`: what a finger does is fitted."""
+    likely = _likeliest(found)
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
-    named = {f.log: f.sentence for f in reversed(likely)}
+    named = {f.log: f for f in reversed(likely)}
     wrong, doubts = [], []
     for i, trial in enumerate(state.trials):
         if trial.silent:
             continue
+        name = (trial.log.name,)
         if what := (None if fingered else wording.touched(trial)) or wording.clipped(trial):
-            wrong.append(Said(f"{trial.log.name}: {what}"))
+            wrong.append(Finding("rows", "refused", f"{name[0]}: {what}", name))
             continue
         known = harmful and (i in named or None in named)
         left = None if known else left_of(state, i, not harmful and i in shown)
         if left is not None and left.noise:
-            doubts.append(f"{trial.log.name}: {left.said}")
+            doubts.append(Finding("noise", "noted", f"{name[0]}: {left.said}", name))
+        elif left is not None and i in named:
+            wrong.append(_told(named[i], state, "refused", named[i].sentence))
         elif left is not None:
-            wrong.append(Said(named.get(i, f"{trial.log.name}: {left.said}"), left.mostly and i not in named))
+            wrong.append(Finding("unexplained", "refused", f"{name[0]}: {left.said}", name, mostly=left.mostly))
     if harmful:
         names = {f.name: f.sentence for f in reversed(likely)}
-        return [*wrong, Said("; or else ".join(reversed(names.values())))], []
-    if None in shown and not wrong:
-        wrong = [Said(next(f.sentence for f in found if f.log is None and f.harmful and f.certain))]  # in no log by itself
-    return wrong, [*doubts, *(f"{f.sentence} ({_unharmed(f)})" for f in likely[:1])]
+        return [*wrong, _told(likely[0], state, "refused", "; or else ".join(reversed(names.values())))], []
+    if None in shown and not wrong:  # in no log by itself
+        every = next(f for f in found if f.log is None and f.harmful and f.certain)
+        wrong = [_told(every, state, "refused", every.sentence)]
+    return wrong, [*doubts, *(_told(f, state, "noted", f"{f.sentence} ({_unharmed(f)})") for f in likely[:1])]
+
+
+def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:
+    logs = () if found.log is None else (state.trials[found.log].log.name,)
+    return Finding(found.name, outcome, sentence, logs, evidence=found.worth, moves=found.moves)
 
 
 def _unharmed(found: Found) -> str:

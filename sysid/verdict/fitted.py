@@ -15,6 +15,7 @@ from sysid.rows.condense import taken
 from sysid.shown import Shown
 from sysid.trials.noise import Level
 from sysid.verdict import wording
+from sysid.verdict.finding import Finding
 from sysid.verdict.flank import Flank, seen
 from sysid.verdict.result import Parameter, Result
 
@@ -53,6 +54,8 @@ class Fit(Shown):
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
     priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
     notes: tuple[str, ...] = ()  # what is only information: nothing is asked for
+    findings: tuple[Finding, ...] = ()  # what the logs show besides plant, bench and noise
+    judged: Any = field(default=None, repr=False)  # while the fit goes on, what its minimum leaves
     lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
 
     def to_frame(self) -> Any:

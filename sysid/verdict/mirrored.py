@@ -17,15 +17,18 @@ from sysid.verdict.wording import SAY_SO
 SURE = 10.0  # log-likelihood
 
 
-def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State, likely: Sequence[Found]) -> str | None:
-    """A sentence on the logs, one transient or all of them, whose conjugates are described along with the others, which they are
-    not themselves, and better than by anything that is `likely`; else None."""
-    best, said = together.cost - max([SURE, *(max(f.worth, f.whole) for f in likely)]), None
+def mirrored(minimiser: Minimiser, trials: Sequence[Trial], together: State, likely: Sequence[Found]) -> Found | None:
+    """The logs, one transient or all of them, whose conjugates are described along with the others, which they are not
+    themselves, and better than by anything that is `likely`; else None."""
+    least, found = max([SURE, *(f.worth for f in likely)]), None
     for turned in _tried(trials):
-        found = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
-        if found.cost < best and described(minimiser, found):
-            best, said = found.cost, ", ".join(trials[i].log.name for i in turned)
-    return said and f"{said}: the phase turns the other way than in the other logs; if d and q are not swapped, {SAY_SO}"
+        there = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
+        if (worth := together.cost - there.cost) > least and described(minimiser, there):
+            names = ", ".join(trials[i].log.name for i in turned)
+            said = f"{names}: the phase turns the other way than in the other logs; if d and q are not swapped, {SAY_SO}"
+            log = turned[0] if len(turned) == 1 else None
+            least, found = worth, Found(said, worth, {"f0": np.inf}, "mirrored", log, 1)
+    return found
 
 
 def _tried(trials: Sequence[Trial]) -> Iterator[tuple[int, ...]]:

@@ -25,7 +25,7 @@ from sysid.verdict.coincidence import cancelling
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import UNNAMED, Term, together
 from sysid.verdict.terms import CURVED, RUNNING, one_way, own, terms, times
-from sysid.verdict.unexplained import SIGNIFICANT, left_of, shared
+from sysid.verdict.unexplained import left_of
 from sysid.verdict.view import View
 from sysid.verdict.wording import OFTEN, UNSAID
 
@@ -36,7 +36,6 @@ TENSE = 2.0  # standard deviations of its prior, by which a response may be late
 ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
 LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 MOVES = 2.0  # standard deviations of G, tau or f0
-LEFT = 0.2  # of what a description gains, no more than which anything is worth that it leaves: its own numbers are coarse
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
@@ -58,7 +57,6 @@ class Found:
     freedom: int  # numbers that it has
     certain: bool = True
     explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
-    whole: float = 0.0  # log-likelihood, tried in full where that explains the log
 
     @property
     def farthest(self) -> str:
@@ -97,19 +95,6 @@ def described(minimiser: Minimiser, state: State) -> bool:
     found, _ = misfits(state, minimiser.reference, minimiser.free, None)
     left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
     return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
-
-
-def explained(minimiser: Minimiser, before: State, anew: State, gained: float, found: Sequence[Found]) -> bool:
-    """Whether another description of the logs, which is worth `gained`, explains what was `found` beside the first: it is worth
-    more than each of these, and leaves little, of no log more than chance or a part of what was left of it."""
-    if gained <= max((f.worth for f in found), default=0.0):
-        return False
-    for i, trial in enumerate(anew.trials):
-        power, chance = shared(trial, anew.models[i])
-        if chance > SIGNIFICANT and power > EXPLAINED * shared(before.trials[i], before.models[i])[0]:
-            return False
-    left, _ = misfits(anew, minimiser.reference, minimiser.free, None)
-    return all(f.worth <= LEFT * gained for f in left if f.certain)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:

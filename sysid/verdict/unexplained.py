@@ -55,7 +55,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
         return None
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
-    if not (sure or smooth) and _is_coloured_noise(trial, residual, model):
+    if not (sure or smooth) and is_coloured_noise(trial, residual, model):
         return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
@@ -108,7 +108,7 @@ def _structure(residual: np.ndarray) -> tuple[float, float]:
     return float(np.sqrt(max(shared, 0.0))), shared / power * np.sqrt(n * channels)
 
 
-def _is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
+def is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
     """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
     taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
     if not trial.noise.coloured or len(residual) < LEAST_ROWS:

@@ -1,0 +1,85 @@
+"""A description of logs with effects: where they are, their numbers, what is left, and what to say of it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.effects.effect import About, Effect
+from sysid.minimum.minimise import State
+from sysid.trials.trial import Trial
+from sysid.verdict.finding import Finding
+from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
+
+LEFT = 0.05  # of the power that neighbouring rows share, that what else there is may leave of a true cause
+
+
+@dataclass(frozen=True)
+class Instance:
+    """An effect in the logs `where`: in one, or in all that show it."""
+
+    effect: Effect
+    where: tuple[int, ...]
+
+
+class Description(NamedTuple):
+    """A description with effects: their `numbers` one after another, its state, each one's in its `parts`,
+    and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of
+    the plant alone; what is known of the logs beforehand; whether its numbers are those of the effects; the
+    names of others that are nearly as likely."""
+
+    instances: tuple[Instance, ...]
+    numbers: np.ndarray
+    state: State
+    parts: list[slice]
+    covariance: np.ndarray
+    dispersion: np.ndarray
+    evidence: float
+    about: About
+    sense: bool
+    nearly: tuple[str, ...] = ()
+
+    @property
+    def where(self) -> set[int]:
+        """The logs that it is about."""
+        return {i for x in self.instances for i in x.where}
+
+    @property
+    def white(self) -> bool:
+        """Whether these are left with noise of each row's own, or that a filter behind it made: noise of
+        longer memory may be what a wrong effect leaves."""
+        return all(_white(self.state.trials[i], self.state.models[i]) for i in self.where)
+
+    def explains(self, before: State, left: float = LEFT) -> bool:
+        """Whether it leaves that share of what the plant alone leaves of these logs, or no more than chance."""
+        for i in self.where:
+            power, chance = shared(self.state.trials[i], self.state.models[i])
+            if chance > SIGNIFICANT and power > left * shared(before.trials[i], before.models[i])[0]:
+                return False
+        return True
+
+    def findings(self, outcome: str, beside: str) -> tuple[Finding, ...]:
+        """Each effect, in words and numbers; `beside`: what the words say between what there is and what to
+        do."""
+        found, stds = [], np.sqrt(np.diag(self.covariance))
+        for x, part in zip(self.instances, self.parts, strict=True):
+            names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
+            numbers = x.effect.numbers(self.numbers[part], stds[part], self.about)
+            told = x.effect.said(self.state.trials[first], numbers)
+            as_well = " or ".join(f"a {name.replace('_', ' ')}" for name in self.nearly)
+            doubt = f" ({as_well} describes it nearly as well)" if as_well else ""
+            sentence = f"{', '.join(names)}: {told.what}, {beside}{doubt}; {told.to_do}"
+            found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence))
+        return tuple(found)
+
+
+    def names(self) -> set[tuple[str, int]]:
+        """First order's names of its effects, in each of their logs."""
+        return {(name, i) for x in self.instances for name in x.effect.known_as for i in x.where}
+
+
+def _white(trial: Trial, model: np.ndarray) -> bool:
+    if shared(trial, model)[1] < SIGNIFICANT:
+        return True
+    model = trial.as_recorded(model)
+    return trial.smoothing[1] > 0 and is_coloured_noise(trial, trial.residual(model), model)

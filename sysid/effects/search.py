@@ -1,0 +1,248 @@
+"""The search for the numbers of effects beside a minimum.
+
+An effect's numbers u stand outside of the fit of the plant. At each u the log is read as with the effect, and
+all else is fitted as ever; u then goes along the Gauss-Newton step of plant and numbers together, with columns
+
+    d model/d u = (model(u + h) - model(u - h)) / 2h
+
+beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, the other way round). Their
+joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
+Descriptions compare by the Laplace approximation of their evidence,
+
+    log p(logs) = log likelihood - sum (u/s)^2 / 2 + log det(C_u/s^2) / 2 - log(effects that were tried)
+
+with s the numbers' prior standard deviations and C_u their covariance, in white noise of one level.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.effects.description import Description, Instance
+from sysid.effects.effect import About, plain
+from sysid.minimum.minimise import Minimiser, State
+from sysid.model.prior import NAMES
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import Trial, with_noise
+from sysid.verdict.misfit import Linear
+from sysid.verdict.view import View
+
+NEARLY = 3.0  # log evidence within which another description may be true as well: odds of twenty to one
+FOLLOWED = 4  # instances of effects that are followed, and the best of each effect: each from
+CLOSER = 3  # of its starts, at first for
+FIRST = 2  # steps;
+WITHIN = 30.0  # log likelihood of the best of all then, up to its optimum
+STEPS = 15
+SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
+ROUNDS = 3  # of the numbers and the colour of the noise in turn
+APART = 0.05  # prior standard deviations, by which optima differ
+NEAR = 0.05  # standard deviations: a step that short ends the search
+DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
+
+
+class Point(NamedTuple):
+    """Numbers of effects, and the minimum of all else there; `hoped` is the cost after one more step, to second order."""
+
+    instances: tuple[Instance, ...]
+    numbers: np.ndarray
+    state: State
+    cost: float
+    hoped: float = np.inf
+
+
+class Search:
+    """For the numbers of effects beside a minimum."""
+
+    def __init__(self, minimiser: Minimiser, state: State):
+        self.minimiser, self.alone = minimiser, state
+        self.about = About.of(state, minimiser.reference)
+        self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Of the plant's parameters that are fitted."""
+        return [n for n in NAMES if n in self.minimiser.free]
+
+    @cached_property
+    def base(self) -> float:
+        """Cost of the plant alone, as that of a description is counted."""
+        return self.at((), np.zeros(0), self.alone).cost
+
+    def ends(
+        self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int
+    ) -> list[Description]:
+        """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest first."""
+        starts = [p for x in tried for p in self.starts(before, numbers, x) if np.isfinite(p.hoped)]
+        starts.sort(key=lambda p: p.hoped)
+        followed = []
+        for instance in _likely([p.instances[-1] for p in starts]):
+            own = [p for p in starts if p.instances[-1] == instance][:CLOSER]
+            followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
+        followed.sort(key=lambda p: p.cost)
+        optima = [self.followed(p, STEPS) if p.cost < followed[0].cost + WITHIN else p for p in followed]
+        each = [self.distinct([p for p in optima if p.instances == x], NEARLY) for x in {p.instances for p in optima}]
+        return sorted((self.ended(p, count) for points in each for p in points), key=lambda d: -d.evidence)
+
+    def starts(self, before: tuple[Instance, ...], numbers: np.ndarray, instance: Instance) -> list[Point]:
+        """Points at the starts of one more effect."""
+        found, every, i = [], (*before, instance), instance.where[0]
+        for start in instance.effect.starts(self.trials[i], self.about):
+            u = np.append(numbers, start)
+            near = self.anew(every, u) if instance.effect.afresh else self.alone
+            point = self.at(every, u, near)
+            step, covariance, _ = self.looked(point)
+            gain = 0.5 * float(step @ np.linalg.pinv(covariance, hermitian=True) @ step)
+            found.append(point._replace(hoped=point.cost - gain))
+        return found
+
+    def at(self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State) -> Point:
+        """With these effects, near another minimum."""
+        state = self.refined(instances, numbers, near)
+        return Point(instances, numbers, state, self.cost(instances, numbers, state))
+
+    def applied(self, instances: Sequence[Instance], numbers: np.ndarray) -> tuple[Trial, ...]:
+        """The logs read as with these effects."""
+        read = list(self.trials)
+        for instance, part in zip(instances, self.parts(instances), strict=True):
+            for i in instance.where:
+                read[i] = instance.effect.applied(read[i], numbers[part], self.about)
+        return tuple(read)
+
+    def parts(self, instances: Sequence[Instance]) -> list[slice]:
+        """Where each one's numbers stand."""
+        ends = np.cumsum([0, *(len(self.stds([x])) for x in instances)])
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    def stds(self, instances: Sequence[Instance]) -> np.ndarray:
+        """Prior standard deviations of the numbers."""
+        each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
+        return np.concatenate(each) if each else np.zeros(0)
+
+    def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> State:
+        """The minimum near another, with these effects and white noise of the levels there; in one round: so
+        costs compare."""
+        read = zip(self.applied(instances, numbers), near.trials, strict=True)
+        return self.minimiser.refine(tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1)
+
+    def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
+        """The best minimum that the logs, read with these effects, lead to by themselves."""
+        return self.minimiser.minima(self.applied(instances, numbers))[0]
+
+    def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
+        """- log likelihood of what was recorded and - log prior of the numbers."""
+        stretched = sum(
+            x.effect.stretched(self.trials[i], numbers[part])
+            for x, part in zip(instances, self.parts(instances), strict=True)
+            for i in x.where
+        )
+        return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood - stretched
+
+    def followed(self, point: Point, most: int) -> Point:
+        """Where `most` steps from a point, or fewer, lead."""
+        for _ in range(most):
+            step, covariance, _ = self.looked(point)
+            if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
+                break
+            step = step / max(1.0, float(np.max(np.abs(step) / self.stds(point.instances))))
+            there = (self.at(point.instances, point.numbers + share * step, point.state) for share in SHARES)
+            better = next((p for p in there if p.cost < point.cost), None)
+            if better is None:
+                break
+            gained, point = point.cost - better.cost, better
+            if gained < NEAR**2:
+                break
+        return point
+
+    def distinct(self, points: Sequence[Point], within: float) -> list[Point]:
+        """Of points of the same effects, the best first, each whose cost is `within` so much of the best, once."""
+        kept: list[Point] = []
+        for p in sorted(points, key=lambda p: p.cost):
+            if kept and p.cost > kept[0].cost + within:
+                break
+            if all(np.any(np.abs(p.numbers - k.numbers) > APART * self.stds(p.instances)) for k in kept):
+                kept.append(p)
+        return kept
+
+    def looked(self, point: Point, coloured: bool = False) -> tuple[np.ndarray, ...]:
+        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the
+        plant (6, 6). `coloured`: by the noise as it is found there, else as if it were white."""
+        instances, numbers, state = point[:3]
+        views = View.each(state, self.minimiser.reference, coloured)
+        linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
+        rows = self.columns(instances, numbers, state, views)
+        cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
+        score = sum(x.T @ v.r for x, v in zip(rows, views, strict=True)) - numbers / stds**2
+        own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
+        covariance = np.linalg.pinv(own / np.outer(1 / stds, 1 / stds), rcond=1e-12, hermitian=True) * np.outer(stds, stds)
+        by = linear.inverse @ cross
+        index = [NAMES.index(n) for n in self.names]
+        dispersion = np.zeros((len(NAMES), len(NAMES)))
+        dispersion[np.ix_(index, index)] = by @ covariance @ by.T
+        return covariance @ (score - by.T @ linear.slope), covariance, dispersion
+
+    def columns(
+        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[View]
+    ) -> list[np.ndarray]:
+        """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
+        step = DIFFERENCE * self.stds(instances)
+        found = [np.zeros((len(v.r), len(numbers))) for v in views]
+        for instance, part in zip(instances, self.parts(instances), strict=True):
+            for k in range(part.start, part.stop):
+                away = step[k] * np.eye(len(numbers))[k]
+                above, below = (self.applied(instances, numbers + way) for way in (away, -away))
+                for i in instance.where:
+                    change = (self.modelled(above[i], views[i]) - self.modelled(below[i], views[i])) / (2 * step[k])
+                    found[i][:, k] = views[i].off(change)
+        return found
+
+    def modelled(self, trial: Trial, view: View) -> np.ndarray:
+        """(n,) the plate's part of a log read as `trial`, as the view has it, less what is recorded."""
+        course = Course.of(trial, self.minimiser.reference, view.course.theta)
+        start, late = view.beside
+        plate = view.own * (course.forced + start * course.free + late * course.rate)
+        plate = plate if trial.alongside is None else plate + trial.alongside
+        return view.observed(plate[None])[0] - trial.log.response
+
+    def ended(self, point: Point, count: int) -> Description:
+        """The description at an optimum. Its evidence is that in white noise of one level, as that of the plant
+        alone is: tails and colour make up for what a wrong description leaves."""
+        _, covariance, dispersion = self.looked(point)
+        stds, parts = self.stds(point.instances), self.parts(point.instances)
+        volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
+        evidence = self.base - point.cost + volume - len(point.instances) * np.log(count)
+        evidence = evidence if np.isfinite(evidence) else -np.inf
+        found = Description(*point[:3], parts, covariance, dispersion, evidence, self.about, True)
+        return found._replace(sense=self.makes_sense(found))
+
+    def makes_sense(self, found: Description) -> bool:
+        """Whether all numbers are those of their effects."""
+        std, each = np.sqrt(np.diag(found.covariance)), zip(found.instances, found.parts, strict=True)
+        return all(x.effect.makes_sense(found.numbers[p], std[p]) for x, p in each)
+
+    def finished(self, found: Description) -> Description:
+        """The description with the noise that it leaves, whatever its colour."""
+        state = self.minimiser.refine(found.state.trials, found.state.theta, known=1)
+        point = Point(found.instances, found.numbers, state, 0.0)
+        for _ in range(ROUNDS):
+            step, covariance, dispersion = self.looked(point, True)
+            if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
+                break
+            numbers = point.numbers + step
+            anew = zip(self.applied(point.instances, numbers), point.state.trials, strict=True)
+            trials = tuple(replace(t, noise=old.noise) for t, old in anew)
+            point = Point(found.instances, numbers, self.minimiser.refine(trials, point.state.theta, known=1), 0.0)
+        done = found._replace(
+            state=point.state, numbers=point.numbers, covariance=covariance, dispersion=dispersion
+        )
+        return done._replace(sense=self.makes_sense(done))
+
+
+def _likely(tried: Sequence[Instance]) -> list[Instance]:
+    """Of instances, the likeliest first: the first few, and the first of each effect."""
+    each = list(dict.fromkeys(tried))
+    first = {x.effect.name: x for x in reversed(each)}
+    return [x for k, x in enumerate(each) if k < FOLLOWED or first[x.effect.name] is x]

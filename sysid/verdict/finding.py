@@ -1,0 +1,34 @@
+"""A `Finding`: one thing that logs show besides plant, bench and noise, as data, of which sentences are made."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+OUTCOMES = ("fitted", "refused", "noted")
+
+
+class Number(NamedTuple):
+    """A fitted number of an effect, in a unit of the bench."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found in the logs called `logs` (none: in all together), by the name of the effect or of the check that found it.
+
+    `outcome`: "fitted", the fit contains it, with its `numbers`; "refused", the fit is a misfit by it; "noted", it moves no
+    parameter out of its interval, or may be chance. `evidence`: log evidence or, to first order, log likelihood that
+    it gains. `moves`: by parameter, how far including it would move the estimate, in its standard deviations. `mostly`:
+    it is most of a log, of which the model then tells nothing.
+    """
+
+    key: str
+    outcome: str
+    sentence: str
+    logs: tuple[str, ...] = ()
+    numbers: dict[str, Number] = field(default_factory=dict)
+    evidence: float | None = None
+    moves: dict[str, float] = field(default_factory=dict)
+    mostly: bool = False
