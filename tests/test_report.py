@@ -14,6 +14,7 @@ from matplotlib.image import imread
 import controller
 from sysid.command import outputs
 from sysid.report import canvas, html, logplots, plots, residualplots, screen, text
+from sysid.verdict.finding import Finding, Number
 from sysid.verdict.result import Result
 
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"
@@ -222,6 +223,23 @@ def test_warnings_of_many_logs_are_told_once():
     assert text.gathered(content) == ["11 logs (run 0.csv, run 1.csv and 9 more): no temperature", "run 11.csv: late", "all"]
 
 
+def test_effects_that_are_fitted_stand_beside_the_parameters():
+    posterior = standin.posterior()
+    numbers = {"delay_s": Number(2.979e-4, 5.7e-6, "s"), "in_phase": Number(0.09, 0.01, "of the response")}
+    posterior.fit.findings = (
+        Finding("delay", "fitted", "a.csv: it is late", ("a.csv",), numbers, 3473.4),
+        Finding("unseen", "noted", "a doubt"),
+    )
+    page = rendered(posterior)
+    cells = re.findall(r'aria-label="Effects that are fitted">.*?</table>', page, re.DOTALL)[0]
+    rows = [re.findall(r"<t[hd][^>]*>([^<]*)", line) for line in cells.splitlines() if line.startswith("<tr><th scope=\"row")]
+    assert rows == [
+        ["delay", "297.9 ± 5.7 us", "a.csv", "3.47e+03"],
+        ["delay, in phase", "0.090 ± 0.010 of the response", "a.csv", "3.47e+03"],
+    ]
+    assert "Effects that are fitted" not in rendered(standin.posterior())
+
+
 def test_a_table_of_many_logs_is_folded():
     few, many = (rendered(standin.posterior([standin.fitted(f"{k}.csv", rows=9) for k in range(n)])) for n in (14, 60))
     assert '<details class="all" open>' in few and '<details class="all" open>' not in many
@@ -309,7 +327,7 @@ def test_an_alternative_text_says_what_is_seen():
 
 
 def test_correlation_is_told_in_its_standard_errors():
-    """Of white noise, and of noise whose correlation is known, it is normal with a standard deviation of 1; else it stands out."""
+    """Of white noise, and of noise whose correlation is known, it is normal of standard deviation 1; else it stands out."""
     rng = np.random.default_rng(4)
     shared = np.zeros((2000, 2))
     shared[0] = rng.standard_normal(2)

@@ -13,6 +13,7 @@ from sysid.report.text import (
     gains,
     gathered,
     grouped,
+    measured,
     mode,
     moved,
     number,
@@ -76,6 +77,7 @@ def render(
             "logs": _logs(document["logs"]),
             "bench": _bench(document["logs"]),
             "models": _models(document["models"]),
+            "effects": _effects(document["findings"]),
         },
     )
 
@@ -94,6 +96,20 @@ def _logs(logs: Sequence[Mapping[str, Any]]) -> Cells:
         ]
         for k, log in enumerate(logs, 1)
     ]
+
+
+def _effects(findings: Sequence[Mapping[str, Any]]) -> Cells:
+    """The numbers of the effects with which the logs are read, and what they gain."""
+    rows = []
+    for found in (f for f in findings if f["outcome"] == "fitted"):
+        for name, x in found["numbers"].items():
+            what = name.removesuffix(f"_{x['unit']}").replace("_", " ")
+            (value, std), unit = measured(x["value"], x["std"] or 0.0, unit=x["unit"])
+            said = f"{value} ± {std if x['std'] is not None else 'unknown'} {unit}"
+            effect = found["key"].replace("_", " ")
+            rows.append([effect if what == effect else f"{effect}, {what}", said, ", ".join(found["logs"]) or "all"])
+            rows[-1].append(number(found["evidence"], ".3g"))
+    return rows
 
 
 def _bench(logs: Sequence[Mapping[str, Any]]) -> Cells:
