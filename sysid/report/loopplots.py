@@ -57,7 +57,7 @@ def step_of(controller: Content, draws: Draws | None = None) -> Figure:
         beside.axhline(limit, color=GREY, lw=0.8, ls="--")
     beside.set(xlim=(0, time[-1]), ylim=(min(0.0, *shown.get("V_5", [0.0])), None), xlabel=unit)
     beside.set_ylabel(clean(f"V ({controller['units']['drive'] or '1'})"))
-    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97, 0.3)
+    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97, 0.36)
     return figure
 
 
@@ -108,7 +108,7 @@ def bode_of(controller: Content) -> Figure:
     phase.set_ylabel("phase of L (degrees)")
     for axis in (size.xaxis, size.yaxis, phase.xaxis):
         plain_ticks(axis)
-    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97, 0.3)
+    figure.subplots_adjust(0.1, 0.19, 0.985, 0.97, 0.36)
     return figure
 
 
