@@ -76,10 +76,9 @@ class Loop(Shown):
         """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over frequency. `path`: a
         folder into which both are written, step.png and bode.png."""
         from controller.document import as_dict
-        from sysid.report.plots import bode_of, step_of
+        from sysid.report.plots import loop_figures
 
-        content = as_dict(self)
-        figures = step_of(content), bode_of(content)
+        figures = loop_figures(as_dict(self))
         if path is not None:
             for name, figure in zip(("step.png", "bode.png"), figures, strict=True):
                 figure.savefig(Path(path) / name)

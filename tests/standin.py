@@ -13,7 +13,7 @@ MEANS = {"G": 0.02, "tau": 1.669e-3, "f0": 32300.0}
 STDS = {"G": 5e-5, "tau": 7e-6, "f0": 0.4}
 
 
-def fitted(name="step.csv", kind="transient", rows=50, amplitude_only=False, noise_time=0.0, **changes):
+def fitted(name="step.csv", kind="transient", rows=50, amplitude_only=False, noise_time=0.0, nrmse=1.25, **changes):
     """A log and its fit: a rise for a transient, a circle for a sweep, a line for settled points of one frequency."""
     x = np.linspace(0, 1, rows)
     model = 1 / (1 + 1j * (8 * x - 4)) if kind == "steady" else (1 - np.exp(-5 * x)) * (1 + 0.2j)
@@ -29,7 +29,7 @@ def fitted(name="step.csv", kind="transient", rows=50, amplitude_only=False, noi
         kind=kind,
         response=model,
         residual=residual,
-        nrmse_percent=1.25,
+        nrmse_percent=nrmse,
         noise_std=0.01,
         noise_time=noise_time,
         noise="correlated" if noise_time else "white",
@@ -50,7 +50,8 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
     told = {"parameters": found, "units": UNITS, "reference_temperature": 24.0, "warnings": (), "priors": {}}
     names = tuple(MEANS)
     covariance = np.diag([STDS[name] ** 2 for name in names])
-    fit = SimpleNamespace(logs=logs, result=result, notes=(), findings=(), names=names, covariance=covariance, **told)
+    told |= {"notes": (), "findings": (), "modes": ()}
+    fit = SimpleNamespace(logs=logs, result=result, names=names, covariance=covariance, **told)
     off = {name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0) for name in draws}
     given = {"fit": fit, "draws": draws, "summary": lambda: found, "ess": ess, "rhat": 1.004, "result": result, "seed": 3}
     given |= {"convergence": {name: Convergence.of(x) for name, x in draws.items()}}

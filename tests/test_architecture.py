@@ -30,8 +30,9 @@ reading
 effects    effect clock plate sensor registry description search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
-           prediction change
-report     text plots costs screen dryrun html brief frames inference
+           prediction change each
+report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
+           brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
 command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
 __main__
@@ -69,7 +70,7 @@ PACKAGES = ("sysid", "controller", "stimulator")
 MODULES = sorted(p for folder in PACKAGES for p in (ROOT / folder).rglob("*.py"))
 SOURCES = sorted((ROOT / "sysid").rglob("*.py"))
 STIMULATOR = sorted((ROOT / "stimulator").rglob("*.py"))
-TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".ipynb", ".h", ".c", ".txt", ".yml", ".yaml", ".cfg", ""}
+TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".css", ".ipynb", ".h", ".c", ".txt", ".yml", ".yaml", ".cfg", ""}
 HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs" + ".")
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself

@@ -13,7 +13,8 @@ from matplotlib.image import imread
 
 import controller
 from sysid.command import outputs
-from sysid.report import costs, html, plots, screen, text
+from sysid.report import canvas, html, logplots, plots, residualplots, screen, text
+from sysid.verdict.finding import Finding, Number
 from sysid.verdict.result import Result
 
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"
@@ -85,7 +86,7 @@ def test_the_report_shows_what_the_plants_spread():
     assert rows["gain margin"] == [f"{v:.3g}" for v in (*promise["quantiles_5_50_95"]["gain_margin"], promise["gain_margin"])]
     assert rows["settling to 5 %"][-1] == f"{1e3 * promise['settling_s']:.3g} ms"
     page = html.render(content, standin.posterior())
-    assert "kept by 99 %" in page and 'alt="Step response of the closed loop"' in page
+    assert "kept by 99 %" in page and "<h3>Step response, open and closed loop</h3>" in page
     undone = {"gain_margin": None, "quantiles_5_50_95": promise["quantiles_5_50_95"] | {"gain_margin": [None] * 3}}
     assert ["gain margin", *["none"] * 4] in text.promised({"promise": promise | undone})
 
@@ -93,7 +94,7 @@ def test_the_report_shows_what_the_plants_spread():
 def test_the_report_says_which_stage_is_checked_and_how():
     words = " ".join(rendered(standin.posterior()).split())
     assert "A record of the stage full, begun at rest, is judged by <code>identify --check FILE -o DIR</code>" in words
-    assert '<td class="keep">full<td>' in words
+    assert '<th scope="row">full<td' in words
 
 
 def test_fourteen_logs_fit_on_one_screen():
@@ -152,16 +153,17 @@ def test_hostile_names_are_text_in_the_report():
     log = standin.fitted(HOSTILE, notes=(f"column {HOSTILE} is kept out",))
     page = rendered(standin.posterior([log]), [HOSTILE])
     parsed = Page(page)
-    assert "script" not in parsed.tags and not [name for name, _ in parsed.attributes if name.startswith("on")]
-    sources = [value for name, value in parsed.attributes if name == "src"]
-    assert len(sources) == 6 and all(source.startswith("data:image/png;base64,") for source in sources)
+    assert not {"script", "img", "style"} & set(parsed.tags[parsed.tags.index("body") :])
+    assert not [name for name, _ in parsed.attributes if name.startswith("on")]
+    links = [value for name, value in parsed.attributes if name in ("src", "href", "xlink:href")]
+    assert links and all(link.startswith(("data:image/png;base64,", "#")) for link in links)
     assert "&lt;/script&gt;" in page and "\x1b" not in page
     page.encode()
 
 
 def test_the_report_asks_for_nothing_else():
     page = rendered(standin.posterior())
-    assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"base64,[^\"]*", "", page))
+    assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)", re.sub(r"base64,[^\"]*", "", page))
     assert "default-src 'none'" in page
     for words in ("0.0200", "32300.", "cannot tell k_T", "Kp ", "prefers-color-scheme: dark", "emcee", "step.csv", "0" * 64):
         assert words in page, words
@@ -169,6 +171,90 @@ def test_the_report_asks_for_nothing_else():
 
 def test_the_same_inputs_give_the_same_report():
     assert rendered(standin.posterior()) == rendered(standin.posterior())
+
+
+# --- the verdict and the order of things ---
+
+
+@pytest.mark.parametrize(
+    ("dates", "said"),
+    [
+        (["2026-03-05", ""], " of 2026-03-05"),
+        (["2026-03-05 12:00", "2026-03-05 13:30"], " of 2026-03-05"),
+        (["2026-03-07", "2026-03-05"], " of 2026-03-05 to 2026-03-07"),
+        (["Fri Apr 03 2015", ""], " of Fri Apr 03 2015"),
+        (["03/04/2026", "04/03/2026"], ""),
+        (["", ""], ""),
+    ],
+)
+def test_the_verdict_names_plate_logs_and_their_dates(dates, said):
+    logs = [standin.fitted(f"{k}.csv", metadata={"plate": "A7", "Date": date}) for k, date in enumerate(dates)]
+    page = rendered(standin.posterior(logs))
+    told = f"G, tau and f0 of plate A7 are determined from 2 logs{said}; k_T is not"
+    assert f"<strong>Successful:</strong> {told}. Next: " in page and "<h1>Plate A7</h1>" in page
+
+
+def test_the_verdict_says_what_to_do_next():
+    after = "commission the controller, then record what k_T asks for, if needed."
+    assert f"Next: {after}" in rendered(standin.posterior())
+    assert f"Next: read the 2 warnings, then {after}" in rendered(standin.posterior(), ["one", "two"])
+    failed = rendered(standin.posterior(result=Result.misfit))
+    assert f"<strong>Failed:</strong> 2 logs: {Result.misfit.value}: {text.ADVICE[Result.misfit.value]}" in failed
+
+
+def test_values_of_a_failed_fit_are_greyed_and_marked():
+    good, bad = rendered(standin.posterior()), rendered(standin.posterior(result=Result.misfit))
+    assert 'class="void"' not in good and "not to be used" not in good.replace("are not to be used", "")
+    rows = re.findall(r'<tr class="void">.*?</tr>', bad, re.DOTALL)
+    assert len(rows) == 5 and all("not to be used" in row for row in rows)  # G, tau, f0, Q, half bandwidth
+
+
+def test_figures_and_warnings_stand_before_the_commissioning_sheet():
+    page = rendered(standin.posterior(), ["mind this"])
+    order = ["<h1>", "Parameters", "mind this", "<svg", "<h2>Controller", "<h2>Commissioning", "Files and versions"]
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+    assert page.index("0" * 64) > page.index("<summary>Files and versions")
+
+
+def test_warnings_of_many_logs_are_told_once():
+    logs = [standin.fitted(f"run {k}.csv") for k in range(12)]
+    content = document(standin.posterior(logs), [*(f"run {k}.csv: no temperature" for k in range(11)), "run 11.csv: late", "all"])
+    assert text.gathered(content) == ["11 logs (run 0.csv, run 1.csv and 9 more): no temperature", "run 11.csv: late", "all"]
+
+
+def test_effects_that_are_fitted_stand_beside_the_parameters():
+    posterior = standin.posterior()
+    numbers = {"delay_s": Number(2.979e-4, 5.7e-6, "s"), "in_phase": Number(0.09, 0.01, "of the response")}
+    posterior.fit.findings = (
+        Finding("delay", "fitted", "a.csv: it is late", ("a.csv",), numbers, 3473.4),
+        Finding("unseen", "noted", "a doubt"),
+    )
+    page = rendered(posterior)
+    cells = re.findall(r'aria-label="Effects that are fitted">.*?</table>', page, re.DOTALL)[0]
+    rows = [re.findall(r"<t[hd][^>]*>([^<]*)", line) for line in cells.splitlines() if line.startswith("<tr><th scope=\"row")]
+    assert rows == [
+        ["delay", "297.9 ± 5.7 us", "a.csv", "3.47e+03"],
+        ["delay, in phase", "0.090 ± 0.010 of the response", "a.csv", "3.47e+03"],
+    ]
+    assert "Effects that are fitted" not in rendered(standin.posterior())
+
+
+def test_a_table_of_many_logs_is_folded():
+    few, many = (rendered(standin.posterior([standin.fitted(f"{k}.csv", rows=9) for k in range(n)])) for n in (14, 60))
+    assert '<details class="all" open>' in few and '<details class="all" open>' not in many
+
+
+# --- figures ---
+
+
+def drawn(posterior):
+    return [*plots.fit_figures(posterior.fit), *canvas.drawn(plots.of_posterior(posterior, document(posterior)["parameters"]))]
+
+
+def dots(svg):
+    """The images within an SVG, as arrays of RGBA."""
+    return [imread(io.BytesIO(base64.b64decode(image))) for image in re.findall(r'base64,([^"]+)"', svg)]
 
 
 @pytest.mark.parametrize(
@@ -179,24 +265,28 @@ def test_the_same_inputs_give_the_same_report():
         ([standin.fitted(rows=30_000)], ["Over time"]),
         ([standin.fitted("s.csv", "steady")], ["Sweeps"]),
         ([standin.fitted("s.csv", "steady", amplitude_only=True), standin.fitted()], ["Over time", "Sweeps"]),
+        ([standin.fitted(f"{i}.csv", "steady", temperature=np.full(50, 20.0 + i)) for i in range(9)], ["Sweeps"]),
         ([standin.fitted("p.csv", "steady", frequency=np.full(50, 3e4), drive=np.arange(50.0))], ["Over time"]),
         ([standin.fitted("p.csv", "steady", frequency=None)], ["Over time"]),
-        ([standin.fitted(f"{i}.csv", rows=3) for i in range(17)], ["Over time"]),
+        (
+            [standin.fitted(f"{i}.csv", rows=9, nrmse=float(i)) for i in range(17)],
+            ["Over time: logs 6, 7, 8 and 9", "Over time: logs 10, 11, 12 and 13", "Over time: logs 14, 15, 16 and 17"],
+        ),
     ],
-    ids=["step", "amplitude", "long", "sweep", "both", "levels", "one level", "many"],
+    ids=["step", "amplitude", "long", "sweep", "both", "many sweeps", "levels", "one level", "many"],
 )
 def test_every_kind_of_log_is_drawn(logs, titles):
-    posterior = standin.posterior(logs)
-    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, document(posterior)["parameters"])
-    assert list(images) == [*titles, "Residuals, in units of the noise", "Posterior"]
-    for png in images.values():
-        pixels = imread(io.BytesIO(png))[..., :3]
-        assert pixels.std() > 0.01, "an empty image"
-        assert b"Software" not in png and b"tEXt" not in png
+    figures = drawn(standin.posterior(logs))
+    left = ["Residuals, in units of the noise", "Correlation of the residuals"]
+    assert [f.title for f in figures] == [*titles, *left, "Posterior"]
+    for figure in figures:
+        assert len(figure.svg) < 150_000 and figure.seen.endswith(".") and figure.title not in figure.seen
+        assert all(image[..., 3].max() > 0.3 for image in dots(figure.svg)), "an empty image"
+    assert all(dots(f.svg) for f in figures if f.title != left[1])
 
 
 def test_a_figure_shows_points_and_fit_where_they_are():
-    figure = plots._panels([(1, standin.fitted())])
+    figure = logplots._panels([(1, standin.fitted())])
     recorded, model = figure.axes[0].lines[:2]
     log = standin.fitted()
     np.testing.assert_array_equal(recorded.get_ydata(), log.log.response.real)
@@ -205,13 +295,57 @@ def test_a_figure_shows_points_and_fit_where_they_are():
     assert model.get_xdata()[-1] == pytest.approx(20.0, rel=1e-12)
 
 
-def test_images_travel_whole():
-    posterior = standin.posterior()
-    content = document(posterior)
-    images = plots.log_figures(posterior.fit) | plots.posterior_figure(posterior, content["parameters"])
-    images |= plots.step_figure(content["controller"]) | costs.ladder_figure(content["uncertainty"]["rungs"])
-    found = re.findall(r'base64,([^"]+)"', rendered(posterior))
-    assert [base64.b64decode(image) for image in found] == list(images.values())
+def test_texts_of_a_figure_stay_as_they_are():
+    """Numbers of paths are shortened and colours become variables, but not those that are texts."""
+    figure = canvas.blank(3, 2)
+    axes = figure.add_subplot()
+    axes.plot([0, 1], [0, 1], color=canvas.BLUE)
+    axes.set_xticks([0.0, 0.12345], ["0.00012345", "#0072b2.csv"])
+    picture = canvas.Picture("a", lambda: figure, lambda: "")
+    (found,) = canvas.drawn([picture])
+    assert ">0.00012345<" in found.svg and ">#0072b2.csv<" in found.svg
+    assert "stroke: var(--blue)" in found.svg and "#0072b2;" not in found.svg and not re.search(r'd="[^"]*\.\d{3}', found.svg)
+
+
+def test_parts_of_figures_do_not_meet_on_the_page():
+    """What is referred to is there once; nothing else has a name."""
+    page = rendered(standin.posterior([standin.fitted(f"{k}.csv") for k in range(9)]))
+    names = re.findall(r' id="([^"]+)"', page)
+    wanted = set(re.findall(r'xlink:href="#([^"]+)"|url\(#([^)]+)\)', page))
+    assert len(names) == len(set(names)) and set(names) == {a or b for a, b in wanted}
+
+
+def test_an_alternative_text_says_what_is_seen():
+    logs = [standin.fitted(), standin.fitted("sweep.csv", "steady", 60)]
+    seen = {f.title: f.seen for f in drawn(standin.posterior(logs))}
+    assert "1  step.csv over 0 to 20 ms, |W| up to 1.0" in seen["Over time"]
+    assert "1.2 % of it left by the fit" in seen["Over time"]
+    assert "One sweep from 32000 to 32500 Hz" in seen["Sweeps"]
+    assert "of 220 residuals lie within 1.96" in seen["Residuals, in units of the noise"]
+    page = rendered(standin.posterior(logs))
+    assert all(f'role="img" aria-label="{words}"' in page for words in seen.values())
+
+
+def test_correlation_is_told_in_its_standard_errors():
+    """Of white noise, and of noise whose correlation is known, it is normal of standard deviation 1; else it stands out."""
+    rng = np.random.default_rng(4)
+    shared = np.zeros((2000, 2))
+    shared[0] = rng.standard_normal(2)
+    for k, e in enumerate(rng.standard_normal((1999, 2)), 1):
+        shared[k] = 0.6 * shared[k - 1] + 0.8 * e  # variance 1
+    white = rng.standard_normal((2000, 2))
+    log = standin.fitted(rows=2000)
+    step = 0.02 / 1999
+
+    def found(noise, time=0.0):
+        log.residual, log.noise_std, log.noise_time = noise @ [1, 1j], 1.0, time
+        return residualplots.correlation(log)
+
+    # 20 numbers tell a standard deviation to 16 % of itself: 3.5 of these
+    for values in (found(white), found(shared, step / -np.log(0.6))):
+        assert 0.44 < np.sqrt(np.mean(values**2)) < 1.56
+    # 0.6 of neighbours among 4000 numbers, to three of its errors
+    assert found(shared)[0] == pytest.approx(0.6 * np.sqrt(4000), abs=3)
 
 
 @pytest.mark.parametrize(

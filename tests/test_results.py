@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 import controller
 import sysid
 from sysid.posterior.diagnostics import Convergence, ess, rhat
-from sysid.report import plots
+from sysid.report import canvas, plots
 
 Z = 4.5  # standard deviations of chance that a test allows
 
@@ -152,10 +152,12 @@ def test_a_result_is_a_figure(shown, kind):
 
 def test_a_fit_s_figures_are_those_of_the_report(fit):
     figures = fit.plot()
-    assert plots.drawn([(title, lambda f=f: f, True) for title, f in figures.items()]) == plots.log_figures(
-        fit
-    )
-    assert figures._repr_html_().count("<img") == 3
+    again = [canvas.Picture(title, lambda f=f: f, lambda: "") for title, f in figures.items()]
+    there = plots.fit_figures(fit)
+    assert [f.svg for f in canvas.drawn(again)] == [f.svg for f in there]
+    titles = [f.title for f in there]
+    assert {"Sweeps", "Each log beside the joint fit", "Resonance circle"} <= set(titles)
+    assert figures._repr_html_().count("<img") == len(titles)
 
 
 # --- predictions --------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from sysid.shell import called, reader
 
 if TYPE_CHECKING:
     from sysid.command.clock import Budget, Stages
+    from sysid.report.canvas import Drawn
 
 
 LATER = (
@@ -177,7 +178,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     return given | {"reference_temperature": arguments.reference_temperature, "priors": dict(arguments.prior or ())}
 
 
-def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, dict[str, bytes]]:
+def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, "tuple[Drawn, ...]"]:
     """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
     with ThreadPoolExecutor(1) as beside:
         with stages("load", "starting"):
@@ -199,10 +200,10 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             return sample(fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting), drawing.result()
 
 
-def _draw(fitted: Any) -> dict[str, bytes]:
-    from sysid.report.plots import log_figures
+def _draw(fitted: Any) -> "tuple[Drawn, ...]":
+    from sysid.report.plots import fit_figures
 
-    return log_figures(fitted)
+    return fit_figures(fitted)
 
 
 def _rig(path: str | None, drive_unit: str, response_unit: str) -> Any:
@@ -231,7 +232,7 @@ def _write(
     posterior: Any,
     loop: Any,
     warnings: list[str],
-    drawn: dict[str, bytes],
+    drawn: "tuple[Drawn, ...]",
     wanted: tuple[str | None, Any, Any],
     folder: Path,
     stages: "Stages",

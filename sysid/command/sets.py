@@ -4,13 +4,16 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.command import outputs
 from sysid.command.kept import KeptError, pack, unpack
 from sysid.posterior.change import Change
 from sysid.posterior.posterior import Posterior
 from sysid.verdict.fitted import Fit
+
+if TYPE_CHECKING:
+    from sysid.report.canvas import Drawn
 
 
 def save(posterior: Posterior, folder: str | Path, loop: Any = None) -> Path:
@@ -87,17 +90,17 @@ def put(
     content: Mapping[str, Any],
     posterior: Posterior,
     loop: Any,
-    drawn: Mapping[str, bytes] | None = None,
+    figures: "Sequence[Drawn] | None" = None,
 ) -> None:
-    """Write all files but fit.json into `fresh`. `drawn`: the figures of the logs, where there are any
-    already."""
+    """Write all files but fit.json into `fresh`. `figures`: those of the fit, where there are
+    any already."""
     from controller import export_c
     from sysid.report import html
 
     outputs.write_draws(posterior, fresh / outputs.DRAWS)
     (fresh / outputs.KEPT).write_bytes(pack(posterior))
     (fresh / outputs.REPORT).write_text(
-        html.render(content, posterior, drawn), encoding="utf-8", newline="\n"
+        html.render(content, posterior, figures), encoding="utf-8", newline="\n"
     )
     if loop is not None:
         text = outputs.to_json(content["controller"])

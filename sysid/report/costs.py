@@ -6,27 +6,31 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from sysid.report.plots import BLUE, GREY, ORANGE, blank, drawn
+from sysid.report.canvas import BLUE, GREY, ORANGE, WIDE, Picture, blank, png, styled
+from sysid.report.loopplots import plain_ticks
 
 ERROR = "error / standard deviation"
 
 
-def ladder_figure(rungs: Sequence[Mapping[str, Any]]) -> dict[str, bytes]:
-    """PNG image by its title of the `rungs` of fit.json. Work is counted, not timed: the same logs give the same bytes."""
+def of_ladder(rungs: Sequence[Mapping[str, Any]]) -> list[Picture]:
+    """What there is to draw of the `rungs` of fit.json. Work is counted, not timed: the same logs give the same figure."""
     known = [r for r in rungs if r["error"]]
-    return drawn([("What accuracy costs", lambda: _ladder(known), known)])
+    return [Picture("What accuracy costs", lambda: _ladder(known), lambda: _seen_ladder(known))] if known else []
 
 
 def curve_figure(points: Sequence[Any]) -> bytes:
     """PNG image of a cost curve's points."""
-    (image,) = drawn([("", lambda: _curve(points), True)]).values()
-    return image
+    return png(styled(lambda: _curve(points)))
+
+
+def _seen_ladder(rungs: Sequence[Mapping[str, Any]]) -> str:
+    each = [f"{r['accuracy']} {r['error']:.1g} after {r['evaluations']} evaluations" for r in rungs]
+    return f"Numerical errors in standard deviations, which fall with the work: {'; '.join(each)}."
 
 
 def _ladder(rungs: Sequence[Mapping[str, Any]]) -> Figure:
-    figure = blank(5.4, 2.5)
+    figure = blank(WIDE, 2.4)
     axes = figure.add_subplot()
     work, error = [r["evaluations"] for r in rungs], [r["error"] for r in rungs]
     axes.loglog(work, error, "o-", color=BLUE, ms=6)
@@ -66,9 +70,7 @@ def _curve(points: Sequence[Any]) -> Figure:
 def _ticks(axes: Axes) -> None:
     """Plain numbers at 1, 2, 5 of each decade."""
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axis.set_major_formatter(lambda x, _: f"{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+        plain_ticks(axis, (1, 2, 5))
 
 
 def _named(axes: Axes, name: str, x: float, y: float) -> None:

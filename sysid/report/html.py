@@ -1,49 +1,140 @@
-"""report.html: one file for an engineer to keep; it asks for nothing else and holds no program."""
+"""report.html: one file for an engineer to keep and to hand on; it asks for nothing else and holds no
+program."""
 
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.report.text import advice, cell, clean, derived, gains, grouped, mode, moved, number, promised, row, seconds, taken_for
+from sysid.report.text import (
+    advice,
+    cell,
+    clean,
+    derived,
+    gains,
+    gathered,
+    grouped,
+    measured,
+    mode,
+    moved,
+    number,
+    promised,
+    row,
+    seconds,
+    sentence,
+    taken_for,
+)
 
 if TYPE_CHECKING:
     from sysid.posterior.posterior import Posterior
+    from sysid.report.canvas import Drawn
+
+FEW = 20  # logs, up to which their table stands open
+Cells = Sequence[Sequence[str]]
 
 
-def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[str, bytes] | None = None) -> str:
-    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs, the same text.
-    `drawn`: the figures of the logs, where there are any already."""
+def render(
+    document: Mapping[str, Any], posterior: "Posterior", figures: "Sequence[Drawn] | None" = None
+) -> str:
+    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
+    the same text. `figures`: those of the fit, where there are any already."""
     import jinja2
 
-    from sysid.report.costs import ladder_figure
-    from sysid.report.plots import PANELS, log_figures, posterior_figure, step_figure
+    from sysid.report.canvas import drawn
+    from sysid.report.costs import of_ladder
+    from sysid.report.loopplots import of_loop
+    from sysid.report.plots import fit_figures, of_posterior
 
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
     environment = jinja2.Environment(
-        loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=loader,
+        autoescape=True,
+        finalize=_finalize,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
-    figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
-    figures |= step_figure(document["controller"]) | ladder_figure(document["uncertainty"]["rungs"])
+    environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds}
+    controller = document["controller"]
     return environment.get_template("template.html.j2").render(
         document,
-        derived=derived(posterior.draws, document["parameters"]),
+        sentence=sentence(document, [fitted.log.metadata for fitted in posterior.fit.logs]),
+        failed=document["result"] != "successful",
         remedy=advice(document["result"], len(document["logs"])),
-        gains=gains(document["controller"]) if document["controller"] else [],
-        promised=promised(document["controller"]) if document["controller"] else [],
-        notes=grouped(document),
+        derived=derived(posterior.draws, document["parameters"]),
+        warned=gathered(document),
+        noted=grouped(document),
         moved=moved(document["change"]) if document["change"] else [],
-        added=_added(document["logs"]),
-        images={title: b64encode(png).decode() for title, png in figures.items()},
-        panels=PANELS,
+        figures=[
+            *(figures or fit_figures(posterior.fit)),
+            *drawn(of_posterior(posterior, document["parameters"])),
+        ],
+        loops=drawn(of_loop(controller, posterior.draws)),
+        costs=drawn(of_ladder(document["uncertainty"]["rungs"])),
+        gains=gains(controller) if controller else [],
+        promised=promised(controller) if controller else [],
+        few=len(document["logs"]) <= FEW,
+        tables={
+            "logs": _logs(document["logs"]),
+            "bench": _bench(document["logs"]),
+            "models": _models(document["models"]),
+            "effects": _effects(document["findings"]),
+        },
     )
 
 
-def _added(logs: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names of all that the bench added to any log; the noise and the start have no column of their own."""
-    names = dict.fromkeys(name for log in logs for name in log["parameters"])
-    return [name for name in names if not name.startswith("noise") and not name.startswith("start")]
+def _logs(logs: Sequence[Mapping[str, Any]]) -> Cells:
+    """What each log was taken for, and how well it is described."""
+    return [
+        [
+            f"{k}  {log['name']}",
+            log["kind"],
+            str(log["rows"]),
+            taken_for(log),
+            f"{number(log['nrmse_percent'], '.2f')} %",
+            f"{number(log['noise_std'])} {log['response_unit']}"
+            + (f", {log['noise']}" if log["noise"] != "white" else ""),
+        ]
+        for k, log in enumerate(logs, 1)
+    ]
+
+
+def _effects(findings: Sequence[Mapping[str, Any]]) -> Cells:
+    """The numbers of the effects with which the logs are read, and what they gain."""
+    rows = []
+    for found in (f for f in findings if f["outcome"] == "fitted"):
+        for name, x in found["numbers"].items():
+            what = name.removesuffix(f"_{x['unit']}").replace("_", " ")
+            (value, std), unit = measured(x["value"], x["std"] or 0.0, unit=x["unit"])
+            said = f"{value} ± {std if x['std'] is not None else 'unknown'} {unit}"
+            effect = found["key"].replace("_", " ")
+            rows.append([effect if what == effect else f"{effect}, {what}", said, ", ".join(found["logs"]) or "all"])
+            rows[-1].append(number(found["evidence"], ".3g"))
+    return rows
+
+
+def _bench(logs: Sequence[Mapping[str, Any]]) -> Cells:
+    """What the bench added to each log, below the names of that; the noise and the start have no column of
+    their own."""
+    every = dict.fromkeys(name for log in logs for name in log["parameters"])
+    names = [name for name in every if not name.startswith("noise") and not name.startswith("start")]
+    rows = [
+        [str(k), *(cell(log["parameters"][n]) if n in log["parameters"] else "" for n in names)]
+        for k, log in enumerate(logs, 1)
+    ]
+    return [["log", *(name.replace("_", " ") for name in names)], *(r for r in rows if any(r[1:]))]
+
+
+def _models(models: Mapping[str, Any] | None) -> Cells:
+    """Other descriptions of the logs."""
+    return [
+        [
+            other["description"],
+            f"{number(other['elpd_difference'], '+.3g')} ± {number(other['elpd_error'])}",
+            "worse" if other["worse"] else "no worse",
+            ", ".join(f"{name} {number(by, '+.2f')}" for name, by in other["moves"].items()),
+        ]
+        for other in (models["compared"] if models else ())
+    ]
 
 
 def _finalize(value: Any) -> Any:

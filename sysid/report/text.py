@@ -1,6 +1,7 @@
 """Numbers and names in words: two digits of the error, readable units, nothing that a terminal would obey."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -28,11 +29,48 @@ def verdict(result: str, parameters: Mapping[str, Any], logs: int, plate: str | 
     known = [name for name, p in parameters.items() if p["determined"]]
     open_ = [name for name, p in parameters.items() if not p["determined"]]
     of = f" of plate {plate}" if plate else ""
-    said = f"{_listed(known)}{of} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
-    return f"{said}; {_listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
+    said = f"{listed(known)}{of} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
+    return f"{said}; {listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
 
 
-def _listed(names: Sequence[str]) -> str:
+DATED = ("date", "recorded", "measured", "acquired", "datetime", "date/time", "time stamp", "timestamp")
+
+
+def sentence(document: Mapping[str, Any], stated: Sequence[Mapping[str, str]]) -> str:
+    """The verdict on fit.json's content with the plate, how many logs there are and from when, and what to do next;
+    `stated`: what each log states above its rows."""
+    result, plate, when = document["result"], document["plate"], recorded(stated)
+    logs = f"{len(stated)} log{'s' * (len(stated) > 1)}{f' of {when}' if when else ''}"
+    if result != "successful":
+        return f"{f'plate {plate}, ' if plate else ''}{logs}: {result}: {advice(result, len(stated))}"
+    said = verdict(result, document["parameters"], len(stated), plate)
+    said = said.replace(f"{len(stated)} log{'s' * (len(stated) > 1)}", logs, 1) if when else said
+    return f"{said}. Next: {_next(document)}"
+
+
+def recorded(stated: Sequence[Mapping[str, str]]) -> str:
+    """The day that logs state, or the first and the last of several; empty where none states any. Days that begin with the year
+    alone have an order; others are shown as they are written."""
+    days = list(dict.fromkeys(v.strip() for log in stated for key, v in log.items() if key.casefold() in DATED and v.strip()))
+    whole = sorted({day[:10] for day in days if re.match(r"\d{4}-\d\d-\d\d", day)})
+    if whole and all(day[:10] in whole for day in days):
+        return whole[0] + (f" to {whole[-1]}" if len(whole) > 1 else "")
+    return days[0] if len(days) == 1 else ""
+
+
+def _next(document: Mapping[str, Any]) -> str:
+    """What to do after a fit that went well."""
+    count, open_ = len(document["warnings"]), [name for name, p in document["parameters"].items() if not p["determined"]]
+    steps = [f"read the {'warning' if count == 1 else f'{count} warnings'}"] if count else []
+    if document["controller"]:
+        steps.append("commission the controller")
+    if open_:
+        steps.append(f"record what {listed(open_)} ask{'s' * (len(open_) == 1)} for, if needed")
+    return f"{', then '.join(steps) or 'use the values'}."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a row: a, b and c."""
     return " and ".join([*filter(None, [", ".join(names[:-1])]), *names[-1:]])
 
 
@@ -110,6 +148,22 @@ def grouped(document: Mapping[str, Any]) -> list[str]:
         for note in log["notes"]:
             names.setdefault(note, []).append(log["name"])
     return [*document["notes"]] + [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
+
+
+def gathered(document: Mapping[str, Any]) -> list[str]:
+    """The warnings, each once, with how many logs it is about where these are several."""
+    names = sorted((log["name"] for log in document["logs"]), key=len, reverse=True)
+    about: dict[str, list[str]] = {}
+    for line in document["warnings"]:
+        name = next((n for n in names if line.startswith(f"{n}: ")), None)
+        about.setdefault(line if name is None else line.removeprefix(f"{name}: "), []).append(name or "")
+    return [said if who == [""] else f"{_of_logs(who)}: {said}" for said, who in about.items()]
+
+
+def _of_logs(names: Sequence[str]) -> str:
+    """Logs by name, of many the first two."""
+    few = listed(names) if len(names) <= 3 else f"{', '.join(names[:2])} and {len(names) - 2} more"
+    return names[0] if len(names) == 1 else f"{len(names)} logs ({few})"
 
 
 BOUNDS = {  # of the bandwidth, as `controller.bandwidth` names them

@@ -65,10 +65,10 @@ class Fit(Shown):
         return of_fit(self)
 
     def plot(self) -> Any:
-        """Figures of matplotlib by title: logs and fit over time, sweeps, residuals; those of the report."""
-        from sysid.report.plots import Figures, of_logs
+        """Figures of matplotlib by title, those of the report: logs and fit over time, sweeps, what each log says, residuals."""
+        from sysid.report.plots import Figures, of_fit
 
-        return Figures.of(of_logs(self.logs))
+        return Figures.of(of_fit(self))
 
     @cached_property
     def posterior(self) -> Any:
