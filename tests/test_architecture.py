@@ -33,7 +33,8 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
            prediction change
 report     text plots costs screen dryrun html brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
-command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
+fleet      groups settings plate parts engine table run
+command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__
 """
 
@@ -64,6 +65,8 @@ WITHIN = {
     "posterior.planning": SHOWN,
     "posterior.prediction": SHOWN,
     "posterior.posterior": {"command.sets", "report.inference", *SHOWN},
+    "fleet.plate": {"command.sets"},  # each plate's own files
+    "fleet.run": {"command.outputs"},
 }
 PACKAGES = ("sysid", "controller", "stimulator")
 MODULES = sorted(p for folder in PACKAGES for p in (ROOT / folder).rglob("*.py"))
