@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sysid import __version__
 from sysid.command.arguments import REFERENCE, effects, prior, seed, temperature
@@ -21,6 +21,9 @@ from sysid.posterior.accuracy import NAMES
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+SHOWN = 12  # odd plates, and kinds of warnings, on one screen
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -147,6 +150,27 @@ def _progress() -> "Iterator[Callable[[int, int], None] | None]":
 
 
 def _say(frame: "pd.DataFrame", folder: Path) -> None:
-    counts: dict[str, Any] = frame["result"].value_counts().to_dict()
-    print(f"{len(frame)} plates: " + ", ".join(f"{count} {result}" for result, count in counts.items()))
-    print(f"{folder}: fleet.csv")
+    """One screen: the lot, the plates that are odd and why, what many plates warn of, where the files are."""
+    from sysid.fleet import words
+    from sysid.report import screen
+    from sysid.report.text import clean
+
+    print(
+        f"{len(frame)} plates: {', '.join(f'{count} {result}' for result, count in words.counted(frame))}\n"
+    )
+    if measures := words.measures(frame):
+        screen.rows(
+            [["parameter", "lot's median", "lot's sd", "a plate's error", "unit"], *measures], sys.stdout
+        )
+        print()
+    odd = frame[frame["odd"]]
+    print(f"odd: {len(odd)}")
+    for plate, why in zip(odd["plate"][:SHOWN], odd["odd_why"][:SHOWN], strict=True):
+        print(f"  {clean(plate)}: {clean(why)}")
+    if len(odd) > SHOWN:
+        print(f"  and {len(odd) - SHOWN} more in the table")
+    for line in words.said(frame):
+        print(clean(line))
+    for count, warning in words.repeated(frame)[:SHOWN]:
+        print(f"warning of {count} plate{'s' if count > 1 else ''}: {clean(warning)}")
+    print(f"\n{clean(str(folder))}: {', '.join(frame.attrs['files'])}")

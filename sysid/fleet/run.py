@@ -3,7 +3,7 @@
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,16 +90,16 @@ def cores() -> int:
 
 def _finished(rows: Sequence[dict[str, Any]], folder: Path | None) -> "pd.DataFrame":
     """The table of all rows, and its files in the folder."""
+    from sysid.fleet.odd import with_odd
     from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet, framed
 
-    frame = framed(rows)
+    frame, _ = with_odd(framed(rows))
     if folder is not None:
         from sysid.command.outputs import add
 
         files = {CSV: as_csv(frame)}
-        try:
+        with suppress(ImportError):  # the extra fleet
             files[PARQUET] = as_parquet(frame)
-        except ImportError:  # pip install 'sysid[fleet]'
-            frame.attrs["parquet"] = "needs pyarrow: pip install 'sysid[fleet]'"
         add(folder, files)
+        frame.attrs["files"] = list(files)
     return frame

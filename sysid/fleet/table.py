@@ -36,12 +36,12 @@ def framed(rows: Sequence[Row]) -> pd.DataFrame:
     for field in ("reference_temperature_degC", "nrmse_percent"):
         frame[field] = pd.Series([row.get(field) for row in rows], dtype=float)
     frame["serial"] = pd.Series([serial(row) for row in rows], dtype=float)
-    frame["date"] = [row.get("stated", {}).get("date") for row in rows]
+    frame["date"] = texts([row.get("stated", {}).get("date") for row in rows])
     for field in ("warnings", "notes"):
         frame[field] = [row.get(field, []) for row in rows]
     frame["logs"] = [[log["name"] for log in row["logs"]] for row in rows]
     frame["sha256"] = [[log["sha256"] for log in row["logs"]] for row in rows]
-    frame["error"] = [row.get("error") for row in rows]
+    frame["error"] = texts([row.get("error") for row in rows])
     frame["way"], frame["seconds"] = [row["way"] for row in rows], [row["seconds"] for row in rows]
     return frame
 
@@ -50,7 +50,12 @@ def _column(field: str, found: Sequence[Mapping[str, Any]]) -> Any:
     values = [p.get(field) for p in found]
     if field == "determined":
         return pd.Series([bool(value) for value in values], dtype=bool)
-    return values if field in ("unit", "why") else pd.Series(values, dtype=float)
+    return texts(values) if field in ("unit", "why") else pd.Series(values, dtype=float)
+
+
+def texts(values: Sequence[str | None]) -> pd.Series:
+    """A column of texts, None where there is none, whatever pandas would make of it."""
+    return pd.Series(list(values), dtype=object)
 
 
 def _correlation(row: Row, one: str, other: str) -> float | None:
