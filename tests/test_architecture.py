@@ -65,7 +65,7 @@ WITHIN = {
     "posterior.planning": SHOWN,
     "posterior.prediction": SHOWN,
     "posterior.posterior": {"command.sets", "report.inference", *SHOWN},
-    "fleet.plate": {"command.sets"},  # each plate's own files
+    "fleet.plate": {"command.outputs", "command.sets"},  # each plate's own files
     "fleet.run": {"command.outputs"},
 }
 PACKAGES = ("sysid", "controller", "stimulator")

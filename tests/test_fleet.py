@@ -200,11 +200,25 @@ class TestGroups:
             grouped([[step(1)], [step(1)]], "plate")
 
 
-@pytest.mark.parametrize("given", [["--jobs", "0"], ["--by", "("], ["nothing/*.csv"]])
+@pytest.mark.parametrize("given", [["--jobs", "0"], ["--by", "("], ["--accuracy", "best"]])
 def test_bad_usage_exits_with_2(given, folder, tmp_path, capsys):
-    with pytest.raises(SystemExit) if given[0] == "--jobs" else pytest.MonkeyPatch.context():
-        assert (
-            main([*([str(folder)] if given[0].startswith("-") else []), *given, "-o", str(tmp_path / "new")])
-            == 2
-        )
-    assert "expected" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as ended:
+        main([str(folder), *given, "-o", str(tmp_path / "new")])
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert "found" in said or "invalid choice" in said
+    assert not (tmp_path / "new").exists()
+
+
+def test_no_logs_exit_with_2(tmp_path, capsys):
+    assert main([str(tmp_path / "*.csv"), "-o", str(tmp_path / "new")]) == 2
+    assert "expected at least one" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "given", [{"nuisances": ["luck"]}, {"priors": {"tau": (1, -1)}}, {"jobs": -1}, {"full": True}]
+)
+def test_settings_that_are_none(given):
+    with pytest.raises(ValueError, match="expected"):
+        sysid.fit_fleet([[step(1)]], **given)

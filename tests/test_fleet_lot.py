@@ -26,7 +26,7 @@ def table(places, errors=ERRORS, seed=0, **columns):
     frame = pd.DataFrame(
         {"plate": [f"P{k}" for k in range(n)], "result": "successful", "error": None, "date": None}
     )
-    frame["warnings"], frame["logs"] = [[]] * n, [[]] * n
+    frame["warnings"], frame["logs"], frame["findings"] = [[]] * n, [[]] * n, [[]] * n
     frame["serial"], frame["reference_temperature_degC"] = np.nan, 24.0
     for k, (name, unit) in enumerate((("G", "um/V"), ("tau", "s"), ("f0", "Hz"))):
         frame[name] = np.exp(found[:, k]) if k < 2 else found[:, k]
@@ -220,6 +220,20 @@ def test_plates_that_are_not_identified_are_odd_and_do_not_judge():
     assert told["odd_why"][3] == "the logs cannot be read: x.csv: found nothing"
     assert told["odd_why"][4] == "the model does not describe the logs: it is bent"
     assert told["odd_chance"].isna().sum() == 2
+
+
+def test_what_few_plates_show_makes_them_odd():
+    def shows(key, evidence, outcome="fitted"):
+        return {"key": key, "outcome": outcome, "evidence": evidence, "sentence": f"it has {key}"}
+
+    frame = table(drawn(np.random.default_rng(21), 100))
+    frame["findings"] = [[shows("filter", 90.0)] for _ in range(100)]  # the bench of the whole lot
+    frame.at[5, "findings"] = [shows("duffing", 30.0)]
+    frame.at[6, "findings"] = [shows("second_mode", 5.5)]  # as by chance in one plate of 245
+    frame.at[7, "findings"] = [shows("drift", 30.0, "noted")]
+    told = with_odd(frame)[0]
+    assert list(told["plate"][told["odd"]]) == ["P5"]
+    assert told["odd_why"][5] == "it has duffing (so in 1 of 100 plates)"
 
 
 def test_units_of_g_are_made_one():

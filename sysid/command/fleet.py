@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sysid import __version__
-from sysid.command.arguments import REFERENCE, effects, prior, seed, temperature
+from sysid.command.arguments import COLUMNS, REFERENCE, columns_of, effects, prior, seed, temperature
+from sysid.command.refusal import refuse
 from sysid.posterior.accuracy import NAMES
+from sysid.shell import called, completed, reader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,11 +31,12 @@ SHOWN = 12  # odd plates, and kinds of warnings, on one screen
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as for `identify`
-    arguments = parser().parse_args(argv)
+    arguments = completed(parser(), columns_of).parse_args(argv)
     try:
         return _run(arguments)
     except KeyboardInterrupt:
-        print("sysid fleet: interrupted; the same command goes on with what is left", file=sys.stderr)
+        said = "interrupted; the same command goes on with what is left"
+        print(f"{called('fleet')}: {said}", file=sys.stderr)
         return 130
     except Exception:
         traceback.print_exc()
@@ -43,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     command = argparse.ArgumentParser(
-        prog="sysid fleet",
+        prog=called("fleet"),
         description="Many plates, each from its own logs: one table, and those that are not like the others.",
         epilog="exit: 0 the table is written; 1 no plate in it is identified; 2 bad usage, or nothing to fit",
         allow_abbrev=False,
@@ -56,6 +59,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--by",
+        type=_way,
         default="plate",
         metavar="WAY",
         help="how logs are told apart: plate, which they state above the header (%(default)s); folder; or a"
@@ -74,9 +78,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--full", action="store_true", help="write every plate's own files, as identify does, into DIR/plates"
     )
-    command.add_argument(
-        "--columns", metavar="FILE", help="mapping file (TOML) for logs of other instruments"
-    )
+    command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument("--effects", type=effects, metavar="LIST", help="as for identify")
     command.add_argument(
         "--prior", type=prior, action="append", metavar="NAME=VALUE+-STD", help="as for identify"
@@ -93,6 +95,15 @@ def parser() -> argparse.ArgumentParser:
     return command
 
 
+def _way(text: str) -> str:
+    from sysid.fleet.groups import FOLDER, PLATE, pattern
+
+    try:
+        return text if text in (PLATE, FOLDER) else pattern(text).pattern
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def _jobs(text: str) -> int:
     if not text.isdigit() or int(text) == 0:
         raise argparse.ArgumentTypeError(
@@ -102,36 +113,25 @@ def _jobs(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from sysid.fleet.engine import EngineError
     from sysid.fleet.run import fit_fleet
     from sysid.logs.textfile import LogError
-    from sysid.report.text import clean
 
-    names = (
-        "by",
-        "folder",
-        "jobs",
-        "scheduler",
-        "accuracy",
-        "full",
-        "seed",
-        "columns",
-        "reference_temperature",
-    )
+    told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "seed", "columns")
+    names = (*told, "reference_temperature")
     given = {name: getattr(arguments, name) for name in names}
     given |= {"nuisances": arguments.effects, "priors": dict(arguments.prior or ())}
     try:
         with _progress() as meanwhile:
             frame = fit_fleet(arguments.logs, **given, meanwhile=meanwhile)
-    except (LogError, ValueError, RuntimeError, ImportError) as error:
-        print(f"sysid fleet: {clean(str(error))}", file=sys.stderr)
-        return 2
+    except LogError as error:
+        return refuse(str(error), error.mapping, "fleet")
+    except EngineError as error:
+        return refuse(str(error), command="fleet")
     except OSError as error:
-        print(
-            f"sysid fleet: {clean(str(error))}; what is done is kept, and the same command goes on",
-            file=sys.stderr,
-        )
-        return 2
-    _say(frame, Path(arguments.folder))
+        return refuse(f"{error}; what is done is kept, and the same command goes on", command="fleet")
+    with reader():
+        _say(frame, Path(arguments.folder))
     return 0 if (frame["result"] == "successful").any() else 1
 
 

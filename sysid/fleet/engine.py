@@ -34,6 +34,10 @@ THREADS = (
 Batch = Sequence[Group]
 
 
+class EngineError(RuntimeError):
+    """That nothing can be fitted where it was asked to be."""
+
+
 class Engine(Protocol):
     """What gives the rows of plates."""
 
@@ -63,7 +67,7 @@ class Processes:
         self.jobs = jobs
 
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
-        """As `Engine.rows`. Raises RuntimeError where no process begins."""
+        """As `Engine.rows`. Raises EngineError where no process begins."""
         waiting = batches(groups, self.jobs)
         while waiting:
             left, begun = yield from self._through(waiting, settings)
@@ -72,7 +76,7 @@ class Processes:
                 yield [self._alone(group, settings)]
             rest = [g for batch in left for g in batch if g.plate not in begun]
             if rest and not suspects and len(left) == len(waiting):
-                raise RuntimeError(
+                raise EngineError(
                     "the processes that fit end between two plates, without a word: something kills them"
                 )
             waiting = batches(rest, self.jobs) if rest else []
@@ -112,10 +116,13 @@ class Dask:
         self.address = address
 
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
-        """As `Engine.rows`. Raises ImportError without the package distributed, OSError where no scheduler
+        """As `Engine.rows`. Raises EngineError without the package distributed, OSError where no scheduler
         answers."""
-        import distributed
-
+        try:
+            import distributed
+        except ImportError:
+            said = "a Dask scheduler needs the package distributed: pip install 'sysid[dask]'"
+            raise EngineError(said) from None
         with distributed.Client(self.address) as client:
             workers = max(sum(client.nthreads().values()), 1)
             waiting = batches(groups, workers)
@@ -149,7 +156,7 @@ class _Spawned(SpawnContext):
 @contextmanager
 def _pool(jobs: int, where: str) -> Iterator[Executor]:
     """A pool whose processes begin, with one thread each for matrices; they end with the block, or with this
-    process. Raises RuntimeError where they do not begin."""
+    process. Raises EngineError where they do not begin."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read as a process loads its libraries
     context = _Spawned()
@@ -174,7 +181,7 @@ def _answer(pool: Executor) -> None:
     except BrokenProcessPool:
         guard = "in a script, what calls this must stand under `if __name__ == '__main__':`"
         said = "the processes that fit end before they begin"
-        raise RuntimeError(f"{said}; {guard}, as each loads the script; jobs=0 needs none") from None
+        raise EngineError(f"{said}; {guard}, as each loads the script; jobs=0 needs none") from None
 
 
 _place: list[Path] = []  # of this process's file that names the plate that it fits

@@ -1,16 +1,18 @@
 """Which plates of a table are not like the others, and why, a sentence each."""
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from sysid.fleet.lot import UNITS, Judged, judged, summary
+from sysid.fleet.lot import ALARMS, UNITS, Judged, judged, summary
 from sysid.fleet.table import texts
 from sysid.model.prior import POSITIVE
 from sysid.verdict.result import Result
 
+COMMON = 0.1  # of the plates: what more of them show is the lot's own
 FAR = 3.0  # standard deviations of a lot, from which on a parameter is named
 
 
@@ -24,12 +26,15 @@ def with_odd(frame: pd.DataFrame) -> tuple[pd.DataFrame, Judged | None]:
     found = judged(frame)
     why = [_unidentified(row) for row in frame.itertuples()]
     chance, group = np.full(len(frame), np.nan), np.ones(len(frame), int)
+    for at, said in _shown(frame).items():
+        why[at] = said
     if found is not None:
         chance[found.index] = found.chances
         if found.parted is not None:
             group[found.index] = 1 + found.parted[1].second
         for k in np.flatnonzero(found.odd):
-            why[found.index[k]] = "; ".join(_reasons(found, int(k)))
+            at = int(found.index[k])
+            why[at] = "; ".join([*_reasons(found, int(k)), *filter(None, [why[at]])])
     told = pd.DataFrame(
         {"odd": [bool(said) for said in why], "odd_why": texts([said or None for said in why])}
     )
@@ -46,6 +51,25 @@ def _unidentified(row: Any) -> str:
         return ""
     said = row.error or next(iter(row.warnings), "")
     return f"{row.result}: {said}" if said else row.result
+
+
+def _shown(frame: pd.DataFrame) -> dict[int, str]:
+    """Of identified plates whose logs show what few others' do, with more evidence than chance gives in any
+    plate of the whole lot: by their place in the table, a sentence."""
+    good = np.flatnonzero(frame["result"] == Result.successful.value)
+    held = {
+        int(k): {f["key"]: f for f in frame["findings"].iloc[k] if f["outcome"] == "fitted"} for k in good
+    }
+    counts = Counter(key for found in held.values() for key in found)
+    rare = {key for key, count in counts.items() if count <= COMMON * len(good)}
+    least = np.log(len(good) / ALARMS) if len(good) else 0.0
+    told: dict[int, str] = {}
+    for k, found in held.items():
+        for key in sorted(rare & found.keys()):
+            f = found[key]
+            if f["evidence"] is None or f["evidence"] > least:
+                told.setdefault(k, f"{f['sentence']} (so in {counts[key]} of {len(good)} plates)")
+    return told
 
 
 def _reasons(found: Judged, k: int) -> Iterator[str]:

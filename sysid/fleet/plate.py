@@ -106,6 +106,7 @@ def _read(given: Sequence[Given], columns: str | None) -> "list[Log]":
 
 def _told(posterior: "Posterior") -> Row:
     """What a posterior says of its plate."""
+    from sysid.command.outputs import finding, plain
     from sysid.posterior.change import covariance
 
     fit, parameters = posterior.fit, posterior.summary()
@@ -119,6 +120,7 @@ def _told(posterior: "Posterior") -> Row:
         "reference_temperature_degC": fit.reference_temperature,
         "nrmse_percent": max(float(f.nrmse_percent) for f in fit.logs),
         "warnings": list(fit.warnings),
+        "findings": [plain(finding(f)) for f in fit.findings],
         "notes": list(fit.notes),
         "stated": {key: stated[key] for key in ("date", "serial") if stated.get(key)},
     }

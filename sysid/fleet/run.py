@@ -49,8 +49,14 @@ def fit_fleet(
     there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
     none.
     """
+    from sysid.effects.registry import ADOPTED
     from sysid.logs.mapfile import load_mapping
+    from sysid.model.prior import checked
+    from sysid.trials.extra import EXTRA
+    from sysid.trials.trial import NUISANCES
 
+    if unknown := {*(nuisances or ())} - {*NUISANCES, *EXTRA, *ADOPTED}:
+        raise ValueError(f"found {', '.join(sorted(unknown))}, expected nuisances that sysid.fit knows")
     if full and folder is None:
         raise ValueError("found full=True without a folder, expected where the plates' own files go")
     with ExitStack() as stack:
@@ -58,7 +64,7 @@ def fit_fleet(
         own = str(place.absolute() / PLATES) if full else None
         mapping = None if columns is None else str(columns)
         told = None if nuisances is None else tuple(nuisances)
-        settings = Settings(accuracy, seed, mapping, told, dict(priors or {}), reference_temperature, own)
+        settings = Settings(accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own)
         plates = grouped(
             groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
         )

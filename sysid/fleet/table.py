@@ -12,7 +12,13 @@ from sysid.fleet.plate import Row
 from sysid.model.prior import PLANT
 
 FIELDS = ("value", "std", "ci95_low", "ci95_high", "unit", "determined", "why")
-LISTS = ("warnings", "notes", "logs", "sha256")  # columns of lists of texts
+LISTS = (
+    "warnings",
+    "findings",
+    "notes",
+    "logs",
+    "sha256",
+)  # columns of lists; of findings as fit.json has them, else of texts
 CSV, PARQUET = "fleet.csv", "fleet.parquet"
 
 
@@ -37,7 +43,7 @@ def framed(rows: Sequence[Row]) -> pd.DataFrame:
         frame[field] = pd.Series([row.get(field) for row in rows], dtype=float)
     frame["serial"] = pd.Series([serial(row) for row in rows], dtype=float)
     frame["date"] = texts([row.get("stated", {}).get("date") for row in rows])
-    for field in ("warnings", "notes"):
+    for field in ("warnings", "findings", "notes"):
         frame[field] = [row.get(field, []) for row in rows]
     frame["logs"] = [[log["name"] for log in row["logs"]] for row in rows]
     frame["sha256"] = [[log["sha256"] for log in row["logs"]] for row in rows]
@@ -86,6 +92,7 @@ def as_parquet(frame: pd.DataFrame) -> bytes:
     import pyarrow
     from pyarrow import parquet
 
+    frame = frame.assign(findings=[[json.dumps(f) for f in found] for found in frame["findings"]])
     fields = []
     for name in frame:
         kind = frame[name].dtype.kind
