@@ -33,7 +33,7 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
            prediction change
 report     text plots costs screen dryrun html brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
-fleet      groups settings plate parts engine table robust tails halves lot odd words run
+fleet      groups settings plate parts engine table robust tails halves lot odd words pictures page run
 command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__
 """

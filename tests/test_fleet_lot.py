@@ -1,5 +1,9 @@
 """Plates that are not like the others of a lot: tables drawn from known lots, whose odd plates are known."""
 
+import base64
+import re
+from xml.etree import ElementTree
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +14,7 @@ from sysid.fleet import words
 from sysid.fleet.halves import halves
 from sysid.fleet.lot import ALARMS, judged
 from sysid.fleet.odd import with_odd
+from sysid.fleet.page import render
 from sysid.fleet.robust import lot
 from sysid.fleet.tails import tails
 
@@ -241,6 +246,38 @@ def test_units_of_g_are_made_one():
     frame.loc[:20, ["G", "G_std"]] *= 1000
     frame.loc[:20, "G_unit"] = "nm/V"
     assert not with_odd(frame)[0]["odd"].any()
+
+
+def test_the_page_has_the_odd_plates_first_and_asks_for_nothing(tmp_path):
+    rng = np.random.default_rng(22)
+    places = drawn(rng, 60)
+    places[7, :2] += np.log(0.3)
+    frame = table(places, serial=np.arange(60.0))
+    frame.loc[3, ["result", "error"]] = ["the logs cannot be read", "<b>x.csv</b>: found nothing"]
+    frame.loc[9, "plate"] = "<script>alert(1)</script>"
+    frame, found = with_odd(frame)
+    trace = {
+        "name": "s.csv",
+        "label": "s",
+        "unit": "um",
+        "x": [0.0, 0.1],
+        "parts": [[[1, 2], [1, 2]], [[0, 1], [0, 1]]],
+    }
+    rows = [{"traces": [trace]} if k == 7 else {} for k in range(60)]
+    page = render(frame, found, rows, "plates")
+    first, second = page.index("tau at 0."), page.index("found nothing")
+    assert first < second < page.index("Distributions") < page.index("All plates")
+    assert "<script" not in page and "<b>" not in page and "&lt;script&gt;" in page
+    assert page.count('href="plates/') == 60 and "http" not in page.replace("http-equiv", "")
+    sources = re.findall(r'<img alt="([^"]*)" src="data:image/svg\+xml;base64,([^"]*)"', page)
+    titles = ["Distributions", "Parameter against parameter", "Along the serial number"]
+    assert [title for title, _ in sources] == [
+        "plate P7 in its lot, and its logs beside their model",
+        *titles,
+    ]
+    for _, text in sources:
+        assert ElementTree.fromstring(base64.b64decode(text)).tag.endswith("svg")
+    assert render(frame, found, rows, "plates") == page
 
 
 def test_warnings_are_said_once():

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
+import numpy as np
+
 from sysid.fleet.groups import Given, Group
 from sysid.fleet.settings import Settings
 from sysid.logs.textfile import LogError
@@ -17,10 +19,12 @@ from sysid.logs.textfile import LogError
 if TYPE_CHECKING:
     from sysid.logs.log import Log
     from sysid.posterior.posterior import Posterior
+    from sysid.verdict.fitted import FittedLog
 
 # How a plate's row may end beside the results of a fit.
 UNREADABLE, FAILED, DIED = "the logs cannot be read", "the program failed", "the fit ended its process twice"
 BY_FIT = "fit"  # the way of a plate that `sysid.fit` fitted by itself
+TRACED, POINTS = 3, 40  # logs of a plate, and rows of each, that its small picture shows
 Row = dict[str, Any]
 
 
@@ -122,8 +126,26 @@ def _told(posterior: "Posterior") -> Row:
         "warnings": list(fit.warnings),
         "findings": [plain(finding(f)) for f in fit.findings],
         "notes": list(fit.notes),
+        "traces": [_trace(f) for f in fit.logs[:TRACED]],
         "stated": {key: stated[key] for key in ("date", "serial") if stated.get(key)},
     }
+
+
+def _trace(fitted: "FittedLog") -> Row:
+    """A log beside its model as a few numbers: what they go by, and d and q, or the amplitude."""
+    log, swept = fitted.log, False
+    x, label = np.arange(len(log), dtype=float), "row"
+    if fitted.kind == "steady" and log.frequency is not None:
+        x, label, swept = log.frequency, "Hz", bool(np.ptp(log.frequency) > 0)
+    if not swept and log.time is not None:
+        x, label = log.time - log.time[0], "s"
+    order = np.argsort(x, kind="stable")
+    keep = order[np.linspace(0, len(log) - 1, min(len(log), POINTS)).astype(int)]
+    both = [log.response[keep], fitted.response[keep]]
+    parts = [[np.real(y) for y in both], *([] if log.amplitude_only else [[np.imag(y) for y in both]])]
+    shown = [[[float(f"{v:.4g}") for v in y] for y in part] for part in parts]
+    told = {"name": log.name, "label": label, "unit": log.response_unit}
+    return told | {"x": [float(f"{v:.8g}") for v in x[keep]], "parts": shown}
 
 
 def _parameter(p: Any) -> Row:

@@ -76,7 +76,7 @@ def fit_fleet(
             done |= {row["plate"]: row for row in rows}
             if meanwhile is not None:
                 meanwhile(len(done), len(plates))
-        return _finished([done[group.plate] for group in plates], None if folder is None else place)
+        return _finished([done[group.plate] for group in plates], None if folder is None else place, full)
 
 
 def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:
@@ -94,16 +94,17 @@ def cores() -> int:
     return len(usable(0)) if usable else os.cpu_count() or 1
 
 
-def _finished(rows: Sequence[dict[str, Any]], folder: Path | None) -> "pd.DataFrame":
+def _finished(rows: Sequence[dict[str, Any]], folder: Path | None, full: bool) -> "pd.DataFrame":
     """The table of all rows, and its files in the folder."""
     from sysid.fleet.odd import with_odd
     from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet, framed
 
-    frame, _ = with_odd(framed(rows))
+    frame, found = with_odd(framed(rows))
     if folder is not None:
         from sysid.command.outputs import add
+        from sysid.fleet.page import PAGE, render
 
-        files = {CSV: as_csv(frame)}
+        files = {PAGE: render(frame, found, rows, PLATES if full else None).encode(), CSV: as_csv(frame)}
         with suppress(ImportError):  # the extra fleet
             files[PARQUET] = as_parquet(frame)
         add(folder, files)

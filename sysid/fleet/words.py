@@ -12,7 +12,7 @@ from sysid.fleet.lot import FEWEST, UNITS
 from sysid.model.prior import POSITIVE
 from sysid.report.text import measured
 
-NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
 def counted(frame: pd.DataFrame) -> list[tuple[str, int]]:
@@ -31,11 +31,12 @@ def measures(frame: pd.DataFrame) -> list[list[str]]:
     rows = []
     for name, p in frame.attrs["lot"].get("parameters", {}).items():
         numbers, unit = measured(p["middle"], p["std"], unit=unit_of(frame, name))
-        rows.append([name, *numbers[:2], _one(p["error"], p["error"], unit_of(frame, name)), unit])
+        rows.append([name, *numbers[:2], one(p["error"], p["error"], unit_of(frame, name)), unit])
     return rows
 
 
-def _one(value: float, std: float, unit: str) -> str:
+def one(value: float, std: float, unit: str) -> str:
+    """A number to two digits of its error, and its unit."""
     (number, _), shown = measured(value, std, unit=unit)
     return f"{number} {shown}"
 
@@ -59,7 +60,7 @@ def said(frame: pd.DataFrame) -> list[str]:
 def _two(frame: pd.DataFrame, halves: Mapping[str, Any]) -> str:
     name = halves["parameter"]
     width = 0.1 * abs(halves["places"][0] - halves["places"][1])
-    places = [_one(place, width, unit_of(frame, name)) for place in halves["places"]]
+    places = [one(place, width, unit_of(frame, name)) for place in halves["places"]]
     second = halves["second"]
     return (
         f"the lot is two, by {name}: {second} plates lie about {places[1]}, the others about {places[0]};"

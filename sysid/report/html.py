@@ -14,19 +14,12 @@ if TYPE_CHECKING:
 def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[str, bytes] | None = None) -> str:
     """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs, the same text.
     `drawn`: the figures of the logs, where there are any already."""
-    import jinja2
-
     from sysid.report.costs import ladder_figure
     from sysid.report.plots import PANELS, log_figures, posterior_figure, step_figure
 
-    loader = jinja2.FileSystemLoader(Path(__file__).parent)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
     figures = {**(log_figures(posterior.fit) if drawn is None else drawn), **posterior_figure(posterior, document["parameters"])}
     figures |= step_figure(document["controller"]) | ladder_figure(document["uncertainty"]["rungs"])
-    return environment.get_template("template.html.j2").render(
+    return template("template.html.j2").render(
         document,
         derived=derived(posterior.draws, document["parameters"]),
         remedy=advice(document["result"], len(document["logs"])),
@@ -38,6 +31,18 @@ def render(document: Mapping[str, Any], posterior: "Posterior", drawn: Mapping[s
         images={title: b64encode(png).decode() for title, png in figures.items()},
         panels=PANELS,
     )
+
+
+def template(name: str) -> Any:
+    """A page of this folder, of jinja2: nothing that a name or a sentence holds is markup."""
+    import jinja2
+
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, finalize=_finalize, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"row": row, "cell": cell, "mode": mode, "number": number, "seconds": seconds, "taken_for": taken_for}
+    return environment.get_template(name)
 
 
 def _added(logs: Sequence[Mapping[str, Any]]) -> list[str]:
