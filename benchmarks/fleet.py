@@ -7,6 +7,7 @@ python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2]: writes benchm
 import argparse
 import tempfile
 import time
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from peers import F0, FAR, TAU, G, settled
 from scipy.optimize import least_squares
 
 import sysid
+from sysid.fleet.odd import with_odd
 
 ROWS, POINTS, DRIVE, AT, NOISE = 240, np.linspace(31800, 32800, 101), 100.0, 32290.0, 0.02
 NAMES = ("G", "tau", "f0")
@@ -127,16 +129,17 @@ def throughput(folder: Path, count: int, jobs: int) -> str:
     ]
     off = np.median(np.abs(found[:, :3] - truth) / table[["G_std", "tau_std", "f0_std"]].to_numpy(), axis=0)
     ours, theirs, each = count / took, count / peer, 1e3 * table["seconds"].mean()
+    covered = ", ".join(f"{n} {100 * x:.0f} %" for n, x in zip(NAMES, inside, strict=True))
     return f"""## Throughput
 
-{count} plates with two files each ({ROWS} and {len(POINTS)} rows); {jobs} processes, programs compiled before.
+{count} plates, two files each ({ROWS} and {len(POINTS)} rows); {jobs} processes; programs compiled before.
 
 | | plates a second | a second of one core |
 |---|---|---|
 | `sysid.fit_fleet`, with screen, errors and posterior | {ours:.1f} | {each:.0f} ms a plate |
 | pandas and `least_squares` from 20 % off, one core | {theirs:.1f} | {1e3 / theirs:.0f} ms a plate |
 
-95 % intervals hold the truth: {", ".join(f"{n} {100 * x:.0f} %" for n, x in zip(NAMES, inside, strict=True))}. The median
+95 % intervals hold the truth: {covered}. The median
 distance of scipy's estimates from the truth is {", ".join(f"{x:.2f}" for x in off)} of our errors.
 """
 
@@ -168,12 +171,84 @@ def found_in_fits(count: int, jobs: int) -> str:
     )
 
 
+def found_in_tables(lots: int) -> str:
+    """Which odd plates of a thousand are found, by how f0 goes with G in the lot, of tables drawn at
+    random."""
+    lines = []
+    for pair, correlation in (
+        (None, 0.0),
+        (("G", "tau"), 0.9),
+        *((("G", "f0"), r) for r in (0.5, 0.8, 0.9, 0.95)),
+    ):
+        rng, found, alarms = np.random.default_rng(5), [], []
+        for _ in range(lots):
+            frame, kind = drawn(rng, pair, correlation)
+            odd = with_odd(frame)[0]["odd"].to_numpy()
+            found.append([odd[kind == k].mean() for k in (1, 2, 3)])
+            alarms.append(odd[kind == 0].sum())
+        shares = " | ".join(f"{100 * x:.0f} %" for x in np.mean(found, axis=0))
+        named = "none" if pair is None else f"{' and '.join(pair)} {correlation:g}"
+        lines.append(
+            f"| {named} | {shares} | {np.mean(alarms):.2f} | {100 * np.mean(np.array(alarms) > 1):.0f} % |"
+        )
+    table = "\n".join(lines)
+    return f"""## Odd plates of a thousand, in tables
+
+{lots} lots each of 1000 plates: ln G and ln tau scatter by 0.1, f0 by 20 Hz; errors of each plate 0.3 %, 0.45 %,
+0.45 Hz. 20 plates are odd.
+
+| correlation in the lot | G and tau at 0.6 | f0 at 3 sd | f0 moved by 3 sd | false alarms | lots with two |
+|---|---|---|---|---|---|
+{table}
+
+f0 at 3 sd is what 2.7 of a thousand plates have by chance: with at most one false alarm it cannot be told by f0
+alone, but it can where something else tells f0.
+"""
+
+
+def drawn(
+    rng: np.random.Generator, pair: tuple[str, str] | None, correlation: float
+) -> tuple[pd.DataFrame, np.ndarray]:
+    """A table of 1000 plates as fits would tell them, and of each the kind: 0, or 1 to 3 as the table's
+    columns have them."""
+    n, shape, kind = 1000, np.eye(3), np.zeros(1000, int)
+    if pair is not None:
+        i, j = (NAMES.index(name) for name in pair)
+        shape[i, j] = shape[j, i] = correlation
+    kind[rng.choice(n, 20, replace=False)] = 1 + np.arange(20) % 3
+    places = rng.standard_normal((n, 3)) @ np.linalg.cholesky(shape).T
+    sign = rng.choice([-1, 1], n)
+    places[kind == 1, :2] += np.log(0.6) / 0.1
+    places[kind == 2, 2] = 3 * sign[kind == 2]
+    places[kind == 3, 2] += 3 * sign[kind == 3]
+    errors = np.array([0.003, 0.0045, 0.45])
+    values = (
+        np.array([np.log(G), np.log(TAU), F0])
+        + places * [0.1, 0.1, 20.0]
+        + errors * rng.standard_normal((n, 3))
+    )
+    frame = pd.DataFrame(
+        {"plate": np.arange(n).astype(str), "result": "successful", "error": None, "date": None}
+    )
+    frame["warnings"], frame["findings"] = [[]] * n, [[]] * n
+    frame["serial"], frame["reference_temperature_degC"] = np.arange(n, dtype=float), 24.0
+    for k, (name, unit) in enumerate(zip((*NAMES, "k_T"), ("um/V", "s", "Hz", "Hz/degC"), strict=True)):
+        told = k < 3
+        frame[name] = np.nan if not told else np.exp(values[:, k]) if k < 2 else values[:, k]
+        frame[f"{name}_std"] = np.nan if not told else errors[k] * (frame[name] if k < 2 else 1.0)
+        frame[f"{name}_unit"], frame[f"{name}_determined"] = unit, told
+    return frame, kind
+
+
 if __name__ == "__main__":
     command = argparse.ArgumentParser(description=__doc__)
     command.add_argument("--plates", type=int, default=300)
+    command.add_argument("--lots", type=int, default=100)
     command.add_argument("--jobs", type=int, default=2)
     arguments = command.parse_args()
-    print(found_in_fits(arguments.plates, arguments.jobs))
+    parts = [found_in_tables(arguments.lots), found_in_fits(arguments.plates, arguments.jobs)]
     with tempfile.TemporaryDirectory() as where:
         written(Path(where), arguments.plates, {})
-        print(throughput(Path(where), arguments.plates, arguments.jobs))
+        parts.append(throughput(Path(where), arguments.plates, arguments.jobs))
+    said = f"# Lots of plates\n\nMade by `python benchmarks/fleet.py` on {date.today()}.\n\n"
+    Path(__file__).with_suffix(".md").write_text(said + "\n".join(parts), encoding="utf-8")

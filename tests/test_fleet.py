@@ -3,7 +3,9 @@ others."""
 
 import multiprocessing
 import os
+import re
 import signal
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -222,3 +224,33 @@ def test_no_logs_exit_with_2(tmp_path, capsys):
 def test_settings_that_are_none(given):
     with pytest.raises(ValueError, match="expected"):
         sysid.fit_fleet([[step(1)]], **given)
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("default")
+def test_through_a_dask_scheduler(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    from dataclasses import replace
+
+    for k in range(20):
+        (tmp_path / f"{k:02d}").touch()
+    logs = {f"P{seed}": [step(seed)] for seed in range(3)}
+    here = sysid.fit_fleet(logs, jobs=0)
+    deadly = logs | {"P1": [replace(step(1), metadata=Deadly(lives=tmp_path))]}
+    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    with distributed.LocalCluster(processes=True, **settings) as cluster:
+        table = sysid.fit_fleet(logs, scheduler=cluster.scheduler_address)
+        hurt = sysid.fit_fleet(deadly, scheduler=cluster.scheduler_address)
+    pd.testing.assert_frame_equal(table.drop(columns="seconds"), here.drop(columns="seconds"))
+    assert list(hurt["result"]) == ["successful", "the fit ended its process twice", "successful"]
+
+
+def test_the_page_s_example_runs(monkeypatch, capsys):
+    root = Path(__file__).parents[1]
+    code = re.search(
+        r"```python\n(.*?)```", (root / "docs" / "fleet.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    monkeypatch.chdir(root)
+    exec(code.group(1), {})
+    said = capsys.readouterr().out
+    assert "A7" in said and said.count("successful") == 2

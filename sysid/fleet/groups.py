@@ -17,7 +17,11 @@ from sysid.logs.textfile import LogError
 
 PLATE, FOLDER = "plate", "folder"  # ways of `by`; any other is a pattern
 # Endings of logs, which a folder holds beside other files; behind them may stand that of a packed one.
-ENDINGS = r"\.(csv|tsv|txt|dat|asc|h5|hdf5|mat|parquet|feather|arrow|jsonl|ndjson|wav|tdms|uff|unv|s\d+p|ts)(\.(gz|bz2|xz))?$"
+TEXT, BINARY = (
+    "csv|tsv|txt|dat|asc|jsonl|ndjson|uff|unv|s\\d+p|ts",
+    "h5|hdf5|mat|parquet|feather|arrow|wav|tdms",
+)
+ENDINGS = rf"\.({TEXT}|{BINARY})(\.(gz|bz2|xz))?$"
 Given = str | Path | Log
 
 

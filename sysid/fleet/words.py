@@ -51,8 +51,8 @@ def said(frame: pd.DataFrame) -> list[str]:
     lines += [_drifts(drift) for drift in told["drifts"]]
     if told["tails"] is not None:
         lines.append(
-            f"the lot has longer tails than a normal one, by which its plates are judged: those of Student's t of"
-            f" {told['tails']:g} degrees of freedom"
+            "the lot has longer tails than a normal one, by which its plates are judged: those of Student's t"
+            f" of {told['tails']:g} degrees of freedom"
         )
     return [*lines, each]
 
