@@ -25,6 +25,7 @@ _HOME = {
     "compare": "sysid.verdict.comparison",
     "compare_fits": "sysid.posterior.change",
     "fit": "sysid.fitting",
+    "fit_fleet": "sysid.fleet.run",
     "load": "sysid.command.sets",
     "nuisances": "sysid.verdict.bench",
     "read_logs": "sysid.logs.log",

@@ -34,7 +34,8 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            brief frames inference
 scene      profile effects engine scene timeline auto carrier simulation toml cli
-command    refusal line clock bill outputs kept sets costcurve arguments check presets cli commands
+fleet      groups settings plate parts engine table robust tails halves lot odd words pictures page run
+command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__
 """
 
@@ -65,6 +66,8 @@ WITHIN = {
     "posterior.planning": SHOWN,
     "posterior.prediction": SHOWN,
     "posterior.posterior": {"command.sets", "report.inference", *SHOWN},
+    "fleet.plate": {"command.outputs", "command.sets"},  # each plate's own files
+    "fleet.run": {"command.outputs"},
 }
 PACKAGES = ("sysid", "controller", "stimulator")
 MODULES = sorted(p for folder in PACKAGES for p in (ROOT / folder).rglob("*.py"))

@@ -59,11 +59,11 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument(
-        "--reference-temperature", type=_temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
+        "--reference-temperature", type=temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
     )
     command.add_argument(
         "--effects",
-        type=_effects,
+        type=effects,
         metavar="LIST",
         help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
         " offset, start, late and thermometer, and where the logs call for them delay, filter (of a lock-in),"
@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--prior",
-        type=_prior,
+        type=prior,
         action="append",
         metavar="NAME=VALUE+-STD",
         help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be repeated",
@@ -103,13 +103,13 @@ def parser() -> argparse.ArgumentParser:
     spent.add_argument("--cost-curve", action="store_true", help="error against time of every accuracy on these logs")
     spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
     command.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
-    command.add_argument("--seed", type=_seed, metavar="N", help="of the sampler (0)")
+    command.add_argument("--seed", type=seed, metavar="N", help="of the sampler (0)")
     command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
     command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     return command
 
 
-def _temperature(text: str) -> float:
+def temperature(text: str) -> float:
     """degC."""
     if not ABSOLUTE_ZERO <= (value := _number(text)) < math.inf:
         raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected a temperature in degC, above absolute zero")
@@ -124,7 +124,8 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _seed(text: str) -> int:
+def seed(text: str) -> int:
+    """A whole number that a generator of numbers starts from."""
     try:
         value = int(text)
     except ValueError:
@@ -134,7 +135,7 @@ def _seed(text: str) -> int:
     return value
 
 
-def _effects(text: str) -> tuple[str, ...]:
+def effects(text: str) -> tuple[str, ...]:
     """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
     from sysid.effects.registry import EVERY
     from sysid.trials.extra import EXTRA
@@ -151,7 +152,7 @@ def _effects(text: str) -> tuple[str, ...]:
     return tuple(name for name in known if (changed.get(name, name in EVERY) if changed else name in names))
 
 
-def _prior(text: str) -> tuple[str, tuple[float, float]]:
+def prior(text: str) -> tuple[str, tuple[float, float]]:
     """`k_T=-8+-1`, or with ±."""
     from sysid.model.prior import checked
 

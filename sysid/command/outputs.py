@@ -73,7 +73,7 @@ def document(
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
         "notes": list(fit.notes),
-        "findings": [_finding(f) for f in fit.findings],
+        "findings": [finding(f) for f in fit.findings],
         "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
@@ -84,7 +84,7 @@ def document(
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
         "cost": {},
     }
-    return _plain(content)
+    return plain(content)
 
 
 def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
@@ -103,7 +103,7 @@ def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
 
 def to_json(content: Mapping[str, Any]) -> str:
     """JSON text, ASCII, that any strict reader takes: what is not finite is null."""
-    return json.dumps(_plain(content), indent=2, allow_nan=False) + "\n"
+    return json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
 
 
 def _parameter(p: "Parameter") -> dict[str, Any]:
@@ -111,7 +111,8 @@ def _parameter(p: "Parameter") -> dict[str, Any]:
     return shown | ({"modes": list(p.modes)} if p.modes else {})
 
 
-def _finding(f: "Finding") -> dict[str, Any]:
+def finding(f: "Finding") -> dict[str, Any]:
+    """A finding as it stands in fit.json."""
     numbers = {name: x._asdict() for name, x in f.numbers.items()}
     found = {"key": f.key, "outcome": f.outcome, "logs": list(f.logs), "numbers": numbers, "evidence": f.evidence}
     return found | {"moves": f.moves, "sentence": f.sentence}
@@ -173,12 +174,12 @@ def _change(change: "Change") -> dict[str, Any]:
     return told | {"parameters": rows, "left_out": change.left_out, "notes": list(change.notes)}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Dicts, lists, strings, numbers; None for a number that is not finite."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if value is None or isinstance(value, str | bool | int):
         return value
     return float(value) if math.isfinite(value) else None

@@ -11,20 +11,37 @@ from sysid.command.kept import KeptError, pack, unpack
 from sysid.posterior.change import Change
 from sysid.posterior.posterior import Posterior
 from sysid.verdict.fitted import Fit
+from sysid.verdict.result import Result
 
 if TYPE_CHECKING:
     from sysid.report.canvas import Drawn
 
 
-def save(posterior: Posterior, folder: str | Path, loop: Any = None) -> Path:
-    """Put the set into `folder` in the place of an older one; see `Posterior.save`."""
+def save(
+    posterior: Posterior, folder: str | Path, loop: Any = None, warnings: Sequence[str] | None = None
+) -> Path:
+    """Put the set into `folder` in the place of an older one; see `Posterior.save`. `warnings`: instead of the
+    fit's."""
     folder = Path(folder)
-    content = described(posterior, loop, posterior.fit.warnings)
+    content = described(posterior, loop, posterior.fit.warnings if warnings is None else warnings)
     with outputs.staging(folder) as fresh:
         put(fresh, content, posterior, loop)
         finish(fresh, content)
         outputs.place(fresh, folder)
     return folder
+
+
+def save_whole(posterior: Posterior, folder: Path) -> Path:
+    """As `save`, with the controller that `identify` designs, where there is one."""
+    from controller import design
+
+    loop, warnings = None, list(posterior.fit.warnings)
+    if posterior.result is Result.successful:
+        try:
+            loop = design(posterior)
+        except ValueError as error:  # no drive was recorded
+            warnings.append(str(error))
+    return save(posterior, folder, loop, warnings)
 
 
 def report(posterior: Posterior, path: str | Path, loop: Any = None) -> Path:

@@ -22,7 +22,7 @@ from sysid.logs.textfile import unchanged
 def groups(paths: str | Path | Iterable[str | Path], mapping: MappingFile | None) -> list[dict[str, str]]:
     """The files to read, each once: of each the path, or of each capture of several the paths by the patterns
     that the mapping file has for them. Raises LogError."""
-    files = list(dict.fromkeys(_expand([paths] if isinstance(paths, str | Path) else paths)))
+    files = list(dict.fromkeys(expanded([paths] if isinstance(paths, str | Path) else paths)))
     return captures(files, mapping) if mapping and mapping.files else [{"": path} for path in files]
 
 
@@ -50,7 +50,7 @@ def opened(group: dict[str, str], mapping: MappingFile | None) -> Iterator[Head]
         raise LogError(f"{path}: cannot be read: {error}") from None
 
 
-def _expand(paths: Iterable[str | Path]) -> list[str]:
+def expanded(paths: Iterable[str | Path]) -> list[str]:
     """The files that patterns such as `logs/*.csv` stand for."""
     files: list[str] = []
     for path in map(str, paths):

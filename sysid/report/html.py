@@ -37,25 +37,13 @@ def render(
 ) -> str:
     """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
     the same text. `figures`: those of the fit, where there are any already."""
-    import jinja2
-
     from sysid.report.canvas import drawn
     from sysid.report.costs import of_ladder
     from sysid.report.loopplots import of_loop
     from sysid.report.plots import fit_figures, of_posterior
 
-    loader = jinja2.FileSystemLoader(Path(__file__).parent)
-    environment = jinja2.Environment(
-        loader=loader,
-        autoescape=True,
-        finalize=_finalize,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds}
     controller = document["controller"]
-    return environment.get_template("template.html.j2").render(
+    return template("template.html.j2").render(
         document,
         sentence=sentence(document, [fitted.log.metadata for fitted in posterior.fit.logs]),
         failed=document["result"] != "successful",
@@ -135,6 +123,22 @@ def _models(models: Mapping[str, Any] | None) -> Cells:
         ]
         for other in (models["compared"] if models else ())
     ]
+
+
+def template(name: str) -> Any:
+    """A page of this folder, of jinja2: nothing that a name or a sentence holds is markup."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        finalize=_finalize,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds}
+    return environment.get_template(name)
 
 
 def _finalize(value: Any) -> Any:

@@ -1,0 +1,157 @@
+"""One plate as one row: its logs read and fitted, as a tree of plain values that any process may send to
+another."""
+
+import hashlib
+import re
+import time
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+import numpy as np
+
+from sysid.fleet.groups import Given, Group
+from sysid.fleet.settings import Settings
+from sysid.logs.textfile import LogError
+
+if TYPE_CHECKING:
+    from sysid.logs.log import Log
+    from sysid.posterior.posterior import Posterior
+    from sysid.verdict.fitted import FittedLog
+
+# How a plate's row may end beside the results of a fit.
+UNREADABLE, FAILED, DIED = "the logs cannot be read", "the program failed", "the fit ended its process twice"
+BY_FIT = "fit"  # the way of a plate that `sysid.fit` fitted by itself
+TRACED, POINTS = 3, 40  # logs of a plate, and rows of each, that its small picture shows
+Row = dict[str, Any]
+
+
+def row_of(group: Group, settings: Settings) -> Row:
+    """The row of one plate. Whatever is wrong with its logs, or with the program, is told in the row; OSError
+    where its own folder cannot be written."""
+    begun = time.perf_counter()
+    row = blank(group, settings)
+    try:
+        if group.refused:
+            raise LogError(group.refused)
+        from sysid.fitting import fit
+        from sysid.posterior.posterior import sample
+
+        logs = _read(group.logs, settings.columns)
+        posterior = sample(fit(logs, **settings.given), settings.seed, settings.accuracy)
+        row |= _told(posterior)
+        if settings.full is not None:
+            from sysid.command.sets import save_whole
+
+            save_whole(posterior, folder_of(group.plate, settings.full))
+    except LogError as error:
+        row |= {"result": UNREADABLE, "error": str(error)}
+    except OSError:
+        raise
+    except Exception as error:  # of one plate in a thousand, which must not take the others along
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        said = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        row |= {"result": FAILED, "error": " ".join(said.split())}
+    return row | {"seconds": round(time.perf_counter() - begun, 4)}
+
+
+def blank(group: Group, settings: Settings) -> Row:
+    """The row of a plate of which nothing is known yet but its logs."""
+    logs = [{"name": _name(item), "sha256": digest(item)} for item in group.logs]
+    return {"plate": group.plate, "settings": settings.digest, "logs": logs, "way": BY_FIT, "seconds": 0.0}
+
+
+def dead(group: Group, settings: Settings) -> Row:
+    """The row of a plate whose fit killed its process."""
+    said = "its process was killed, by a lack of memory or by a library, and again as it was fitted alone"
+    return blank(group, settings) | {"result": DIED, "error": said}
+
+
+def digest(item: Given) -> str:
+    """sha256 of a file's bytes, or of all that a Log holds; "" of a file that cannot be read."""
+    from sysid.logs.log import Log
+
+    if not isinstance(item, Log):
+        try:
+            with open(item, "rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError:
+            return ""
+    found = hashlib.sha256()
+    for name, value in sorted(vars(item).items()):
+        told = value.tobytes() if hasattr(value, "tobytes") else repr(value).encode()
+        found.update(name.encode() + b"\0" + told)
+    return found.hexdigest()
+
+
+def folder_of(plate: str, root: str | Path) -> Path:
+    """Where a plate's own files go: its name with what a file's name cannot hold as %XX."""
+    return Path(root) / re.sub(r"^\.+", lambda dots: "%2E" * len(dots[0]), quote(plate, safe=" ()+,=@"))
+
+
+def _name(item: Given) -> str:
+    return str(getattr(item, "path", "") or getattr(item, "name", "")) if not isinstance(item, str) else item
+
+
+def _read(given: Sequence[Given], columns: str | None) -> "list[Log]":
+    """The logs of one plate, in common units."""
+    from sysid.logs.log import Log, read_logs
+    from sysid.logs.together import in_common_units, of_one_plate
+
+    made = [item for item in given if isinstance(item, Log)]
+    files = [item for item in given if not isinstance(item, Log)]
+    if not made and not files:
+        raise LogError("found no logs of this plate, expected at least one")
+    read = read_logs(files, columns) if files else []
+    return in_common_units(of_one_plate([*made, *read])) if made else read
+
+
+def _told(posterior: "Posterior") -> Row:
+    """What a posterior says of its plate."""
+    from sysid.command.outputs import finding, plain
+    from sysid.posterior.change import covariance
+
+    fit, parameters = posterior.fit, posterior.summary()
+    names, matrix = covariance(fit, parameters)
+    stated = {key.casefold(): value for f in reversed(fit.logs) for key, value in f.log.metadata.items()}
+    return {
+        "result": posterior.result.value,
+        "parameters": {name: _parameter(p) for name, p in parameters.items()},
+        "names": list(names),
+        "covariance": matrix.tolist(),
+        "reference_temperature_degC": fit.reference_temperature,
+        "nrmse_percent": max(float(f.nrmse_percent) for f in fit.logs),
+        "warnings": list(fit.warnings),
+        "findings": [plain(finding(f)) for f in fit.findings],
+        "notes": list(fit.notes),
+        "traces": [_trace(f) for f in fit.logs[:TRACED]],
+        "stated": {key: stated[key] for key in ("date", "serial") if stated.get(key)},
+    }
+
+
+def _trace(fitted: "FittedLog") -> Row:
+    """A log beside its model as a few numbers: what they go by, and d and q, or the amplitude."""
+    log, swept = fitted.log, False
+    x, label = np.arange(len(log), dtype=float), "row"
+    if fitted.kind == "steady" and log.frequency is not None:
+        x, label, swept = log.frequency, "Hz", bool(np.ptp(log.frequency) > 0)
+    if not swept and log.time is not None:
+        x, label = log.time - log.time[0], "s"
+    order = np.argsort(x, kind="stable")
+    keep = order[np.linspace(0, len(log) - 1, min(len(log), POINTS)).astype(int)]
+    both = [log.response[keep], fitted.response[keep]]
+    parts = [[np.real(y) for y in both], *([] if log.amplitude_only else [[np.imag(y) for y in both]])]
+    shown = [[[float(f"{v:.4g}") for v in y] for y in part] for part in parts]
+    told = {"name": log.name, "label": label, "unit": log.response_unit}
+    return told | {"x": [float(f"{v:.8g}") for v in x[keep]], "parts": shown}
+
+
+def _parameter(p: Any) -> Row:
+    low, high = p.ci95 or (None, None)
+    row = {"value": p.value, "std": p.std, "ci95_low": low, "ci95_high": high, "unit": p.unit}
+    return {k: v if v is None or isinstance(v, str) else float(v) for k, v in row.items()} | {
+        "determined": bool(p.determined),
+        "why": p.why,
+    }

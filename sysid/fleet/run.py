@@ -1,0 +1,112 @@
+"""The fit of many plates: `fit_fleet`, which the command `sysid fleet` calls too."""
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.fleet.engine import Dask, Engine, Here, Processes
+from sysid.fleet.groups import PLATE, grouped
+from sysid.fleet.parts import Parts
+from sysid.fleet.settings import Settings
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARTS, PLATES = "parts", "plates"  # folders of the rows so far, and of each plate's own files
+
+
+def fit_fleet(
+    groups: Any,
+    *,
+    by: str = PLATE,
+    folder: str | Path | None = None,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    accuracy: str = "quick",
+    full: bool = False,
+    seed: int = 0,
+    columns: str | Path | None = None,
+    nuisances: Sequence[str] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    reference_temperature: float = 24.0,
+    meanwhile: Callable[[int, int], None] | None = None,
+) -> "pd.DataFrame":
+    """Fit many plates, each from its own logs, and judge them as a lot: a DataFrame, one row a plate.
+
+    `groups`: a mapping from a plate's name to its logs (Logs, or paths of files); a sequence of such logs,
+    each of one plate; or files, folders and patterns, whose logs are parted `by` the "plate" that they state,
+    by "folder", or by a regular expression with one group that is searched for in the file's name. `folder`:
+    where the table, its report and the parts of it go, by which a later call goes on with what is not done;
+    `full`: with each plate's own set of files in it. `jobs`: processes of this machine (None: one for each
+    core; 0: this process alone); `scheduler`: the address of a Dask scheduler instead. What is left is told
+    to each plate's fit: see `sysid.fit`, `sysid.sample` and, for `columns`, `sysid.read_logs`. `meanwhile`:
+    is given how many plates are done, and of how many, as it goes on.
+
+    A plate whose logs cannot be read is a row with the reader's sentence under `error`. Raises LogError where
+    there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
+    none.
+    """
+    from sysid.effects.registry import ADOPTED
+    from sysid.logs.mapfile import load_mapping
+    from sysid.model.prior import checked
+    from sysid.trials.extra import EXTRA
+    from sysid.trials.trial import NUISANCES
+
+    if unknown := {*(nuisances or ())} - {*NUISANCES, *EXTRA, *ADOPTED}:
+        raise ValueError(f"found {', '.join(sorted(unknown))}, expected nuisances that sysid.fit knows")
+    if full and folder is None:
+        raise ValueError("found full=True without a folder, expected where the plates' own files go")
+    with ExitStack() as stack:
+        place = Path(stack.enter_context(tempfile.TemporaryDirectory()) if folder is None else folder)
+        own = str(place.absolute() / PLATES) if full else None
+        mapping = None if columns is None else str(columns)
+        told = None if nuisances is None else tuple(nuisances)
+        settings = Settings(accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own)
+        plates = grouped(
+            groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
+        )
+        parts = Parts(place / PARTS)
+        done = parts.done(plates, settings)
+        left = [group for group in plates if group.plate not in done]
+        for rows in _engine(jobs, scheduler, len(left)).rows(left, settings) if left else ():
+            parts.write(rows)
+            done |= {row["plate"]: row for row in rows}
+            if meanwhile is not None:
+                meanwhile(len(done), len(plates))
+        return _finished([done[group.plate] for group in plates], None if folder is None else place, full)
+
+
+def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:
+    if scheduler is not None:
+        return Dask(scheduler)
+    if jobs is not None and jobs < 0:
+        raise ValueError(f"found {jobs} jobs, expected 0 or more")
+    jobs = cores() if jobs is None else jobs
+    return Processes(min(jobs, plates)) if jobs else Here()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    usable = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(usable(0)) if usable else os.cpu_count() or 1
+
+
+def _finished(rows: Sequence[dict[str, Any]], folder: Path | None, full: bool) -> "pd.DataFrame":
+    """The table of all rows, and its files in the folder."""
+    from sysid.fleet.odd import with_odd
+    from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet, framed
+
+    frame, found = with_odd(framed(rows))
+    if folder is not None:
+        from sysid.command.outputs import add
+        from sysid.fleet.page import PAGE, render
+
+        files = {PAGE: render(frame, found, rows, PLATES if full else None).encode(), CSV: as_csv(frame)}
+        with suppress(ImportError):  # the extra fleet
+            files[PARQUET] = as_parquet(frame)
+        add(folder, files)
+        frame.attrs["files"] = list(files)
+    return frame
