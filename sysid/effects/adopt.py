@@ -112,8 +112,8 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
         here = tuple(i for i, t in enumerate(trials) if t.noise.rounded is None and effect.shows(t))
         if effect.scope != "plate":
             each += [Instance(effect, (i,)) for i in here]
-        if effect.scope == "plate":  # a transient would need what an effect of the plate does to its pole from row to row
-            each += [Instance(effect, here)] if here and all(t.steady for t in trials) else []
+        if effect.scope == "plate" and here:
+            each.append(Instance(effect, here))
         if effect.scope == "bench" and len(here) > 1:
             each.append(Instance(effect, here))
     return each

@@ -17,6 +17,7 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
 from sysid.verdict.finding import Number
 
+WIDE = 8.0  # half bandwidths, as of a usual sweep, where none is wider
 SEEN = 3.0  # standard deviations from zero
 
 
@@ -35,7 +36,7 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
     half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
-    widest sweep."""
+    widest sweep, or what is usual."""
 
     reference: tuple[float, float]
     theta: np.ndarray
@@ -49,7 +50,8 @@ class About(NamedTuple):
     def of(cls, state: State, reference: tuple[float, float]) -> "About":
         """Of the logs at a minimum."""
         top = max(t.scale for t in state.trials)
-        span = max((float(np.ptp(t.log.frequency)) for t in state.trials if t.resonant), default=0.0)
+        swept = [float(np.ptp(t.log.frequency)) for t in state.trials if t.resonant]
+        span = max([WIDE * state.half_bandwidth, *swept])
         drive = max((float(np.max(np.abs(t.log.drive))) for t in state.trials if t.driven), default=1.0)
         return cls(reference, state.theta, state.tau, state.half_bandwidth, top, drive, span)
 

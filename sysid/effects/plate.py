@@ -23,12 +23,24 @@ def _sweep(trial: Trial) -> bool:
     return trial.swept and trial.driven and len(trial.log) >= LEAST_ROWS and bool(np.all(trial.inputs.drive != 0))
 
 
+def _sweep_or_transient(trial: Trial) -> bool:
+    """A sweep, or d and q of a transient whose inputs change."""
+    return _sweep(trial) or _moving(trial)
+
+
+def _moving(trial: Trial) -> bool:
+    moved = not trial.steady and trial.resonant and trial.signed and trial.driven and trial.changes > 0
+    return moved and trial.log.theta is None
+
+
 def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A Duffing plate settles like one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear
-    Oscillations, 1979, 4.1): row k shows, whichever way the sweep came, what a linear plate shows at f_k -
-    kappa |W_k|^2."""
-    size = np.abs(trial.log.response)
-    return read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * (size / about.top) ** 2)
+    """A Duffing plate is one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979,
+    4.1): row k shows, whichever way a sweep came, what a linear plate shows at f_k - kappa |W_k|^2, and so from
+    one row of a transient to the next."""
+    power = (np.abs(trial.log.response) / about.top) ** 2
+    power = power if trial.steady else 0.5 * (power + np.append(power[1:], power[-1]))
+    moved = read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * power)
+    return replace(moved, narrow=trial.narrow)
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -42,7 +54,7 @@ def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DUFFING = Effect(
     name="duffing",
-    shows=_sweep,
+    shows=_sweep_or_transient,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
     applied=_softened,
@@ -64,12 +76,6 @@ def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarra
     theta = about.theta + np.array([0.0, width, place * about.half_bandwidth, 0.0, 0.0, 0.0])
     theta[0] = -np.log(about.drive)
     return Course.of(trial, about.reference, theta).forced
-
-
-def _second_shows(trial: Trial) -> bool:
-    """A sweep, or d and q of a transient whose inputs change."""
-    moved = not trial.steady and trial.resonant and trial.signed and trial.driven and trial.changes > 0
-    return _sweep(trial) or (moved and trial.log.theta is None)
 
 
 def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -99,7 +105,7 @@ def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 SECOND_MODE = Effect(
     name="second_mode",
-    shows=_second_shows,
+    shows=_sweep_or_transient,
     stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0]),
     starts=lambda trial, about: np.array(
         [[way * x, 0.0, 0.5 * turn.real, 0.5 * turn.imag] for x in APART for way in (-1, 1) for turn in TURNS]

@@ -92,7 +92,8 @@ class Search:
         found, every, i = [], (*before, instance), instance.where[0]
         for start in instance.effect.starts(self.trials[i], self.about):
             u = np.append(numbers, start)
-            near = self.anew(every, u) if instance.effect.afresh else self.alone
+            swept = all(self.trials[k].steady for k in instance.where)  # of which a row is as good as the next
+            near = self.anew(every, u) if instance.effect.afresh and swept else self.alone
             point = self.at(every, u, near)
             step, covariance, _ = self.looked(point)
             gain = 0.5 * float(step @ np.linalg.pinv(covariance, hermitian=True) @ step)
