@@ -111,7 +111,6 @@ def millivolts(bench):
     ("logs", "said"),
     [
         (finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
-        (softening, "depend on the amplitude"),
         (sine_law, "not proportional to the drive"),
         (saturated, "saturated"),
         (two_resonances, "the resonance contradicts the other logs"),
@@ -134,6 +133,7 @@ def test_what_the_model_leaves_out_is_named(bench, logs, said):
         (fourth_order_lock_in, {"filter"}),
         (lock_in_of_a_sweep, {"filter"}),
         (second_resonance, {"second_mode"}),
+        (softening, {"duffing"}),
         (hurried_sweep, {"dwell"}),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
