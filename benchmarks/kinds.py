@@ -47,6 +47,8 @@ CAUSES = {
     "offset": "an offset of d and q",
     "feedthrough": "lies a feedthrough",
     "mirrored": "turns the other way",
+    "overshoot": "of second order: it overshoots",
+    "oscillation": "an oscillation itself",
 }
 
 
@@ -170,7 +172,7 @@ def two_modes(apart, share):
 def raw_oscillation(period):
     def made(rng):
         t = np.sort(rng.uniform(0, 4, 60))
-        y = np.cos(2 * np.pi * t / period) * np.exp(-t / 2.9)
+        y = np.cos(2 * np.pi * t / period + rng.uniform(0, 2 * np.pi)) * np.exp(-t / 2.9)
         return [Log("raw", noisy(rng, y, 0.02), time=t, kind="transient")], {}
 
     return made
@@ -239,7 +241,7 @@ def restless(swing):
 KINDS = {
     "half of the step settles at once": Kind(
         {"fast 1 ms": two_rates(1e-3, 0.5), "fast 2 ms": two_rates(2e-3, 0.4), "at once": two_rates(1e-5, 0.6)}, ("immediate",)),
-    "a second-order step": Kind({f"zeta {z}": overshoot(z) for z in (0.05, 0.3, 0.6)}, modelled=False),
+    "a second-order step": Kind({f"zeta {z}": overshoot(z) for z in (0.05, 0.3, 0.6)}, ("overshoot",), False),
     "ring-down of amplitudes on an offset": Kind(
         {"below": ring_down(-0.3, 0.6), "above": ring_down(0.3, 0.6), "far": ring_down(0.8, 1.0)}, ("offset",)),
     "sweep, set, wait, read": Kind(
@@ -250,7 +252,8 @@ KINDS = {
     "feedthrough under amplitudes": Kind({f"{s:.0%}": amplitude_feedthrough(s) for s in (0.02, 0.05, 0.1)}, ("feedthrough",)),
     "two modes, amplitudes": Kind(
         {"3 apart": two_modes(3.0, 0.7), "4 apart": two_modes(4.5, 0.9), "6 apart": two_modes(6.0, 0.5)}, ("second resonance",)),
-    "an oscillation that was not demodulated": Kind({f"period {p} s": raw_oscillation(p) for p in (0.3, 0.53, 0.9)}, modelled=False),
+    "an oscillation that was not demodulated": Kind(
+        {f"period {p} s": raw_oscillation(p) for p in (0.3, 0.53, 0.9)}, ("oscillation",), False),
     "a low-pass": Kind({f"tau {t:g} s": low_pass(t) for t in (1e-4, 7e-4, 1e-2)}, ("no resonance",), False),
     "a drive of 1e-9 to 1e7 V": Kind({f"{v:g} V": small_drive(v) for v in (1e-9, 1e-7, 1e7)}),
     "a step that is late, beside a sweep": Kind({f"{t * 1e3:g} ms": late_sensor(t) for t in (0.1e-3, 0.3e-3, 0.5e-3)}, ("late", "filter")),

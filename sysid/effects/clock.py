@@ -53,7 +53,7 @@ DELAY = Effect(
     stds=lambda trial, about: np.array([max(about.tau, ROWS[-1] * trial.spacing)]),
     starts=lambda trial, about: np.append(ROWS * trial.spacing, TAUS * about.tau)[:, None],
     applied=_delayed,
-    numbers=lambda values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
+    numbers=lambda trial, values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
     said=_delay_said,
     scope="bench",
     known_as=("late", "early"),
@@ -72,7 +72,7 @@ def _filter(order: int) -> Effect:
         time = max(float(values[0]), LEAST) * about.tau / order
         return replace(_on_time(trial), filter=(time, order))
 
-    def numbers(values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         time = number(values[0], stds[0], "s", about.tau / order)
         return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
 
@@ -128,7 +128,7 @@ DWELL = Effect(
     stds=lambda trial, about: np.array([ENOUGH]),
     starts=lambda trial, about: DWELLS,
     applied=_hurried,
-    numbers=lambda values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
+    numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
     said=_hurried_said,
     known_as=("swept too fast",),
     alike=("swept too fast", "second resonance"),

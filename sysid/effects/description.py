@@ -62,14 +62,18 @@ class Description(NamedTuple):
         """Each effect, in words and numbers; `beside`: what the words say between what there is and what to
         do."""
         found, stds = [], np.sqrt(np.diag(self.covariance))
+        about = self.about._replace(fitted=(self.state.tau, float(np.sqrt(self.state.spread[1, 1]))))
         for x, part in zip(self.instances, self.parts, strict=True):
             names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
-            numbers = x.effect.numbers(self.numbers[part], stds[part], self.about)
-            told = x.effect.said(self.state.trials[first], numbers)
+            trial = self.state.trials[first]
+            numbers = x.effect.numbers(trial, self.numbers[part], stds[part], about)
+            told = x.effect.said(trial, numbers)
             as_well = " or ".join(f"a {name.replace('_', ' ')}" for name in self.nearly)
             doubt = f" ({as_well} describes it nearly as well)" if as_well else ""
-            sentence = f"{', '.join(names)}: {told.what}, {beside}{doubt}; {told.to_do}"
-            found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence))
+            another = x.effect.another
+            so = "so that it has no G and tau of first order" if another else beside
+            sentence = f"{', '.join(names)}: {told.what}, {so}{doubt}; {told.to_do}"
+            found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence, mostly=another))
         return tuple(found)
 
 

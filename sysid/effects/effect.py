@@ -36,7 +36,7 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
     half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
-    widest sweep, or what is usual."""
+    widest sweep, or what is usual; `fitted` s, tau as it is with the effect, and its relative error."""
 
     reference: tuple[float, float]
     theta: np.ndarray
@@ -45,6 +45,7 @@ class About(NamedTuple):
     top: float
     drive: float
     span: float
+    fitted: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, state: State, reference: tuple[float, float]) -> "About":
@@ -65,8 +66,9 @@ class Effect:
     deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
     "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
     may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for the
-    errors that the fit states, so that it is named and not adopted. `afresh`: with it the plant may be far
-    from what it seems without, and is looked for anew from each start. `stretched`: of one that changes what
+    errors that the fit states, so that it is named and not adopted. `another`: with it the plant is not of
+    first order, and G and tau are none of it. `afresh`: with it the plant of that log may be
+    far from what it seems without, and is looked for anew from each start. `stretched`: of one that changes what
     was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
     (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given
     to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the effect;
@@ -77,12 +79,13 @@ class Effect:
     stds: Callable[[Trial, About], np.ndarray]
     starts: Callable[[Trial, About], np.ndarray]
     applied: Callable[[Trial, np.ndarray, About], Trial]
-    numbers: Callable[[np.ndarray, np.ndarray, About], dict[str, Number]]
+    numbers: Callable[[Trial, np.ndarray, np.ndarray, About], dict[str, Number]]
     said: Callable[[Trial, dict[str, Number]], Told]
     scope: str = "log"
     many: bool = False
     rough: bool = False
-    afresh: bool = False
+    another: bool = False
+    afresh: Callable[[Trial], bool] = lambda trial: False
     stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
     known_as: Sequence[str] = ()
     alike: Sequence[str] = ()

@@ -1,10 +1,12 @@
-"""What a sweep shows besides a single, linear resonance: it softens, or something else moves with it."""
+"""What a plate shows besides a single, linear resonance: it softens, something else moves with it, it overshoots."""
 
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import find_peaks, lombscargle
 
-from sysid.effects.effect import About, Effect, Told, number, read_anew
+from sysid.effects.effect import SEEN, About, Effect, Told, number, read_anew
+from sysid.model.plant import SECOND
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
@@ -13,6 +15,11 @@ SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what 
 APART = 2.0 ** np.arange(0, 5)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 LEAST_ROWS = 8
+LEAST = 1e-6  # of a log: less is a plant of first order
+SLOW = 0.25  # of a log, which is then little more than a period
+SLOWER = 2.0 ** np.arange(-1, 3)  # of tau, the root of what the second derivative counts
+PHASES = (-1.0, 0.0, 1.0)  # rad, of a decay
+FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
 # Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
 # are in phase.
 CAPACITIVE, RESISTIVE = 0.3, 0.05
@@ -58,13 +65,13 @@ DUFFING = Effect(
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
     applied=_softened,
-    numbers=lambda values, stds, about: {
+    numbers=lambda trial, values, stds, about: {
         "shift_Hz": number(values[0], stds[0], "Hz", about.span),
         "at": number(about.top, 0.0, "of the response"),
     },
     said=_softened_said,
     scope="plate",
-    afresh=True,
+    afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     known_as=("amplitude",),
     alike=("amplitude", "saturation", "second resonance", "drift", "background", "swept too fast"),
 )
@@ -88,7 +95,7 @@ def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
-def _second_numbers(values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
     time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:]))
     return {
         "apart_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
@@ -142,10 +149,75 @@ FEEDTHROUGH = Effect(
     stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
     starts=lambda trial, about: np.array([[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]),
     applied=_fed_through,
-    numbers=lambda values, stds, about: {
+    numbers=lambda trial, values, stds, about: {
         "in_phase": number(values[0], stds[0], "of the largest response"),
         "in_quadrature": number(values[1], stds[1], "of the largest response"),
     },
     said=_fed_said,
     alike=("second resonance", "background", "amplitude", "drift", "offset", "saturation"),
+)
+
+
+def _baseband(trial: Trial) -> bool:
+    """A transient without a frequency, which is not behind a lock-in's filter."""
+    alone = not trial.steady and not trial.resonant and trial.signed and len(trial.log) >= LEAST_ROWS
+    return alone and not np.iscomplexobj(trial.log.response) and trial.log.theta is None and trial.smoothing[1] == 0
+
+
+def _lasted(trial: Trial) -> float:
+    """s, from the first row to the last."""
+    return float(trial.log.time[-1] - trial.log.time[0])
+
+
+def _ringing(trial: Trial, about: About) -> np.ndarray:
+    """(m, 2): times as shares of the log, 1/(2 pi f) at the largest peaks f of the periodogram of what the first
+    order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
+    course, lasted = Course.of(trial, about.reference, about.theta), _lasted(trial)
+    shapes = np.stack([course.forced.real, course.free.real, np.ones(len(trial.log))], axis=1)
+    left = trial.log.response - shapes @ np.linalg.lstsq(shapes, trial.log.response, rcond=None)[0]
+    rates = np.pi / (FINER * lasted) * np.arange(1, FINER * len(left) + 1)
+    power = lombscargle(trial.log.time - trial.log.time[0], left, rates)
+    peaks = find_peaks(power)[0]
+    largest = 1 / rates[peaks[np.argsort(-power[peaks])][:PEAKS]] / lasted
+    if not trial.driven:
+        return np.array([[x, phase] for x in largest for phase in PHASES])
+    return np.array([[x, 0.0] for x in (*largest, *SLOWER * about.tau / lasted)])
+
+
+def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    time = max(float(values[0]), LEAST) * _lasted(trial)
+    return replace(trial, filter=(time * np.exp(1j * values[1]), SECOND), extra={}, late=0.0)
+
+
+def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time, error = values[0] * _lasted(trial), stds[0] / values[0]
+    hertz, ratio = 1 / (2 * np.pi * time), about.fitted[0] / (2 * time)
+    most = error + about.fitted[1]  # however the two go together
+    return {"natural_Hz": number(hertz, hertz * error, "Hz"), "damping_ratio": number(ratio, ratio * most, "1")}
+
+
+def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
+    hertz, ratio = found["natural_Hz"], found["damping_ratio"]
+    seen = f"natural frequency {hertz.value:.5g} ± {hertz.std:.1g} Hz, damping ratio {ratio.value:.3g}"
+    if not trial.driven:
+        what = f"an oscillation itself, which was not demodulated ({seen})"
+        return Told(what, "record it 20 times a period or more with its drive, or its amplitude, or d and q")
+    to_do = "the controllers here are for its resonance: drive it there, and record d and q"
+    return Told(f"of second order: it overshoots ({seen})", to_do)
+
+
+OVERSHOOT = Effect(
+    name="overshoot",
+    shows=_baseband,
+    stds=lambda trial, about: np.array([SLOW, PHASES[-1]]),
+    starts=_ringing,
+    applied=_overshot,
+    numbers=_overshot_numbers,
+    said=_overshot_said,
+    scope="plate",
+    rough=True,
+    another=True,
+    afresh=lambda trial: not trial.driven,
+    alike=("late", "early", "rows lost", "astray", "saturation", "amplitude", "drift", "offset", "drive"),
+    makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
 )

@@ -92,8 +92,8 @@ class Search:
         found, every, i = [], (*before, instance), instance.where[0]
         for start in instance.effect.starts(self.trials[i], self.about):
             u = np.append(numbers, start)
-            swept = all(self.trials[k].steady for k in instance.where)  # of which a row is as good as the next
-            near = self.anew(every, u) if instance.effect.afresh and swept else self.alone
+            afresh = all(instance.effect.afresh(self.trials[k]) for k in instance.where)
+            near = self.anew(every, u) if afresh else self.alone
             point = self.at(every, u, near)
             step, covariance, _ = self.looked(point)
             gain = 0.5 * float(step @ np.linalg.pinv(covariance, hermitian=True) @ step)
@@ -224,18 +224,28 @@ class Search:
         std, each = np.sqrt(np.diag(found.covariance)), zip(found.instances, found.parts, strict=True)
         return all(x.effect.makes_sense(found.numbers[p], std[p]) for x, p in each)
 
+    def in_colour(
+        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, trials: tuple[Trial, ...] = ()
+    ) -> Point:
+        """The minimum near another with the noise that is there, whatever its colour; its logs read as `trials`, or as there."""
+        state = self.minimiser.refine(trials or near.trials, near.theta, known=1)
+        return Point(instances, numbers, state, self.cost(instances, numbers, state))
+
     def finished(self, found: Description) -> Description:
         """The description with the noise that it leaves, whatever its colour."""
-        state = self.minimiser.refine(found.state.trials, found.state.theta, known=1)
-        point = Point(found.instances, found.numbers, state, 0.0)
+        point = self.in_colour(found.instances, found.numbers, found.state)
+        step, covariance, dispersion = self.looked(point, True)
         for _ in range(ROUNDS):
-            step, covariance, dispersion = self.looked(point, True)
             if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
                 break
             numbers = point.numbers + step
             anew = zip(self.applied(point.instances, numbers), point.state.trials, strict=True)
             trials = tuple(replace(t, noise=old.noise) for t, old in anew)
-            point = Point(found.instances, numbers, self.minimiser.refine(trials, point.state.theta, known=1), 0.0)
+            new = self.in_colour(found.instances, numbers, point.state, trials)
+            if not new.cost < point.cost:
+                break
+            point = new
+            step, covariance, dispersion = self.looked(point, True)
         done = found._replace(
             state=point.state, numbers=point.numbers, covariance=covariance, dispersion=dispersion
         )

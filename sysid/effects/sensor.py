@@ -54,7 +54,7 @@ def _compressed(power: int, each: bool) -> Effect:
         applied=applied,
         rough=True,
         stretched=stretched,
-        numbers=lambda values, stds, about: {"taken": number(values[0], stds[0], "of the largest row")},
+        numbers=lambda trial, values, stds, about: {"taken": number(values[0], stds[0], "of the largest row")},
         said=said,
         known_as=("saturation",),
         alike=("saturation", "amplitude"),

@@ -99,7 +99,8 @@ class Thinned:
             forced = hold.drive * steady(tau, detuning, hold.omega, np)
             return forced, np.zeros_like(forced)
         carrier = self.trial.resonant and self.trial.log.theta is not None
-        found = respond(tau, detuning, hold, carrier=carrier, begun=self.trial.begun, xp=np)
+        order = min(self.trial.smoothing[1], 0)  # a filter of a lock-in leaves the start where it is
+        found = respond(tau, detuning, hold, carrier=carrier, begun=self.trial.begun, order=order, xp=np)
         return found.forced, found.free / np.abs(found.free[:1]) if self.trial.begun else found.free
 
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

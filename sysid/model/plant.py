@@ -99,9 +99,12 @@ def respond(
     `begun`: not from rest where `hold.begun` says that an interval begins settled; a unit start is then that state once more.
     `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began, or
     settled.
+    SECOND: no lock-in, but a plant without a frequency that is of second order (`_second_order`).
     `omega0` (M,) as `poles` has it. With numpy for `xp`, of B plants at once, (N, B): tau (B,), detuning (M, B),
     and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
+    if order == SECOND:
+        return _second_order(tau, hold, xp)
     s = poles(tau, detuning, hold.omega, omega0, xp)
     push = s.gain * hold.drive
     ripple = xp.where(xp.isfinite(s.fast.imag), (_over if xp is jnp else np.divide)(push, s.fast), 0.0)
@@ -115,6 +118,30 @@ def respond(
         rest = _propagate(s.fast, -push, hold, fast, xp).forced if both_modes else ripple[hold.interval]
         found = found._replace(forced=found.forced + rest)
     return found if settled is None else found._replace(free=(settled[0] + (1 - hold.begun[0])) * found.free)
+
+
+SECOND = -1  # instead of a number of poles
+APART = 1e-12  # of tau^2, by which the discriminant of two poles is off zero: costs six digits of sixteen where they coincide
+
+
+def _second_order(tau: Leaf, hold: Hold, xp: Any) -> Response:
+    """Response of T^2 w'' + tau w' + w = V, which overshoots for tau < 2 T (damping ratio tau/(2 T)), with T e^{j phi} (s) for
+    `hold.smoothing`. By partial fractions in its poles p and q,
+
+        1/(1 + tau s + T^2 s^2) = a (-p)/(s - p) + (1 - a) (-q)/(s - q),    a = q/(q - p),
+
+    and a start cos(phi) that moves at sin(phi)/T decays as
+
+        cos(phi) (a e^{p t} + (1 - a) e^{q t}) + sin(phi) (e^{p t} - e^{q t})/((p - q) T).
+    """
+    time, phase, ones = xp.abs(hold.smoothing), xp.angle(hold.smoothing), xp.ones_like(hold.drive)
+    root = xp.sqrt(tau**2 - 4 * time**2 + APART * tau**2 + 0j)
+    p, q = (ones * (way * root - tau) / (2 * time**2) for way in (1, -1))
+    share = q[0] / (q[0] - p[0])
+    slow, fast = (_propagate(pole, -pole * hold.drive, hold, None, xp) for pole in (p, q))
+    forced, rate, still = (share * x + (1 - share) * y for x, y in zip(slow, fast, strict=True))
+    moving = (slow.free - fast.free) / ((p[0] - q[0]) * time)
+    return Response(forced, rate, xp.cos(phase) * still + xp.sin(phase) * moving)
 
 
 def _settled(pole: Leaf, push: Leaf, hold: Hold, xp: Any) -> Leaf:

@@ -106,7 +106,9 @@ def _dies_into_rice(time: np.ndarray, w: np.ndarray) -> bool:
         a, s = np.exp(p[0] - t * np.exp(-p[1])), np.exp(p[2])
         return float(-np.sum(np.log(x / s**2 * i0e(a * x / s**2)) - (x - a) ** 2 / (2 * s**2)))
 
-    rice = minimize(cost, [0.0, np.log(taus[best]), 0.5 * np.log(variance)], method="Nelder-Mead", options={"maxfev": 400})
+    within = [(None, None), (np.log(taus[-1]), np.log(taus[0])), (None, None)]
+    first = [0.0, np.log(taus[best]), 0.5 * np.log(variance)]
+    rice = minimize(cost, first, method="Nelder-Mead", bounds=within, options={"maxfev": 400})
     size, tau, noise = np.exp(rice.x)
     normal = 0.5 * len(x) * (np.log(2 * np.pi * variance) + 1)
     return bool(size * np.exp(-t[-1] / tau) < noise and normal + 0.5 * np.log(len(x)) > rice.fun)

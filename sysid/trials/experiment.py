@@ -15,7 +15,7 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: boo
 
     `low_q`: with the fast mode's ripple.
     """
-    rows = _sizes([len(t.log) + SPARE + t.smoothing[1] for t in trials], [t.steady for t in trials])
+    rows = _sizes([len(t.log) + SPARE + max(t.smoothing[1], 0) for t in trials], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
     intervals = FEW if most <= FEW else bucket(most, 64)
     swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
@@ -79,7 +79,7 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     now, before = noise.whitening()
     y = trial.log.response[noise.used] if amplitude else np.asarray(trial.log.response[noise.used], complex)
     y = _pad(whitened(y, now, before), rows)
-    bases = [_pad_rows(q, rows, COLUMNS + order) for q, _ in trial.spans]
+    bases = [_pad_rows(q, rows, COLUMNS + max(order, 0)) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
     return Layout(*flags, rows, intervals, trial.alongside is not None), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),

@@ -63,7 +63,7 @@ class Trial:
     under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of floor adds to a sweep
     narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
     extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
-    filter: tuple[float, int] | None = None  # time constant (s) and poles of a lock-in's that is fitted, where none is stated
+    filter: tuple[complex, int] | None = None  # time constant (s) and poles of a lock-in's that is fitted; or `SECOND`
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
 
     @classmethod
@@ -287,7 +287,7 @@ class Trial:
     def _filtered(self) -> np.ndarray:
         """(n,) the drive behind the lock-in's filter, which had settled at its first level."""
         (tau, order), drive = self.smoothing, self.inputs.drive
-        if not order:
+        if order <= 0:
             return drive[self.inputs.interval]
         hold = self.inputs._replace(smoothing=tau, spread=np.zeros(len(self.log)))
         step = (drive - drive[0]).astype(complex)
@@ -297,7 +297,7 @@ class Trial:
     def _remembered(self) -> dict[str, np.ndarray]:
         """How the initial states of the lock-in's filter die away, (n,) each: e^-x x^k for each of its poles."""
         tau, order = self.smoothing
-        x = (self.log.time - self.log.time[0]) / tau if order else self.log.time
+        x = (self.log.time - self.log.time[0]) / tau if order > 0 else self.log.time
         return {f"memory{k}": np.exp(-x) * x**k for k in range(order)}
 
     @property
@@ -316,7 +316,7 @@ class Trial:
         return 10.0 * self.scale
 
     @cached_property
-    def smoothing(self) -> tuple[float, int]:
+    def smoothing(self) -> tuple[complex, int]:
         """Time constant (s) and number of poles of the lock-in's filter, stated or fitted; (0, 0) where it does not matter."""
         if self.filter is not None:
             return self.filter
