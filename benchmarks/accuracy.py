@@ -76,14 +76,18 @@ def by_least_squares(y: np.ndarray) -> Summary:
 def by_curve_fit(y: np.ndarray) -> Summary:
     from scipy.optimize import curve_fit
 
-    p, cov = curve_fit(lambda _, *p: model(np.array(p)), TIME, y, START, jac=lambda _, *p: derivative(np.array(p)))
+    p, cov = curve_fit(
+        lambda _, *p: model(np.array(p)), TIME, y, START, jac=lambda _, *p: derivative(np.array(p))
+    )
     return normal(p, np.sqrt(np.diag(cov)))
 
 
 def _lmfit(y: np.ndarray):
     import lmfit
 
-    parameters = lmfit.create_params(G={"value": START[0], "min": 0}, tau={"value": START[1], "min": 1e-6}, offset=0.0)
+    parameters = lmfit.create_params(
+        G={"value": START[0], "min": 0}, tau={"value": START[1], "min": 1e-6}, offset=0.0
+    )
 
     def residual(p):
         return model(np.array([p["G"].value, p["tau"].value, p["offset"].value])) - y
@@ -94,14 +98,18 @@ def _lmfit(y: np.ndarray):
 def by_lmfit(y: np.ndarray) -> Summary:
     minimizer, parameters = _lmfit(y)
     found = minimizer.minimize(params=parameters).params
-    return normal(*(np.array([getattr(found[n], part) for n in ("G", "tau")]) for part in ("value", "stderr")))
+    return normal(
+        *(np.array([getattr(found[n], part) for n in ("G", "tau")]) for part in ("value", "stderr"))
+    )
 
 
 def by_lmfit_emcee(y: np.ndarray) -> Summary:
     minimizer, parameters = _lmfit(y)
     best = minimizer.minimize(params=parameters).params
     best.add("__lnsigma", value=np.log(NOISE), min=np.log(1e-3), max=np.log(10))
-    found = minimizer.emcee(best, nwalkers=32, steps=1000, burn=200, is_weighted=False, progress=False, seed=0)
+    found = minimizer.emcee(
+        best, nwalkers=32, steps=1000, burn=200, is_weighted=False, progress=False, seed=0
+    )
     return drawn(*(found.chain[..., found.var_names.index(n)] for n in ("G", "tau")))
 
 
@@ -118,7 +126,10 @@ def by_iminuit(y: np.ndarray) -> Summary:
     search.minos("G", "tau", cl=0.95)
     ends = [(search.merrors[n].lower, search.merrors[n].upper) for n in ("G", "tau")]
     return np.array(
-        [[search.values[n], search.values[n] + a, search.values[n] + b] for n, (a, b) in zip(("G", "tau"), ends, strict=True)]
+        [
+            [search.values[n], search.values[n] + a, search.values[n] + b]
+            for n, (a, b) in zip(("G", "tau"), ends, strict=True)
+        ]
     )
 
 
@@ -136,13 +147,20 @@ def by_numpyro(y: np.ndarray) -> Summary:
             from numpyro.infer import MCMC, NUTS
 
             def posterior(y):
-                a, b, c, s = (numpyro.sample(n, ImproperUniform(constraints.real, (), ())) for n in ("a", "b", "c", "s"))
+                a, b, c, s = (
+                    numpyro.sample(n, ImproperUniform(constraints.real, (), ())) for n in ("a", "b", "c", "s")
+                )
                 mean = 100 * START[0] * jnp.exp(a) * -jnp.expm1(-SINCE / (START[1] * jnp.exp(b))) + c
                 numpyro.sample("y", Normal(mean, NOISE * jnp.exp(s)), obs=y)
 
             start = dict.fromkeys("abcs", jnp.zeros(4))
             chains = MCMC(
-                NUTS(posterior), num_warmup=500, num_samples=1000, num_chains=4, chain_method="vectorized", progress_bar=False
+                NUTS(posterior),
+                num_warmup=500,
+                num_samples=1000,
+                num_chains=4,
+                chain_method="vectorized",
+                progress_bar=False,
             )
             _kept["numpyro"] = chains, start
         chains, start = _kept["numpyro"]
@@ -194,7 +212,9 @@ def by_diffrax(y: np.ndarray) -> Summary:
             import optimistix
 
             def residual(p, y):
-                term = diffrax.ODETerm(lambda t, w, _: (100 * START[0] * jnp.exp(p[0]) - w) / (START[1] * jnp.exp(p[1])))
+                term = diffrax.ODETerm(
+                    lambda t, w, _: (100 * START[0] * jnp.exp(p[0]) - w) / (START[1] * jnp.exp(p[1]))
+                )
                 given = {
                     "saveat": diffrax.SaveAt(ts=SINCE[60:]),
                     "adjoint": diffrax.ForwardMode(),
@@ -278,11 +298,15 @@ PLACES = {
 def section(repeat: int) -> str:
     y = record()
     known, std = truth(y)
-    found = {name: way(y) for name, way in WAYS.items() if name == "scipy `least_squares`"}  # loads scipy for all who stand on it
+    found = {
+        name: way(y) for name, way in WAYS.items() if name == "scipy `least_squares`"
+    }  # loads scipy for all who stand on it
     first, later = in_turns({name: partial(_keep, found, name, way, y) for name, way in WAYS.items()}, repeat)
     error = {name: float(np.max(np.abs(found[name] - known) / std[:, None])) for name in WAYS}
     draw([(name, first[name], later[name], error[name]) for name in WAYS])
-    table = "\n".join(f"| {name} | {first[name]:.3g} | {spread(later[name])} | {error[name]:.2g} |" for name in WAYS)
+    table = "\n".join(
+        f"| {name} | {first[name]:.3g} | {spread(later[name])} | {error[name]:.2g} |" for name in WAYS
+    )
     return f"""## Accuracy and time
 
 One step of {len(y)} rows; what is wanted is the posterior of G and tau. Error: the largest distance of a mean or of an end of a 95 % interval

@@ -80,7 +80,12 @@ def row(name: str, of: Sequence[Outcome]) -> str:
     if len(ratios):
         low, middle, high = np.quantile(ratios, [0.05, 0.5, 0.95])
         kept = np.mean([o.beyond <= 1.2 for o in of if o.advised])
-        cells += [f"{middle:.3f}", f"{low:.3f} to {high:.3f}", f"{100 * np.mean(np.abs(ratios - 1) <= 0.2):.1f} %", f"{100 * kept:.1f} %"]
+        cells += [
+            f"{middle:.3f}",
+            f"{low:.3f} to {high:.3f}",
+            f"{100 * np.mean(np.abs(ratios - 1) <= 0.2):.1f} %",
+            f"{100 * kept:.1f} %",
+        ]
     else:
         cells += ["-", "-", "-", "-"]
     return "| " + " | ".join(map(str, cells)) + f" | {max((o.z for o in of), default=0.0):.2g} |"
@@ -96,7 +101,9 @@ def table(outcomes: Sequence[Outcome], command: str) -> str:
         __doc__.partition("\n\n")[2].partition("\n\n    --")[0],
         "",
     ]
-    lines += ["| cause | logs | advised | then determined | promised/had, median | 5 to 95 % | within 20 % | kept | largest z |"]
+    lines += [
+        "| cause | logs | advised | then determined | promised/had, median | 5 to 95 % | within 20 % | kept | largest z |"
+    ]
     lines += ["|---|---|---|---|---|---|---|---|---|"]
     lines += [row(name, of) for name in CAUSES if (of := [o for o in outcomes if o.cause == name])]
     far = sorted((o for o in outcomes if o.advised and not o.beyond <= 1.2), key=lambda o: o.seed)

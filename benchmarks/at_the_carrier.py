@@ -108,7 +108,12 @@ def rows():
     _, adaptive350 = made(voltage_limit=350.0, method="adaptive", amplitude=ASKED)
     adaptive_loop, adaptive = made(method="adaptive")
     _, counted = made(rig=controller.Rig(adc=Adc(12.0, 5.0, 16 * PLATE.f0)))
-    wrong = {"flip": ("gain", -1.0), "gain": ("gain", 0.3), "loop gain": ("G", 5.2 * PLATE.G), "clip": ("clip", 1.0)}
+    wrong = {
+        "flip": ("gain", -1.0),
+        "gain": ("gain", 0.3),
+        "loop gain": ("G", 5.2 * PLATE.G),
+        "clip": ("clip", 1.0),
+    }
     ends = {name: after(pi.run([(AT, *change)], duration=AT + 1)) for name, change in wrong.items()}
     nan = [(AT, "share", math.nan), (AT + 0.01, "share", 1.0)]
     quiet = counted.run([(AT, "reference", 0.0)], duration=AT + 0.2, noise=1e-5)

@@ -22,7 +22,9 @@ def section(repeat: int) -> str:
 
         def identify(*options: str) -> int:
             command = [sys.executable, "-m", "sysid", str(path), "-o", f"{folder}/out", *options]
-            return subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+            return subprocess.run(
+                command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            ).returncode
 
         write(path, 1000)
         identify()
@@ -31,7 +33,9 @@ def section(repeat: int) -> str:
             write(path, int(size))
             given = usual * np.exp(rng.uniform(np.log(0.5), np.log(2)))
             codes: list[int] = []
-            took = seconds(lambda given=given, codes=codes: codes.append(identify("--budget", f"{given:.3g}")))
+            took = seconds(
+                lambda given=given, codes=codes: codes.append(identify("--budget", f"{given:.3g}"))
+            )
             refused += codes[0] == 2
             ratios.append(took / given)
     kept = 100 * np.mean(np.array(ratios) <= ALLOWED)

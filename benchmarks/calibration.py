@@ -33,7 +33,9 @@ from sysid.effects.registry import EVERY
 from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
-reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
+reference = SimpleNamespace(
+    **runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference")
+)
 TAU, DRIVEN = 5e-3 / np.log(20), 32300.0  # s, Hz
 HALF = 1 / (2 * np.pi * TAU)  # half bandwidth, Hz
 EARLY = 20  # rows before a step
@@ -81,7 +83,15 @@ def step(case: Case, plant: SimpleNamespace, rng: np.random.Generator) -> Log:
     decay = np.exp(reference.modes(plant, DRIVEN, 24.0, plant.tau)[0] * time)
     rows = np.exp(2j * np.pi * rng.random()) * (response - late * rate) + gaussian(rng, ADDED) * felt
     rows = rows + gaussian(rng, ADDED) + gaussian(rng, ADDED) * decay + noise(case, rng, case.rows)
-    return Log("step", rows, time=time, drive=drive, frequency=np.full(case.rows, DRIVEN), kind="transient", sampling="instant")
+    return Log(
+        "step",
+        rows,
+        time=time,
+        drive=drive,
+        frequency=np.full(case.rows, DRIVEN),
+        kind="transient",
+        sampling="instant",
+    )
 
 
 def amplitude(case: Case, plant: SimpleNamespace, rng: np.random.Generator) -> Log:
@@ -89,7 +99,15 @@ def amplitude(case: Case, plant: SimpleNamespace, rng: np.random.Generator) -> L
     time, drive, _, response, rate = stepped(case, plant)
     late = np.hypot(time[1], 1 / (2 * np.pi * DRIVEN)) * rng.standard_normal()
     rows = np.abs(response - late * rate + noise(case, rng, case.rows))
-    return Log("step", rows, time=time, drive=drive, frequency=np.full(case.rows, DRIVEN), kind="transient", sampling="instant")
+    return Log(
+        "step",
+        rows,
+        time=time,
+        drive=drive,
+        frequency=np.full(case.rows, DRIVEN),
+        kind="transient",
+        sampling="instant",
+    )
 
 
 def first_order(case: Case, plant: SimpleNamespace, rng: np.random.Generator) -> Log:
@@ -120,7 +138,12 @@ CASES = (
     Case("rows tau/8 apart", 0.01, NEAR, step, window=22.5),
     Case("half a tau of a step", 0.002, NEAR, step, window=0.5),
     Case("step, noise a third of it", 0.33, NEAR, step, rows=1000),
-    Case("amplitude of a step off resonance", 0.01, WIDE | {"f0": (DRIVEN - 3 * HALF, DRIVEN + 3 * HALF)}, amplitude),
+    Case(
+        "amplitude of a step off resonance",
+        0.01,
+        WIDE | {"f0": (DRIVEN - 3 * HALF, DRIVEN + 3 * HALF)},
+        amplitude,
+    ),
     Case("step without a frequency", 0.03, WIDE, first_order),
     Case("sweep of a half bandwidth", 0.001, NEAR, sweep, rows=101),
 )
@@ -138,13 +161,20 @@ class Run:
 def run(case: Case, seed: int, nuisances: Sequence[str] = EVERY, accuracy: str = "standard") -> Run:
     """One draw of a case."""
     rng = np.random.default_rng([seed, sum(map(ord, case.name))])
-    truth = {n: float(np.exp(rng.uniform(*np.log(b))) if n in WIDE else rng.uniform(*b)) for n, b in case.box.items()}
+    truth = {
+        n: float(np.exp(rng.uniform(*np.log(b))) if n in WIDE else rng.uniform(*b))
+        for n, b in case.box.items()
+    }
     plant = reference.Plant(G=truth["G"], tau=truth["tau"], f0=truth.get("f0", DRIVEN), k_T=0.0)
     found = fit([case.log(case, plant, rng)], nuisances=nuisances)
     posterior = sample(found, seed=seed, accuracy=accuracy)
     draws = {n: v.ravel() for n, v in posterior.draws.items() if n in case.box}
     within = np.logical_and.reduce([(v > case.box[n][0]) & (v < case.box[n][1]) for n, v in draws.items()])
-    return Run(posterior.result.name, found.result.bounded, {n: _rank(v, within, truth[n], rng) for n, v in draws.items()})
+    return Run(
+        posterior.result.name,
+        found.result.bounded,
+        {n: _rank(v, within, truth[n], rng) for n, v in draws.items()},
+    )
 
 
 def _rank(draws: np.ndarray, within: np.ndarray, truth: float, rng: np.random.Generator) -> float:
@@ -195,13 +225,28 @@ def table(found: dict[str, list[Run]], command: str) -> str:
                 continue
             p = uniformity(ranks)
             inside = 100 * np.mean((ranks > 0.025) & (ranks < 0.975))
-            cells.append([name, len(runs), len(runs) - len(good), parameter, len(good) - len(ranks), f"{ranks.mean():.3f}"])
+            cells.append(
+                [
+                    name,
+                    len(runs),
+                    len(runs) - len(good),
+                    parameter,
+                    len(good) - len(ranks),
+                    f"{ranks.mean():.3f}",
+                ]
+            )
             cells[-1] += [f"{inside:.1f} %", f"{p[0]:.3g}", f"{p[1]:.3g}"]
             tests += p
     corrected = np.min(holm(tests).reshape(-1, 2), axis=1)
-    lines = ["| " + " | ".join(map(str, [*c, f"{p:.3g}"])) + " |" for c, p in zip(cells, corrected, strict=True)]
+    lines = [
+        "| " + " | ".join(map(str, [*c, f"{p:.3g}"])) + " |" for c, p in zip(cells, corrected, strict=True)
+    ]
     ended = [f"- {name}: {dict(Counter(r.result for r in runs))}" for name, runs in found.items()]
-    return f"# Calibration\n\nMade by `{command}`.\n\n{HEAD}" + "\n".join([*lines, "", "How the fits ended:", "", *ended]) + "\n"
+    return (
+        f"# Calibration\n\nMade by `{command}`.\n\n{HEAD}"
+        + "\n".join([*lines, "", "How the fits ended:", "", *ended])
+        + "\n"
+    )
 
 
 def main() -> None:

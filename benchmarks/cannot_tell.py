@@ -31,7 +31,9 @@ from sysid import Fit, Log, fit
 from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
-reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
+reference = SimpleNamespace(
+    **runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference")
+)
 ROWS, EARLY = 120, 12  # of every log, and before its step, so that a dozen compiled programs serve all seeds
 FAR = 4.0  # standard deviations off: chance alone does it once in 16 000
 DEGC = 24.0
@@ -61,7 +63,14 @@ class Bench:
         return self.plant.f0 + self.plant.k_T * (temperature - DEGC)
 
     def log(
-        self, name: str, drive, frequency, temperature=None, time=None, amplitude_only: bool = False, rest: bool = True
+        self,
+        name: str,
+        drive,
+        frequency,
+        temperature=None,
+        time=None,
+        amplitude_only: bool = False,
+        rest: bool = True,
     ) -> Log:
         """A noisy record of these inputs (n,); `rest` False: settled at the first row's inputs before."""
         n = len(drive)
@@ -72,13 +81,26 @@ class Bench:
         else:
             moments = time if rest else np.append(time[0] - 40 * self.plant.tau, time[1:])
             first = reference.ringing(self.plant, moments, drive, frequency, degC)
-            clean = first if rest else np.append(reference.steady(self.plant, drive[0], frequency[0], degC[0]), first[1:])
-        rows = clean * np.exp(1j * self.rotation) + self.noise * (self.rng.standard_normal(n) + 1j * self.rng.standard_normal(n))
+            clean = (
+                first
+                if rest
+                else np.append(reference.steady(self.plant, drive[0], frequency[0], degC[0]), first[1:])
+            )
+        rows = clean * np.exp(1j * self.rotation) + self.noise * (
+            self.rng.standard_normal(n) + 1j * self.rng.standard_normal(n)
+        )
         return Log(name, np.abs(rows) if amplitude_only else rows, time=time, drive=drive, frequency=frequency,
                    temperature=None if temperature is None else degC, kind="steady" if time is None else "transient",
                    sampling=None if time is None else "instant")  # fmt: skip
 
-    def step(self, window: float | None = None, volts: float = 1.0, detuning: float = 0.0, temperature=None, **given) -> Log:
+    def step(
+        self,
+        window: float | None = None,
+        volts: float = 1.0,
+        detuning: float = 0.0,
+        temperature=None,
+        **given,
+    ) -> Log:
         """A step after EARLY rows at rest, over `window` seconds (12 tau), `detuning` half bandwidths above resonance."""
         window = 12 * self.plant.tau if window is None else window
         time = window * (np.arange(ROWS) - EARLY) / (ROWS - 1 - EARLY)
@@ -204,12 +226,20 @@ def warming(b: Bench) -> list[Log]:
 
 CAUSES = {
     "one temperature": Cause(
-        "k_T", ("one temperature",), lambda b: [b.step(temperature=DEGC), b.sweep(temperature=DEGC)], and_warm_sweep
+        "k_T",
+        ("one temperature",),
+        lambda b: [b.step(temperature=DEGC), b.sweep(temperature=DEGC)],
+        and_warm_sweep,
     ),
     "window of 0.1 to 0.5 tau": Cause(
-        "tau", ("longest log covers|window",), lambda b: [b.step(b.rng.uniform(0.1, 0.5) * b.plant.tau)], longer
+        "tau",
+        ("longest log covers|window",),
+        lambda b: [b.step(b.rng.uniform(0.1, 0.5) * b.plant.tau)],
+        longer,
     ),
-    "amplitude of a step at resonance": Cause("f0", ("amplitude",), lambda b: [b.step(amplitude_only=True)], and_sweep),
+    "amplitude of a step at resonance": Cause(
+        "f0", ("amplitude",), lambda b: [b.step(amplitude_only=True)], and_sweep
+    ),
     "amplitude of a step off resonance": Cause(
         "f0",
         ("amplitude", "side|sign"),
@@ -218,7 +248,9 @@ CAUSES = {
     ),
     "rotation or f0": Cause("f0", ("rotation|phase",), settled, and_sweep),
     "fixed frequency while it warms": Cause("k_T", ("product",), warming, and_step_and_sweeps),
-    "sweep too narrow": Cause("tau", ("sweep", "width"), lambda b: [b.sweep(b.rng.uniform(0.1, 0.5) * b.half_bandwidth)], wider),
+    "sweep too narrow": Cause(
+        "tau", ("sweep", "width"), lambda b: [b.sweep(b.rng.uniform(0.1, 0.5) * b.half_bandwidth)], wider
+    ),
     "rows coarser than the transient": Cause(
         "tau",
         ("rows are", "settles between"),
@@ -226,12 +258,19 @@ CAUSES = {
         closer,
     ),
     "noise hides the transient": Cause("tau", ("noise",), lambda b: [loud(b).step()], larger),
-    "no drive recorded": Cause("G", ("no drive is recorded",), lambda b: [replace(b.step(), drive=None)], column("drive")),
+    "no drive recorded": Cause(
+        "G", ("no drive is recorded",), lambda b: [replace(b.step(), drive=None)], column("drive")
+    ),
     "drive zero throughout": Cause("G", ("drive is zero",), lambda b: [ring_down(b)], and_step),
     "no frequency": Cause(
-        "f0", ("no frequency is recorded",), lambda b: [replace(b.step(), frequency=None)], column("frequency")
+        "f0",
+        ("no frequency is recorded",),
+        lambda b: [replace(b.step(), frequency=None)],
+        column("frequency"),
     ),
-    "no temperature": Cause("k_T", ("no temperature is recorded",), lambda b: [b.step(), b.sweep()], two_temperatures),
+    "no temperature": Cause(
+        "k_T", ("no temperature is recorded",), lambda b: [b.step(), b.sweep()], two_temperatures
+    ),
 }
 
 
@@ -283,7 +322,9 @@ def outcome(seed: int, follow: bool = True) -> Outcome:
         why is not None and all(re.search(word, why) for word in cause.keywords),
         farthest(made, found),
         why or "",
-        None if after is None else after.parameters[cause.parameter].determined and after.result.name == "successful",
+        None
+        if after is None
+        else after.parameters[cause.parameter].determined and after.result.name == "successful",
         0.0 if after is None else farthest(made, after),
         described(seed, made, name, found, after),
     )
@@ -294,8 +335,15 @@ def farthest(made: Bench, found: Fit) -> float:
     if found.result.name != "successful":
         return 0.0
     at = found.reference_temperature
-    truth = {"G": made.plant.G, "tau": made.plant.tau, "f0": made.at(DEGC if at is None else at), "k_T": made.plant.k_T}
-    return max((abs(p.value - truth[n]) / p.std for n, p in found.parameters.items() if p.determined), default=0.0)
+    truth = {
+        "G": made.plant.G,
+        "tau": made.plant.tau,
+        "f0": made.at(DEGC if at is None else at),
+        "k_T": made.plant.k_T,
+    }
+    return max(
+        (abs(p.value - truth[n]) / p.std for n, p in found.parameters.items() if p.determined), default=0.0
+    )
 
 
 def described(seed: int, made: Bench, name: str, found: Fit, after: Fit | None) -> str:
@@ -310,7 +358,9 @@ def described(seed: int, made: Bench, name: str, found: Fit, after: Fit | None) 
             lines += [f"        {w}" for w in one.warnings]
             for n, p in one.parameters.items():
                 truth = {"G": t.G, "tau": t.tau, "f0": made.at(), "k_T": t.k_T}[n]
-                lines.append(f"        {n}: {f'{p.value:.6g} +- {p.std:.2g}' if p.determined else p.why} (truth {truth:.6g})")
+                lines.append(
+                    f"        {n}: {f'{p.value:.6g} +- {p.std:.2g}' if p.determined else p.why} (truth {truth:.6g})"
+                )
     return "\n".join(lines)
 
 
@@ -333,8 +383,18 @@ def table(outcomes: Sequence[Outcome], command: str) -> str:
         if other:
             common = Counter(re.sub(r"[-+]?[\d.]+(e[-+]?\d+)?", "#", o.said) for o in other).most_common(3)
             lines += [f"- {name}: {'; '.join(f'{n} times “{said}”' for said, n in common)}"]
-    worst = sorted((o for o in outcomes if max(o.z, o.z_after) > FAR or o.result == "raised"), key=lambda o: -max(o.z, o.z_after))
-    lines += ["", "The worst (`--replay SEED`):", "", "```", *(o.text or f"seed {o.seed}: {o.said}" for o in worst[:12]), "```"]
+    worst = sorted(
+        (o for o in outcomes if max(o.z, o.z_after) > FAR or o.result == "raised"),
+        key=lambda o: -max(o.z, o.z_after),
+    )
+    lines += [
+        "",
+        "The worst (`--replay SEED`):",
+        "",
+        "```",
+        *(o.text or f"seed {o.seed}: {o.said}" for o in worst[:12]),
+        "```",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -348,8 +408,16 @@ def counts(of: Sequence[Outcome]) -> str:
     """The cells of one line."""
     left = [o for o in of if o.open]
     advised = [o for o in of if o.followed is not None]
-    cells = [len(of), _percent(o.open for o in of), _percent(o.named for o in left), sum(o.z > FAR for o in of), len(advised)]
-    return " | ".join(map(str, [*cells, _percent(o.followed for o in advised), sum(o.z_after > FAR for o in advised)]))
+    cells = [
+        len(of),
+        _percent(o.open for o in of),
+        _percent(o.named for o in left),
+        sum(o.z > FAR for o in of),
+        len(advised),
+    ]
+    return " | ".join(
+        map(str, [*cells, _percent(o.followed for o in advised), sum(o.z_after > FAR for o in advised)])
+    )
 
 
 def _percent(flags) -> str:
@@ -378,10 +446,15 @@ def main() -> None:
         return
     seeds = [s for s in range(given.seed, given.seed + given.logs) if given.cause in bench(s)[0]]
     chunks, outcomes = [seeds[i : i + CHUNK] for i in range(0, len(seeds), CHUNK)], []
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # a process takes one core: threads that wait for one another take many
     # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
     pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 10}
-    with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        get_context("spawn").Pool(**pool, initargs=(folder,)) as workers,
+    ):
         for found in track(workers.imap(work, chunks), total=len(chunks), console=Console(stderr=True)):
             outcomes += found
     text = table(outcomes, f"python benchmarks/cannot_tell.py --logs {given.logs} --seed {given.seed}")

@@ -48,7 +48,10 @@ def bound_rows(count: int) -> list[str]:
     tau, r = np.exp(rng.uniform(np.log(1e-3), np.log(1e-2), count)), rng.uniform(1.2, 3.0, count)
     bound = tau * np.log(r / (r - 0.95))
     plates = [Plant(0.02, float(t), 32300.0, -10.16) for t in tau]
-    wrong = [Plant(p.G * g, p.tau * t, p.f0, p.k_T) for p, (g, t) in zip(plates, rng.uniform(0.95, 1.05, (count, 2)), strict=True)]
+    wrong = [
+        Plant(p.G * g, p.tau * t, p.f0, p.k_T)
+        for p, (g, t) in zip(plates, rng.uniform(0.95, 1.05, (count, 2)), strict=True)
+    ]
     scenes = [scene(p, 1200) for p in plates]
     for method in ("pi", "adaptive"):  # the amplitude loop of `pll` is that of "pi"
         given = {"method": method, "frequency_window": (31900, 32700), "guard": False}
@@ -74,7 +77,9 @@ def drawn(rng: np.random.Generator) -> Scene:
     """From rest at 2 um, 10 to 100 Hz off, -10 to 15 degC; a press of 0.2 to 1.5 N within 1 to 30 ms, at 60 ms; noise of 1 %."""
     off, press, warm = rng.uniform(10, 100) * rng.choice([-1, 1]), rng.uniform(0.2, 1.5), rng.uniform(-10, 15)
     plate = Plant(0.02 * rng.uniform(0.98, 1.02), TAU * rng.uniform(0.98, 1.02), 32300.0 + off, -10.16)
-    force = Profile(np.array([0.0, 0.06, 0.06 + rng.uniform(1e-3, 30e-3)]), np.array([0.0, 0.0, press]), held=False)
+    force = Profile(
+        np.array([0.0, 0.06, 0.06 + rng.uniform(1e-3, 30e-3)]), np.array([0.0, 0.0, press]), held=False
+    )
     return scene(plate, 1401, FingerDamping(), WhiteNoise(0.02), temperature=24.0 + warm, force=force)
 
 
@@ -84,7 +89,9 @@ def judged(trace: controller.Trace, plate: Plant, warm: float) -> dict[str, floa
     rest = trace.f[300:600] - resonance
     return {
         "settled, 5 % (ms)": 1e3 * controller.settling_time(trace.time[:600], trace.W[:600], 2.0, 0.05),
-        "within 15 Hz (ms)": 1e3 * trace.time[away[-1] + 1] if len(away) and away[-1] < 599 else (0.0 if not len(away) else np.inf),
+        "within 15 Hz (ms)": 1e3 * trace.time[away[-1] + 1]
+        if len(away) and away[-1] < 599
+        else (0.0 if not len(away) else np.inf),
         "rest of f (Hz rms)": float(np.sqrt(np.mean(rest**2))),
         "dip of the press (%)": 100 * (1 - trace.W[600:].min() / 2),
         "rms of V at rest (V)": float(np.std(trace.V[400:600])),
@@ -96,7 +103,9 @@ def scene_rows(count: int) -> list[str]:
     scenes = [drawn(rng) for _ in range(count)]
     rows = []
     for method in METHODS:
-        traces = controller.closed_loops(controller.design(PLATE, method=method, **GIVEN), scenes, reference=2.0)
+        traces = controller.closed_loops(
+            controller.design(PLATE, method=method, **GIVEN), scenes, reference=2.0
+        )
         warm = [float(s.inputs["temperature"].values[0]) for s in scenes]
         found = [judged(t, s.plant, w) for t, s, w in zip(traces, scenes, warm, strict=True)]
         rows += [(name, f"| {name} | {method} | {spread([f[name] for f in found])} |") for name in found[0]]
@@ -115,7 +124,9 @@ def lock_rows(count: int) -> list[str]:
                 continue  # its steps are its own
             loop = controller.design(PLATE, method=method, rig=controller.Rig(frequency_step=step), **GIVEN)
             effects = (WhiteNoise(0.02), *([FrequencyResolution(step)] if step else []))
-            off = 100.0 * rng.choice([-1, 1], count) + (0 if step is None else rng.uniform(-0.5, 0.5, count) * step)
+            off = 100.0 * rng.choice([-1, 1], count) + (
+                0 if step is None else rng.uniform(-0.5, 0.5, count) * step
+            )
             plates = [Plant(0.02, TAU, 32300.0 + float(o), -10.16) for o in off]
             traces = controller.closed_loops(loop, [scene(p, 4001, *effects) for p in plates], reference=2.0)
             away = [t.f - p.f0 for t, p in zip(traces, plates, strict=True)]
@@ -151,18 +162,26 @@ def least(force: float, within: float) -> tuple[float, float]:
 
 def press_rows(count: int) -> list[str]:
     rows = []
-    for name, within in (("at once", (0.0, 0.0)), ("within 1 to 10 ms", (1e-3, 1e-2)), ("within 10 to 30 ms", (1e-2, 3e-2))):
+    for name, within in (
+        ("at once", (0.0, 0.0)),
+        ("within 1 to 10 ms", (1e-3, 1e-2)),
+        ("within 10 to 30 ms", (1e-2, 3e-2)),
+    ):
         rng = np.random.default_rng(3)
         scenes, floor = [], []
         for _ in range(count):
             force, long = rng.uniform(0.5, 1.5), rng.uniform(*within)
             held = long == 0.0
             at, to = ([0.0, 0.03], [0.0, force]) if held else ([0.0, 0.03, 0.03 + long], [0.0, 0.0, force])
-            scenes.append(scene(PLATE, 801, FingerDamping(), force=Profile(np.array(at), np.array(to), held=held)))
+            scenes.append(
+                scene(PLATE, 801, FingerDamping(), force=Profile(np.array(at), np.array(to), held=held))
+            )
             floor.append(least(force, long))
         found = {}
         for method in ("paper", "adaptive"):
-            traces = controller.closed_loops(controller.design(PLATE, method=method, **GIVEN), scenes, reference=2.0)
+            traces = controller.closed_loops(
+                controller.design(PLATE, method=method, **GIVEN), scenes, reference=2.0
+            )
             dips = [100 * (1 - t.W[300:].min() / 2) for t in traces]
             back = [1e3 * controller.settling_time(t.time[300:], t.W[300:], 2.0) for t in traces]
             found[method] = np.array([dips, back])
@@ -171,7 +190,9 @@ def press_rows(count: int) -> list[str]:
             felt = theirs > 0  # a dip of less than 5 % has no recovery
             ratio, bounds = (spread(v[felt] / theirs[felt]) if felt.any() else "- | -" for v in (mine, bound))
             can, halved = felt & (bound <= 0.5 * theirs), felt & (mine <= 0.5 * theirs)
-            rows.append(f"| {name} | {what} | {spread(theirs)} | {spread(mine)} | {ratio} | {bounds} | {can.sum()} | {halved.sum()} |")
+            rows.append(
+                f"| {name} | {what} | {spread(theirs)} | {spread(mine)} | {ratio} | {bounds} | {can.sum()} | {halved.sum()} |"
+            )
     return rows
 
 
@@ -186,7 +207,9 @@ def timed(runs: int) -> tuple[float, float]:
     controller.closed_loops(loop, [one] * 128)
     begun, spent = time.perf_counter(), time.process_time()
     for first in range(0, runs, 256):
-        controller.closed_loops(loop, [one] * min(256, runs - first), seeds=range(first, first + min(256, runs - first)))
+        controller.closed_loops(
+            loop, [one] * min(256, runs - first), seeds=range(first, first + min(256, runs - first))
+        )
     return time.perf_counter() - begun, time.process_time() - spent
 
 

@@ -56,7 +56,15 @@ def corners(n: int, seed: int) -> dict[str, np.ndarray]:
     time = np.cumsum(tau[:, None] * decades(-9, 9, n, INTERVALS) * (rng.random((n, INTERVALS)) > 0.1), axis=1)
     duration = np.diff(time, axis=1, prepend=0.0)  # as they can be told from time stamps
     drive = decades(-15, 15, n, INTERVALS) * rng.choice([-1, 0, 1], (n, INTERVALS), p=[0.4, 0.1, 0.5])
-    return {"G": decades(-15, 15, n), "tau": tau, "f0": f0, "frequency": frequency, "time": time, "duration": duration, "drive": drive}
+    return {
+        "G": decades(-15, 15, n),
+        "tau": tau,
+        "f0": f0,
+        "frequency": frequency,
+        "time": time,
+        "duration": duration,
+        "drive": drive,
+    }
 
 
 def held(c: dict[str, np.ndarray]) -> Hold:
@@ -70,7 +78,10 @@ def held(c: dict[str, np.ndarray]) -> Hold:
 
 def moving(p: Any, hold: Hold, both_modes: bool) -> Any:
     """Rows of a transient, by p = (G, tau, f0)."""
-    return p[0] * respond(p[1], 2 * jnp.pi * (p[2] + hold.offset), hold, both_modes, omega0=2 * jnp.pi * p[2]).forced
+    return (
+        p[0]
+        * respond(p[1], 2 * jnp.pi * (p[2] + hold.offset), hold, both_modes, omega0=2 * jnp.pi * p[2]).forced
+    )
 
 
 def settled(p: Any, drive: Any, frequency: Any) -> Any:
@@ -120,9 +131,18 @@ def _mpf(x: Any) -> Any:
 
 
 PI = "3.14159265358979323846264338327950288419716939937510582097494459"
-EXTENDED = Numbers(lambda x: np.asarray(x, np.longdouble), np.exp, np.expm1, np.sqrt, np.longdouble(PI), np.clongdouble(1j))
+EXTENDED = Numbers(
+    lambda x: np.asarray(x, np.longdouble), np.exp, np.expm1, np.sqrt, np.longdouble(PI), np.clongdouble(1j)
+)
 with mpmath.workdps(60):
-    SIXTY = Numbers(_each(_mpf), _each(mpmath.exp), _each(mpmath.expm1), _each(mpmath.sqrt), mpmath.mpf(PI), mpmath.mpc(0, 1))
+    SIXTY = Numbers(
+        _each(_mpf),
+        _each(mpmath.exp),
+        _each(mpmath.expm1),
+        _each(mpmath.sqrt),
+        mpmath.mpf(PI),
+        mpmath.mpc(0, 1),
+    )
 
 
 def largest(*sizes: Any) -> Any:
@@ -145,10 +165,19 @@ class Mode:
         grown, kept = (-1 + 0 * s, 0 * s) if T is None else (by.expm1(s * T), by.exp(s * T))
         stretch, q = (kept if T is None else kept * T), push / s
         dq = [dp / s - q * d / s for d, dp in zip(ds, dpush, strict=True)]
-        slopes = [x * kept + stretch * d * (self.z + q) + grown * e for x, d, e in zip(self.slopes, ds, dq, strict=True)]
-        swing = abs(grown) if T is None else np.minimum(abs(s) * T, 2 + 0 * T)  # what it has grown by at most meanwhile
+        slopes = [
+            x * kept + stretch * d * (self.z + q) + grown * e
+            for x, d, e in zip(self.slopes, ds, dq, strict=True)
+        ]
+        swing = (
+            abs(grown) if T is None else np.minimum(abs(s) * T, 2 + 0 * T)
+        )  # what it has grown by at most meanwhile
         sizes = [
-            largest(x * abs(kept), abs(stretch * d) * largest(self.reached, abs(q)), swing / abs(s) * largest(term, abs(q * d)))
+            largest(
+                x * abs(kept),
+                abs(stretch * d) * largest(self.reached, abs(q)),
+                swing / abs(s) * largest(term, abs(q * d)),
+            )
             for x, d, term in zip(self.terms, ds, terms, strict=True)
         ]
         reached = largest(self.reached, swing * abs(self.z + q))
@@ -171,7 +200,9 @@ def exactly(c: dict[str, np.ndarray], both_modes: bool, by: Numbers) -> tuple[li
         s1, s2 = -1 / tau + by.i * (2 * by.pi * (f0 - f) - pull), -1 / tau - by.i * (wd + 2 * by.pi * f)
         ds1, ds2 = ((1 / tau**2 + sign * by.i * dwd[0], sign * by.i * dwd[1]) for sign in (1, -1))
         slow.append(slow[-1].after(s1, ds1, push, dpush, terms, T, by))
-        fast.append(fast[-1].after(s2, ds2, -push, tuple(-d for d in dpush), terms, T if both_modes else None, by))
+        fast.append(
+            fast[-1].after(s2, ds2, -push, tuple(-d for d in dpush), terms, T if both_modes else None, by)
+        )
         turns = turns + abs(s2 if both_modes else s1) * T
     return slow[1:], fast[1:], turns
 
@@ -187,9 +218,13 @@ def settled_exactly(c: dict[str, np.ndarray], by: Numbers) -> tuple[list[Any], l
         z = push * (w0 / w) / (1 - by.i * x)
         rows.append(z)
         slopes.append((z / G, z * by.i * dx[0] / (1 - by.i * x), z / f0 + z * by.i * dx[1] / (1 - by.i * x)))
-        turned = abs(push) * (w0 / w) / (1 + x**2) * largest(one, 2 * abs(x) * largest(one, abs(x)) / (1 + x**2))
+        turned = (
+            abs(push) * (w0 / w) / (1 + x**2) * largest(one, 2 * abs(x) * largest(one, abs(x)) / (1 + x**2))
+        )
         moved = abs(push) / (1 + x**2) * largest(one, abs(x)) * 2 * by.pi / w
-        terms.append((abs(z / G), turned * abs(dx[0]), largest(moved, turned * 2 * by.pi * tau * largest(one, w0 / w))))
+        terms.append(
+            (abs(z / G), turned * abs(dx[0]), largest(moved, turned * 2 * by.pi * tau * largest(one, w0 / w)))
+        )
     return rows, slopes, terms
 
 
@@ -201,14 +236,21 @@ def truths(c: dict[str, np.ndarray], by: Numbers) -> dict[str, list[tuple[Any, A
         size = largest(*(mode.reached for mode in (*slow, *fast)))
         terms = [size / by.of(c["G"]), *(largest(*(m.terms[i] for m in (*slow, *fast))) for i in (0, 1))]
         rows = [a.z + b.z for a, b in zip(slow, fast, strict=True)]
-        slopes = [(row / by.of(c["G"]), *(a.slopes[i] + b.slopes[i] for i in (0, 1))) for row, a, b in zip(rows, slow, fast, strict=True)]
+        slopes = [
+            (row / by.of(c["G"]), *(a.slopes[i] + b.slopes[i] for i in (0, 1)))
+            for row, a, b in zip(rows, slow, fast, strict=True)
+        ]
         found[name] = [(row, size * (1 + turns)) for row in rows]
-        found[f"{name}, derivatives"] = [(v, term * (1 + turns)) for of in slopes for v, term in zip(of, terms, strict=True)]
+        found[f"{name}, derivatives"] = [
+            (v, term * (1 + turns)) for of in slopes for v, term in zip(of, terms, strict=True)
+        ]
     rows, slopes, each = settled_exactly(c, by)
     near = [1 + f / by.of(c["f0"]) for f in by.of(c["frequency"]).T]
     found["steady"] = [(row, abs(row) * n) for row, n in zip(rows, near, strict=True)]
     found["steady, derivatives"] = [
-        (v, term * n) for of, terms, n in zip(slopes, each, near, strict=True) for v, term in zip(of, terms, strict=True)
+        (v, term * n)
+        for of, terms, n in zip(slopes, each, near, strict=True)
+        for v, term in zip(of, terms, strict=True)
     ]
     return found
 
@@ -218,7 +260,9 @@ def errors(c: dict[str, np.ndarray], by: Numbers = EXTENDED) -> dict[str, np.nda
     exact, found = truths(c, by), {}
     for name, (rows, slopes) in computed(c).items():
         found[name] = furthest(rows, exact[name], by)
-        found[f"{name}, derivatives"] = furthest(slopes.reshape(len(slopes), -1), exact[f"{name}, derivatives"], by)
+        found[f"{name}, derivatives"] = furthest(
+            slopes.reshape(len(slopes), -1), exact[f"{name}, derivatives"], by
+        )
     return found
 
 
@@ -226,7 +270,10 @@ def transients(c: dict[str, np.ndarray]) -> np.ndarray:
     """(n, INTERVALS) rows of `Plant.transient`."""
     found = []
     for k in range(len(c["tau"])):
-        plant, time = Plant(float(c["G"][k]), float(c["tau"][k]), float(c["f0"][k])), np.append(0.0, c["time"][k])
+        plant, time = (
+            Plant(float(c["G"][k]), float(c["tau"][k]), float(c["f0"][k])),
+            np.append(0.0, c["time"][k]),
+        )
         drive, frequency = np.append(c["drive"][k], 0.0), np.append(c["frequency"][k], c["frequency"][k][-1])
         found.append(plant.transient(time, drive, frequency)[1:])
     return np.array(found)
@@ -249,7 +296,9 @@ def between(c: dict[str, np.ndarray]) -> float:
         for name in exact:
             for (a, unit), (b, _) in zip(exact[name], near[name], strict=True):
                 away = abs(SIXTY.of(b.real) + SIXTY.i * SIXTY.of(b.imag) - a)
-                found.append(np.max(np.where(unit > 0, away / np.where(unit > 0, unit, 1), 0).astype(float)) / EPS)
+                found.append(
+                    np.max(np.where(unit > 0, away / np.where(unit > 0, unit, 1), 0).astype(float)) / EPS
+                )
         return float(np.max(found))
 
 
@@ -271,15 +320,27 @@ def main() -> None:
                 found.setdefault(name, []).append(of)
         c = corners(given.sample, given.seed)
         public = np.max(furthest(transients(c), truths(c, EXTENDED)["transient"], EXTENDED))
-    lines = ["# Corners", "", f"Made by `python benchmarks/corners.py --corners {given.corners} --sample {given.sample} --seed {given.seed}`."]
+    lines = [
+        "# Corners",
+        "",
+        f"Made by `python benchmarks/corners.py --corners {given.corners} --sample {given.sample} --seed {given.seed}`.",
+    ]
     lines += ["", __doc__.partition("\n\n")[2].partition(" Writes")[0], ""]
-    lines += ["| | corners | not finite | median error | 99 % | 99.99 % | largest | beyond 16 |", "|---|---|---|---|---|---|---|---|"]
+    lines += [
+        "| | corners | not finite | median error | 99 % | 99.99 % | largest | beyond 16 |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for name, of in found.items():
         error = np.concatenate(of)
         shown = " | ".join(f"{x:.2g}" for x in np.quantile(error, [0.5, 0.99, 0.9999, 1.0]))
         lines.append(f"| {name} | {len(error)} | {infinite[name]} | {shown} | {np.sum(error > 16)} |")
-    lines += ["", f"Of {given.sample} corners the extended numbers are within {between(c):.2g} of 60 digits, in the same units;"]
-    lines += [f"`Plant.transient`, which calls the first function and holds the inputs itself, is within {public:.2g}."]
+    lines += [
+        "",
+        f"Of {given.sample} corners the extended numbers are within {between(c):.2g} of 60 digits, in the same units;",
+    ]
+    lines += [
+        f"`Plant.transient`, which calls the first function and holds the inputs itself, is within {public:.2g}."
+    ]
     text = "\n".join(lines) + "\n"
     (HERE / "corners.md").write_text(text, encoding="utf-8")
     print(text)

@@ -34,7 +34,9 @@ from coverage_cases import NAMES, PLANT, Case, bounds, every_case, reference, re
 from sysid import Fit, Log, Parameter, fit, sample  # noqa: E402
 from sysid.precision import keep_programs  # noqa: E402
 
-MOSTLY = 0.9  # of the seeds determine a parameter that the case determines; of fewer, the noise has chosen which
+MOSTLY = (
+    0.9  # of the seeds determine a parameter that the case determines; of fewer, the noise has chosen which
+)
 CHUNK = 25  # seeds that a process takes at once
 
 
@@ -80,7 +82,11 @@ def outcome(case: Case, seed: int, posterior: bool = False) -> Outcome:
         return Outcome(case.name, "raised", f"{type(error).__name__}: {error}")
     why = {name: p.why for name, p in found.parameters.items() if not p.determined}
     if found.result.name != "successful":
-        said = found.warnings[-1:] if found.result.name == "misfit" else [w for w in (why.get("tau"), why.get("G")) if w]
+        said = (
+            found.warnings[-1:]
+            if found.result.name == "misfit"
+            else [w for w in (why.get("tau"), why.get("G")) if w]
+        )
         return Outcome(case.name, found.result.name, next(iter(said), ""), why=why)
     known = {name: p for name, p in found.parameters.items() if p.determined}
     truth = truth_of(found)
@@ -121,7 +127,9 @@ def coverage_rows(case: Case, outcomes: Sequence[Outcome]) -> list[str]:
         if not good:
             continue
         scores, stds = np.array([o.scores[name] for o in good]), np.array([o.stds[name] for o in good])
-        ratio = f"{np.median(stds) / known[-1, name]:.3f}" if np.isfinite(known.get((-1, name), np.inf)) else ""
+        ratio = (
+            f"{np.median(stds) / known[-1, name]:.3f}" if np.isfinite(known.get((-1, name), np.inf)) else ""
+        )
         sampled = [o.sampled[name] for o in outcomes if name in o.sampled]
         told = len(good) / len(outcomes)
         judged = told >= MOSTLY
@@ -174,9 +182,18 @@ def table(outcomes: Sequence[Outcome], chosen: Sequence[Case], command: str) -> 
     done = [case for case in chosen if case.name in by_case]
     lines = ["# Coverage of the 95 % intervals", "", f"Made by `{command}`.", "", INTRODUCTION]
     lines += ["| case | parameter | determined, % | covered, % | posterior, % | std/bound | mean z | sd z |"]
-    lines += ["|---|---|---|---|---|---|---|---|", *(row for case in done for row in coverage_rows(case, by_case[case.name]))]
+    lines += [
+        "|---|---|---|---|---|---|---|---|",
+        *(row for case in done for row in coverage_rows(case, by_case[case.name])),
+    ]
     refused = [row for case in done if (row := refusal_row(case, by_case[case.name]))]
-    lines += ["", "Seeds that were refused, and parameters left open:", "", "| case | ends | said most often |", "|---|---|---|"]
+    lines += [
+        "",
+        "Seeds that were refused, and parameters left open:",
+        "",
+        "| case | ends | said most often |",
+        "|---|---|---|",
+    ]
     return "\n".join(lines + (refused or ["| none | | |"])) + "\n"
 
 
@@ -239,11 +256,18 @@ def main() -> None:
         outcomes = [Outcome(**o) for path in done for o in json.loads(path.read_text(encoding="utf-8"))]
         todo = [chunk for chunk in todo if not kept(given.keep, chunk).exists()]
     command = f"python benchmarks/coverage.py --seeds {given.seeds} --posterior {given.posterior} --seed {given.seed}"
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a process takes one core: threads that wait for one another take many
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # a process takes one core: threads that wait for one another take many
     # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 10 chunks.
     pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 10}
-    with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
-        for chunk, found in zip(todo, track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)), strict=True):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        get_context("spawn").Pool(**pool, initargs=(folder,)) as workers,
+    ):
+        for chunk, found in zip(
+            todo, track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)), strict=True
+        ):
             outcomes += found
             if given.keep:
                 kept(given.keep, chunk).write_text(json.dumps([vars(o) for o in found]), encoding="utf-8")

@@ -13,10 +13,17 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.special import i0e, i1e
 
-reference = SimpleNamespace(**runpy.run_path(str(Path(__file__).parents[1] / "tests" / "reference.py"), run_name="reference"))
+reference = SimpleNamespace(
+    **runpy.run_path(str(Path(__file__).parents[1] / "tests" / "reference.py"), run_name="reference")
+)
 PLANT = reference.Plant(G=1.0, tau=5e-3 / np.log(20), f0=32300.0, k_T=-8.0)
 NAMES = ("G", "tau", "f0", "k_T")
-MOVES = (1e-6, 1e-6 * PLANT.tau, 1e-3, 1e-3)  # of finite differences: far above rounding, far below every bound
+MOVES = (
+    1e-6,
+    1e-6 * PLANT.tau,
+    1e-3,
+    1e-3,
+)  # of finite differences: far above rounding, far below every bound
 RATE, EARLY = 1e4, 20  # rows per second of a step; rows before it
 ADDED = ("rotation", "feedthrough", "slope", "offset", "start")
 FREED = (*ADDED, "delay")  # what the fit eliminates from every log; a delay has a prior of a row
@@ -66,7 +73,11 @@ def hurried(dwell: float, rows: int = 101, span: float = 500.0) -> Inputs:
 
 def felt(inputs: Inputs) -> np.ndarray:
     """The drive that acts while each row's response is taken: that of the row before, where rows follow one another in time."""
-    return inputs.drive if inputs.time is None else np.append(inputs.drive[0] * (inputs.lead > 0), inputs.drive[:-1])
+    return (
+        inputs.drive
+        if inputs.time is None
+        else np.append(inputs.drive[0] * (inputs.lead > 0), inputs.drive[:-1])
+    )
 
 
 def response(plant, inputs: Inputs, bench: Bench = Bench()) -> np.ndarray:
@@ -81,7 +92,9 @@ def response(plant, inputs: Inputs, bench: Bench = Bench()) -> np.ndarray:
         moments = np.union1d(acts, inputs.time)
         held = np.searchsorted(acts, moments, side="right") - 1
         drive = np.where(held < 0, 0.0, inputs.drive[held])
-        z = reference.ringing(plant, moments, drive, inputs.frequency[np.maximum(held, 0)], np.full(len(moments), degC))
+        z = reference.ringing(
+            plant, moments, drive, inputs.frequency[np.maximum(held, 0)], np.full(len(moments), degC)
+        )
         clean = z[np.searchsorted(moments, inputs.time)]
     return clean * np.exp(1j * bench.rotation) + bench.feedthrough * felt(inputs)
 
@@ -101,7 +114,9 @@ class Noise:
 
     def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Complex noise (n,), stationary."""
-        white = self.std * (self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n))
+        white = self.std * (
+            self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n)
+        )
         if self.outliers and not self.memory:
             return np.where(rng.random(n) < self.outliers, 10.0, 1.0) * white
         noise = white.copy()
@@ -109,7 +124,9 @@ class Noise:
             noise[k] = self.memory * noise[k - 1] + np.sqrt(1 - self.memory**2) * white[k]
         if self.outliers:
             size = 10 * self.std * (rng.random(n) < self.outliers)
-            noise += size * (self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n))
+            noise += size * (
+                self.channels[0] * rng.standard_normal(n) + 1j * self.channels[1] * rng.standard_normal(n)
+            )
         return noise
 
 
@@ -127,7 +144,9 @@ def informative(noise: Noise, size: np.ndarray, amplitude_only: bool) -> np.ndar
             density = x * np.exp(-0.5 * (x - a) ** 2) * i0e(a * x)
             found.append(np.trapezoid(density * (x * i1e(a * x) / i0e(a * x) - a) ** 2, x))
         return np.sqrt(found)
-    if not noise.outliers or noise.memory:  # no bound is known for outliers on top of coloured noise: that without them
+    if (
+        not noise.outliers or noise.memory
+    ):  # no bound is known for outliers on top of coloured noise: that without them
         return np.ones_like(size)
     parts = [(1 - noise.outliers, 1.0), (noise.outliers, 10.0)]
     density = sum(share / s**2 * np.exp(-0.5 * (w / s) ** 2) for share, s in parts)
@@ -142,7 +161,10 @@ def derivatives(inputs: Inputs, bench: Bench, nuisances: Sequence[str]) -> dict[
     """How the noiseless rows change with each parameter and each nuisance: complex (n,), of d/q rows."""
     found = {}
     for name, move in zip(NAMES, MOVES, strict=True):
-        sides = [response(replace(PLANT, **{name: getattr(PLANT, name) + s * move}), inputs, bench) for s in (1, -1)]
+        sides = [
+            response(replace(PLANT, **{name: getattr(PLANT, name) + s * move}), inputs, bench)
+            for s in (1, -1)
+        ]
         found[name] = (sides[0] - sides[1]) / (2 * move)
     if inputs.amplitude_only:
         return found
@@ -151,7 +173,10 @@ def derivatives(inputs: Inputs, bench: Bench, nuisances: Sequence[str]) -> dict[
     if inputs.time is None:
         added["slope"] = drive * (inputs.frequency - inputs.frequency.mean()) / np.ptp(inputs.frequency)
     else:
-        poles = [reference.modes(PLANT, f, reference.REFERENCE_TEMPERATURE, PLANT.tau)[0] for f in inputs.frequency[:-1]]
+        poles = [
+            reference.modes(PLANT, f, reference.REFERENCE_TEMPERATURE, PLANT.tau)[0]
+            for f in inputs.frequency[:-1]
+        ]
         added["offset"] = np.ones(len(drive))
         added["start"] = np.exp(np.append(0, np.cumsum(poles * np.diff(inputs.time))))
     if "rotation" in nuisances:
@@ -160,7 +185,9 @@ def derivatives(inputs: Inputs, bench: Bench, nuisances: Sequence[str]) -> dict[
         found |= {name: added[name] + 0j, f"{name}, j": 1j * added[name]}
     if "delay" in nuisances and inputs.time is not None:
         late = 1e-3 * np.diff(inputs.time).min()  # forwards: a step cannot come before its edge's row
-        found["delay"] = (response(PLANT, inputs, replace(bench, feedthrough=0.0, delay=bench.delay + late)) - now) / late
+        found["delay"] = (
+            response(PLANT, inputs, replace(bench, feedthrough=0.0, delay=bench.delay + late)) - now
+        ) / late
     return found
 
 
@@ -175,7 +202,9 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
         parts.append({(i if name not in NAMES else -1, name): _real(v, z, weight, case.noise, inputs)
                       for name, v in rows.items()})  # fmt: skip
         labels += [label for label in parts[-1] if label not in labels]
-    jacobian = np.concatenate([np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts])
+    jacobian = np.concatenate(
+        [np.stack([p.get(label, np.zeros_like(p[-1, "G"])) for label in labels], axis=1) for p in parts]
+    )
     rows = {i: np.diff(inputs.time).min() for i, inputs in enumerate(case.logs) if inputs.time is not None}
     priors = [[(label == (i, "delay")) / row for label in labels] for i, row in rows.items()]
     jacobian = np.concatenate([jacobian, np.array(priors).reshape(len(priors), len(labels))])
@@ -186,7 +215,9 @@ def bounds(case: "Case", nuisances: Sequence[str] = FREED) -> dict[tuple[int, st
     told = values > 1e-12  # the rest are sums of columns that cancel to rounding
     lost = np.any(np.abs(vectors[:, ~told]) > 1e-4, axis=1)
     std = np.full(len(labels), np.inf)
-    std[seen] = np.where(lost, np.inf, np.sqrt(np.sum(vectors[:, told] ** 2 / values[told], axis=1)) / size[seen])
+    std[seen] = np.where(
+        lost, np.inf, np.sqrt(np.sum(vectors[:, told] ** 2 / values[told], axis=1)) / size[seen]
+    )
     return dict(zip(labels, std, strict=True))
 
 
@@ -233,11 +264,18 @@ def cases() -> Iterator[Case]:
         yield Case(f"5 % outliers, {name}", logs, Noise(outliers=0.05))
     for memory in (0.5, 0.9):
         for name, logs in {"step of 400 rows": (step(400),), "sweep": (sweep(),)}.items():
-            yield Case(f"5 % outliers on correlation {memory}, {name}", logs, Noise(memory=memory, outliers=0.05), bounded=False)
+            yield Case(
+                f"5 % outliers on correlation {memory}, {name}",
+                logs,
+                Noise(memory=memory, outliers=0.05),
+                bounded=False,
+            )
     for channels, what in (((3.0, 1.0), "d noise 3 times q noise"), ((1.0, 3.0), "q noise 3 times d noise")):
         for name, logs in {"step": one, "sweep": (sweep(),), "step + sweep": two}.items():
             yield Case(f"{what}, {name}", logs, Noise(channels=channels))
-        yield Case(f"{what}, correlation 0.9, step of 400 rows", (step(400),), Noise(memory=0.9, channels=channels))
+        yield Case(
+            f"{what}, correlation 0.9, step of 400 rows", (step(400),), Noise(memory=0.9, channels=channels)
+        )
     warm = tuple(make(temperature=t) for t in (20.0, 24.0, 30.0) for make in (step, sweep))
     yield Case("joint, 3 steps + 3 sweeps at 20, 24, 30 degC", warm)
     for std in (0.01, 0.03, 0.1, 0.2):
@@ -246,8 +284,15 @@ def cases() -> Iterator[Case]:
     yield Case("amplitude, step 50 Hz off + sweep", off, bounded=False)
     for std in (0.01, 0.1):  # Rice's distribution, and neighbours that are alike
         slow = Noise(std, memory=0.9)
-        yield Case(f"amplitude, correlation 0.9, sweep, noise {100 * std:.0f} %", off[1:], slow, bounded=False)
-        yield Case(f"amplitude, correlation 0.9, step 50 Hz off + sweep, noise {100 * std:.0f} %", off, slow, bounded=False)
+        yield Case(
+            f"amplitude, correlation 0.9, sweep, noise {100 * std:.0f} %", off[1:], slow, bounded=False
+        )
+        yield Case(
+            f"amplitude, correlation 0.9, step 50 Hz off + sweep, noise {100 * std:.0f} %",
+            off,
+            slow,
+            bounded=False,
+        )
     for window in (1.0, 0.5):
         yield Case(f"short, step of {window:g} tau", (step(200, 200 / (window * TAU)),))
     for std in (0.1, 0.3):
@@ -256,7 +301,10 @@ def cases() -> Iterator[Case]:
     for level in LEVELS:
         for what in ("rotation", "feedthrough", "delay"):
             yield with_bench(Case(f"{what} at {level:g} of its std, step + sweep", two), what, level, FREED)
-        for what in ("rotation", "feedthrough"):  # a delay and a feedthrough together, one step cannot tell apart
+        for what in (
+            "rotation",
+            "feedthrough",
+        ):  # a delay and a feedthrough together, one step cannot tell apart
             yield with_bench(Case(f"{what} at {level:g} of its std, step", one), what, level, ADDED)
     yield Case("hurried sweep, dwell 1 tau, with its times", (hurried(TAU),))
 

@@ -29,7 +29,12 @@ def sweep(seed: int, degC: float, correlated: float, rows: int = 201) -> sysid.L
     for k in range(1, rows):
         noise[k] = correlated * noise[k - 1] + np.sqrt(1 - correlated**2) * noise[k]
     clean = 100 * settled(G, TAU, F0 + K_T * (degC - 24), frequency)
-    given = {"drive": np.full(rows, 100.0), "frequency": frequency, "temperature": np.full(rows, degC), "kind": "steady"}
+    given = {
+        "drive": np.full(rows, 100.0),
+        "frequency": frequency,
+        "temperature": np.full(rows, degC),
+        "kind": "steady",
+    }
     return sysid.Log(f"sweep {seed}", clean + noise, **given)
 
 
@@ -80,7 +85,14 @@ def by_numpyro(problem: Problem) -> Callable[[], np.ndarray]:
             return np.asarray(chains.get_samples(group_by_chain=True))
 
     kernel = NUTS(potential_fn=lambda x: -problem(x, jnp))
-    chains = MCMC(kernel, num_warmup=WARM, num_samples=DRAWS, num_chains=CHAINS, chain_method="vectorized", progress_bar=False)
+    chains = MCMC(
+        kernel,
+        num_warmup=WARM,
+        num_samples=DRAWS,
+        num_chains=CHAINS,
+        chain_method="vectorized",
+        progress_bar=False,
+    )
     return run
 
 
@@ -96,7 +108,9 @@ def by_blackjax(problem: Problem, draws: int = DRAWS) -> Callable[[], np.ndarray
     def chains(keys):
         def chain(key):
             adapt, key = jax.random.split(key)
-            (state, found), _ = blackjax.window_adaptation(blackjax.nuts, density).run(adapt, jnp.zeros(problem.parameters), WARM)
+            (state, found), _ = blackjax.window_adaptation(blackjax.nuts, density).run(
+                adapt, jnp.zeros(problem.parameters), WARM
+            )
             kernel = blackjax.nuts(density, **found)
 
             def step(state, key):
@@ -123,7 +137,9 @@ def by_emcee(problem: Problem) -> Callable[[], np.ndarray]:
     def run() -> np.ndarray:
         parameters = lmfit.create_params(**{n: {"value": 0.0, "min": -30, "max": 30} for n in names})
         begin = np.random.default_rng(0).standard_normal((32, len(names)))
-        minimizer = lmfit.Minimizer(lambda p: float(problem(np.array([p[n].value for n in names]))), parameters)
+        minimizer = lmfit.Minimizer(
+            lambda p: float(problem(np.array([p[n].value for n in names]))), parameters
+        )
         given = {
             "nwalkers": 32,
             "steps": 700,
@@ -133,7 +149,11 @@ def by_emcee(problem: Problem) -> Callable[[], np.ndarray]:
             "progress": False,
             "seed": 0,
         }
-        return np.swapaxes(minimizer.emcee(parameters, run_mcmc_kwargs={"skip_initial_state_check": True}, **given).chain, 0, 1)
+        return np.swapaxes(
+            minimizer.emcee(parameters, run_mcmc_kwargs={"skip_initial_state_check": True}, **given).chain,
+            0,
+            1,
+        )
 
     return run
 
@@ -158,7 +178,8 @@ def compared(parameters: int, correlated: float, repeat: int) -> list[str]:
         with np.errstate(invalid="ignore"):
             logs = np.isin(names, ["G", "tau"])
             return (
-                np.where(logs, np.log(np.where(logs, x / problem.centre, 1.0)), x - problem.centre) / problem.size[: len(names)]
+                np.where(logs, np.log(np.where(logs, x / problem.centre, 1.0)), x - problem.centre)
+                / problem.size[: len(names)]
             )
 
     ways = {
@@ -193,7 +214,9 @@ def shares() -> str:
     found = pstats.Stats(profile).stats
     total = max(row[3] for row in found.values())
     of = {name: 100 * sum(row[3] for key, row in found.items() if key[2] == name) / total for name in PARTS}
-    density = 100 * sum(row[3] for key, row in found.items() if key[2] == "__call__" and "target" in key[0]) / total
+    density = (
+        100 * sum(row[3] for key, row in found.items() if key[2] == "__call__" and "target" in key[0]) / total
+    )
     return f"""Of sysid's time with 4 parameters (cProfile): the normal approximation and its check {of["_normal"]:.0f} %, the chains
 {of["extend"]:.0f} % (emcee's own loop, beside what is proposed in it, {of["run_mcmc"] - of["propose"]:.0f} %), the correction of the estimates {of["_corrected"]:.0f} %;
 the density {density:.0f} %, which is in all of them. It is spread over numpy calls on eight walkers; NUTS is one compiled program."""
@@ -204,7 +227,9 @@ def _keep(drawn: dict[str, np.ndarray], name: str, way: Callable[[], np.ndarray]
 
 
 def section(repeat: int) -> str:
-    table = "\n".join(row for p in (4, 12) for correlated in (0.0, 0.6) for row in compared(p, correlated, min(repeat, 1)))
+    table = "\n".join(
+        row for p in (4, 12) for correlated in (0.0, 0.6) for row in compared(p, correlated, min(repeat, 1))
+    )
     return f"""## Effective draws
 
 Seconds from the finished fit to 1000 effective draws of the worst of G, tau, f0 and k_T, compilation apart: the time of {CHAINS} x {DRAWS} draws after

@@ -51,10 +51,19 @@ KINDS = {
     "nothing": Kind({}, {}, (), ""),
     "delay": Kind({"time": 0.15e-3}, {"time": 0.5e-3}, ("delay", "filter"), "delay"),
     "filter of one pole": Kind({"tau": 0.15e-3}, {"tau": 0.6e-3}, ("filter", "delay"), "lock_in"),
-    "filter of four poles": Kind({"tau": 40e-6, "order": 4}, {"tau": 150e-6, "order": 4}, ("filter", "delay"), "lock_in"),
+    "filter of four poles": Kind(
+        {"tau": 40e-6, "order": 4}, {"tau": 150e-6, "order": 4}, ("filter", "delay"), "lock_in"
+    ),
     "softening": Kind({"softening": 2.0}, {"softening": 30.0}, ("duffing",), "duffing"),
-    "second mode": Kind({"f0": 32300 + 4 * HALF, "G": 0.001}, {"f0": 32300 + 4 * HALF, "G": 0.008}, ("second_mode",), "second_mode"),
-    "feedthrough, amplitudes": Kind({"d": 1e-4, "q": 2e-4}, {"d": 4e-4, "q": 2e-3}, ("feedthrough",), "feedthrough", True),
+    "second mode": Kind(
+        {"f0": 32300 + 4 * HALF, "G": 0.001},
+        {"f0": 32300 + 4 * HALF, "G": 0.008},
+        ("second_mode",),
+        "second_mode",
+    ),
+    "feedthrough, amplitudes": Kind(
+        {"d": 1e-4, "q": 2e-4}, {"d": 4e-4, "q": 2e-3}, ("feedthrough",), "feedthrough", True
+    ),
     "saturation": Kind({"limit": 3.0}, {"limit": 1.9}, ("saturation",), "saturation"),
 }
 
@@ -65,7 +74,11 @@ def simulated(bench: Sequence[str], kind: Kind, size: dict, seed: int) -> list[L
     for k, name in enumerate(bench):
         scene = Scene.from_toml(SCENES / f"{name}.toml")
         if kind.name and not (scene.kind == "steady" and kind.name in (*MOVING, "duffing")):
-            kept = tuple(e for e in scene.effects if e.name != kind.name and not (kind.amplitude and e.name == "offset"))
+            kept = tuple(
+                e
+                for e in scene.effects
+                if e.name != kind.name and not (kind.amplitude and e.name == "offset")
+            )
             scene = replace(scene, effects=(*kept, EFFECTS[kind.name](**size)))
         log = replace(scene.simulate(seed * len(bench) + k), name=name, bench={}, force=None)
         log = softened(log, scene, **size) if kind.name == "duffing" and scene.kind == "steady" else log
@@ -83,7 +96,9 @@ def softened(log: Log, scene: Scene, softening: float) -> Log:
         x, s = 2 * np.pi * plant.tau * np.array([f - plant.f0 - plant.k_T * degC, softening])
         power = np.roots([s**2, 2 * s * x, 1 + x**2, -((plant.G * volts) ** 2)])
         power = np.sort(power[np.abs(power.imag) < 1e-9 * np.max(np.abs(power))].real)
-        before = float(power[np.argmin(np.abs(power[:: max(len(power) - 1, 1)] - before)) * max(len(power) - 1, 1)])
+        before = float(
+            power[np.argmin(np.abs(power[:: max(len(power) - 1, 1)] - before)) * max(len(power) - 1, 1)]
+        )
         rows.append(plant.G * volts / (1 + 1j * (x + s * before)))
     turn = np.vdot(linear, log.response)
     return replace(log, response=log.response + turn / abs(turn) * (np.array(rows) - linear))
@@ -105,7 +120,11 @@ def row(bench: str, kind: Kind, size: dict, seeds: int) -> str:
         plant = Scene.from_toml(SCENES / f"{BENCHES[bench][0]}.toml").plant
         found, without = fit(logs), fit(logs, nuisances=NUISANCES)
         warm = found.reference_temperature
-        truth = {"G": plant.G, "tau": plant.tau, "f0": plant.f0 + plant.k_T * ((24.0 if warm is None else warm) - 24.0)}
+        truth = {
+            "G": plant.G,
+            "tau": plant.tau,
+            "f0": plant.f0 + plant.k_T * ((24.0 if warm is None else warm) - 24.0),
+        }
         before += off(without, truth)
         after += off(found, truth)
         right += found.result.name == "successful"
@@ -128,7 +147,9 @@ def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", default="")
     given = parser.parse_args()

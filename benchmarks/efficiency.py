@@ -69,7 +69,13 @@ class Kind:
 ON = (TIME > 0).astype(float)
 ONE, ONES = np.ones(len(TIME)), np.ones(len(FREQUENCY))
 KINDS = {
-    "step W": Kind(first_order, True, (), lambda y: Log("step", y, time=TIME, drive=ONE, sampling="instant"), rising(0).real),
+    "step W": Kind(
+        first_order,
+        True,
+        (),
+        lambda y: Log("step", y, time=TIME, drive=ONE, sampling="instant"),
+        rising(0).real,
+    ),
     "step dq": Kind(
         step,
         False,
@@ -77,7 +83,9 @@ KINDS = {
         lambda y: Log("step", y, time=TIME, drive=ONE, frequency=F0 * ONE, sampling="instant"),
         rising(1j * (np.sqrt((2 * np.pi * F0) ** 2 - TAU**-2) - 2 * np.pi * F0)),
     ),
-    "sweep W": Kind(lambda p: np.abs(sweep(p)), True, (), lambda y: Log("sweep", y, drive=ONES, frequency=FREQUENCY)),
+    "sweep W": Kind(
+        lambda p: np.abs(sweep(p)), True, (), lambda y: Log("sweep", y, drive=ONES, frequency=FREQUENCY)
+    ),
     "sweep dq": Kind(sweep, False, (ONES, U), lambda y: Log("sweep", y, drive=ONES, frequency=FREQUENCY)),
 }
 
@@ -96,7 +104,9 @@ class Row:
 PHI, KAPPA, LATE = ("rotation",), ("rotation", "background"), ("late",)
 SLOPE, OWN = "background with a slope", "a rotation (and background) for each log"
 ROWS = (
-    Row(("step W",), (), (0.085, 0.55, None), "no frequency recorded; noise on the signed first-order output"),
+    Row(
+        ("step W",), (), (0.085, 0.55, None), "no frequency recorded; noise on the signed first-order output"
+    ),
     Row(("step dq",), (), (0.085, 0.55, 0.077)),
     Row(("sweep W",), (), (0.33, 0.60, 0.50)),
     Row(("sweep dq",), (), (0.26, 0.39, 0.25)),
@@ -108,8 +118,18 @@ ROWS = (
     Row(("step dq",), KAPPA, (0.52, 0.80, 0.76)),
     Row(("sweep dq",), KAPPA, (0.26, 0.46, 0.44), SLOPE),
     Row(("step dq", "sweep dq"), KAPPA, (0.14, 0.31, 0.30), f"{SLOPE}; {OWN}"),
-    Row(("step W",), LATE, (0.087, 0.80, None), "no frequency recorded; noise on the signed first-order output"),
-    Row(("step dq", "sweep dq"), (*KAPPA, *LATE), (0.14, 0.32, 0.30), f"{SLOPE}; {OWN}; a lateness that may be complex"),
+    Row(
+        ("step W",),
+        LATE,
+        (0.087, 0.80, None),
+        "no frequency recorded; noise on the signed first-order output",
+    ),
+    Row(
+        ("step dq", "sweep dq"),
+        (*KAPPA, *LATE),
+        (0.14, 0.32, 0.30),
+        f"{SLOPE}; {OWN}; a lateness that may be complex",
+    ),
 )
 NOISY = tuple(  # no lateness: beside noise like this its prior of a row says more than the rows, and the bound knows no prior
     Row(kinds, nuisances, differs=f"signal to noise {ratio}", noise=1 / ratio)
@@ -152,7 +172,9 @@ def slopes(row: Row) -> np.ndarray:
         others = [real(1j * y)] if "rotation" in row.nuisances and not kind.amplitude else []
         if "background" in row.nuisances:
             others += [real(c * shape.astype(complex)) for shape in kind.shapes for c in (1, 1j)]
-        if "late" in row.nuisances and kind.late is not None:  # its prior, of one row, is wide beside what the rows say of it
+        if (
+            "late" in row.nuisances and kind.late is not None
+        ):  # its prior, of one row, is wide beside what the rows say of it
             others += [kind.late] if kind.amplitude else [real(c * kind.late) for c in (1, 1j)]
         if others:
             A = np.array(others).T
@@ -201,7 +223,9 @@ def by_scipy(row: Row, logs: list[Log]) -> np.ndarray:
         else np.zeros((len(real(log.response)), 0))
         for k, log in zip(kinds, logs, strict=True)
     ]
-    turned = [float(np.angle(np.vdot(k.model(TRUTH), log.response))) for k, log in zip(kinds, logs, strict=True)]
+    turned = [
+        float(np.angle(np.vdot(k.model(TRUTH), log.response))) for k, log in zip(kinds, logs, strict=True)
+    ]
 
     def plant(q: np.ndarray) -> np.ndarray:
         return np.array([G * np.exp(q[0]), TAU * np.exp(q[1]), F0 + 100 * q[2]])
@@ -216,7 +240,9 @@ def by_scipy(row: Row, logs: list[Log]) -> np.ndarray:
     return plant(least_squares(residual, [0.0, 0.0, 0.0, *turned], method="lm").x)
 
 
-def spread(row: Row, draws: int, peer: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, int], float]:
+def spread(
+    row: Row, draws: int, peer: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, int], float]:
     """Estimates, stated standard deviations, errors of an efficient estimate on the same noise and, with `peer`, scipy's estimates
     (each (draws, 3)); how the fits ended; seconds per fit."""
     rng, weights = np.random.default_rng(0), efficient(row)
@@ -243,15 +269,27 @@ def lines_of(row: Row, draws: int) -> list[str]:
     values, stated, ideal, theirs, results, seconds = spread(row, draws, peer=noisy)
     data, free = " + ".join(row.kinds), ", ".join(row.nuisances) or "none"
     lines = []
-    for i, (name, scale, unit) in enumerate((("G", 100 / G, "%"), ("tau", 100 / TAU, "%"), ("f0", 1.0, "Hz"))):
+    for i, (name, scale, unit) in enumerate(
+        (("G", 100 / G, "%"), ("tau", 100 / TAU, "%"), ("f0", 1.0, "Hz"))
+    ):
         if np.isnan(limit[i]):
             continue
         std = values[:, i].std(ddof=1)
         bias = (values[:, i].mean() - TRUTH[i]) / (std / np.sqrt(draws))
         table = "" if row.reference[i] is None else f"{row.reference[i]:.3g}"
         level = np.sqrt(np.mean(stated[:, i] ** 2))
-        cells = [data, free, f"{name}, {unit}", table, f"{limit[i] * scale:.3g}", f"{std * scale:.3g}", f"{std / limit[i]:.3f}"]
-        cells += [f"**{std / ideal[:, i].std(ddof=1):.3f}**"] + noisy * [f"**{std / theirs[:, i].std(ddof=1):.3f}**"]
+        cells = [
+            data,
+            free,
+            f"{name}, {unit}",
+            table,
+            f"{limit[i] * scale:.3g}",
+            f"{std * scale:.3g}",
+            f"{std / limit[i]:.3f}",
+        ]
+        cells += [f"**{std / ideal[:, i].std(ddof=1):.3f}**"] + noisy * [
+            f"**{std / theirs[:, i].std(ddof=1):.3f}**"
+        ]
         cells += [f"{level / limit[i]:.3f}", f"{bias:+.1f}", row.differs]
         lines.append("| " + " | ".join(cells) + " |")
     print(*lines, f"    {results}, {seconds:.2f} s a fit", sep="\n", flush=True)

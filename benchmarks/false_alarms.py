@@ -22,14 +22,20 @@ from sysid.precision import keep_programs
 
 SCENES = Path(__file__).parents[1] / "data/synthetic/scenes/plate"
 WHERE = Path(__file__).with_suffix(".md")
-PAIR, SIX = ("step_100V_24C", "sweep_24C"), ("step_100V_24C", "step_60V_27C", "step_140V_31C", "sweep_24C", "sweep_28C", "sweep_32C")
+PAIR, SIX = (
+    ("step_100V_24C", "sweep_24C"),
+    ("step_100V_24C", "step_60V_27C", "step_140V_31C", "sweep_24C", "sweep_28C", "sweep_32C"),
+)
 NUMBER = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
 
 
 def simulated(names: tuple[str, ...], seed: int) -> list[Log]:
     """Logs of these scenes, each with a noise of its own; responses in one unit."""
     scenes = (Scene.from_toml(SCENES / f"{name}.toml") for name in names)
-    return [replace(scene.simulate(seed * len(names) + k), name=name) for k, (scene, name) in enumerate(zip(scenes, names, strict=True))]
+    return [
+        replace(scene.simulate(seed * len(names) + k), name=name)
+        for k, (scene, name) in enumerate(zip(scenes, names, strict=True))
+    ]
 
 
 def counted(names: tuple[str, ...], fits: int) -> Iterator[str]:
@@ -46,15 +52,24 @@ def counted(names: tuple[str, ...], fits: int) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--fits", type=int, default=1000)
     fits = parser.parse_args().fits
     with tempfile.TemporaryDirectory() as folder:
         keep_programs(Path(folder))
         rows = [row for names in (PAIR, SIX) for row in counted(names, fits // 2)]
-    head = ["# False alarms", "", f"Made by `python benchmarks/false_alarms.py --fits {fits}` on {date.today()}.", ""]
+    head = [
+        "# False alarms",
+        "",
+        f"Made by `python benchmarks/false_alarms.py --fits {fits}` on {date.today()}.",
+        "",
+    ]
     table = ["| bench | fits | with a warning | with a note |", "|---|---|---|---|", *rows, ""]
-    WHERE.write_text("\n".join([*head, __doc__.partition("\n\n")[2].partition(" Writes")[0], "", *table]), encoding="utf-8")
+    WHERE.write_text(
+        "\n".join([*head, __doc__.partition("\n\n")[2].partition(" Writes")[0], "", *table]), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -23,7 +23,10 @@ import replay  # noqa: E402
 
 TAU, T, AT, LAST = 5e-3 / math.log(20), 1e-4, 1000, 1000  # samples until the fault, and after it
 SPREAD = 0.2  # of tau: what a bench's plates differ by, and what the design is told that they do; G/tau is that of the design
-DRAWS = {"tau": TAU * np.linspace(1 - SPREAD, 1 + SPREAD, 400), "G": 0.02 * np.linspace(1 - SPREAD, 1 + SPREAD, 400)}
+DRAWS = {
+    "tau": TAU * np.linspace(1 - SPREAD, 1 + SPREAD, 400),
+    "G": 0.02 * np.linspace(1 - SPREAD, 1 + SPREAD, 400),
+}
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=-10.16, draws=DRAWS)
 LIMIT, WINDOW = 350.0, (32100.0, 32500.0)
 LONG = 100_000  # samples of a long run
@@ -53,7 +56,11 @@ def bench(control, f0, tau, spoil, samples, switched=True, timer=None, noise=0.0
         settled = -0.02 / TAU * voltage / pole
         W = settled + (W - settled) * np.exp(pole * T)
         voltage, frequency = command
-        found = (said.mode, said.fault, np.abs(W), state.control.suspected.turned) if switched else (0 * W.real, 0 * W.real, np.abs(W), 0 * W.real)
+        found = (
+            (said.mode, said.fault, np.abs(W), state.control.suspected.turned)
+            if switched
+            else (0 * W.real, 0 * W.real, np.abs(W), 0 * W.real)
+        )
         rows.append((voltage, frequency, *found))
     return np.array(rows).transpose(1, 0, 2)
 
@@ -63,7 +70,9 @@ def fault_rows(count: int) -> list[str]:
     f0, tau = 32300.0 + rng.uniform(-60, 60, count), TAU * rng.uniform(1 - SPREAD, 1 + SPREAD, count)
     rows = []
     for method in METHODS:
-        loop = controller.design(PLATE, method=method, voltage_limit=LIMIT, amplitude=1.5, frequency_window=WINDOW)
+        loop = controller.design(
+            PLATE, method=method, voltage_limit=LIMIT, amplitude=1.5, frequency_window=WINDOW
+        )
         for name, (spoil, within) in REPLAYS.items():
             V, f, mode, fault, *_ = bench(loop.machine, f0, tau, spoil, AT + LAST)
             running = int((mode[AT - 1] == RUN).sum())
@@ -71,7 +80,11 @@ def fault_rows(count: int) -> list[str]:
             called = ", ".join(sorted({FAULTS[int(c)] if c < len(FAULTS) else "lost" for c in fault[-1]}))
             latched = bool((V[-1] == 0).all() and (mode[-1] == MODES.index("fault")).all()) if within else "-"
             inside = bool(np.abs(V).max() <= LIMIT and f.min() >= WINDOW[0] and f.max() <= WINDOW[1])
-            ends = f"{np.median(driven):.1f} | {driven.max():.1f} | {(driven > within).sum()} beyond {within} ms" if within else "- | - | -"
+            ends = (
+                f"{np.median(driven):.1f} | {driven.max():.1f} | {(driven > within).sum()} beyond {within} ms"
+                if within
+                else "- | - | -"
+            )
             rows.append(f"| {method} | {name} | {running} | {ends} | {latched} | {called} | {inside} |")
     return rows
 
@@ -102,7 +115,9 @@ def timer_rows(count: int) -> list[str]:
         _, f, _, _, W, _ = bench(law, f0, np.full(count, TAU), lambda told, last: told, 11000, False, 1e8)
         lost = 100 * (1 - W[1000:].mean(0) / 1.5)
         changes = (np.diff(f[1000:], axis=0) != 0).sum(0)
-        rows.append(f"| {method} | {(changes == 1).sum()} | {(changes > 1).sum()} | {lost.max():.3f} | {-lost.min():.3f} | {np.abs(f[-1] - f0).max():.2f} |")
+        rows.append(
+            f"| {method} | {(changes == 1).sum()} | {(changes > 1).sum()} | {lost.max():.3f} | {-lost.min():.3f} | {np.abs(f[-1] - f0).max():.2f} |"
+        )
     return rows
 
 

@@ -45,34 +45,61 @@ def linear() -> Iterable[dict]:
 
 def mean() -> Iterable[dict]:
     for sigma in (1, 3, 10, 30, 100, 1000):
-        found, exact = Reynolds(0.02, sigma, cells=120, phases=9).periodic().overpressure / 4e-4, float(second_order(sigma))
-        yield {"sigma": sigma, "(P - 1)/e^2 at e = 0.02": f"{found:.5f}", "3/2 S - A/4": f"{exact:.5f}", "error": f"{found / exact - 1:.1e}"}
+        found, exact = (
+            Reynolds(0.02, sigma, cells=120, phases=9).periodic().overpressure / 4e-4,
+            float(second_order(sigma)),
+        )
+        yield {
+            "sigma": sigma,
+            "(P - 1)/e^2 at e = 0.02": f"{found:.5f}",
+            "3/2 S - A/4": f"{exact:.5f}",
+            "error": f"{found / exact - 1:.1e}",
+        }
 
 
 def trapped() -> Iterable[dict]:
     for e in EXCURSIONS:
         found = Reynolds(e, 1e4, phases=33 if e < 0.7 else 65).periodic().overpressure
-        yield {"e": e, "P at sigma = 1e4": f"{1 + found:.4f}", "closed form, no leak": f"{1 + float(infinite_overpressure(e)):.4f}"}
+        yield {
+            "e": e,
+            "P at sigma = 1e4": f"{1 + found:.4f}",
+            "closed form, no leak": f"{1 + float(infinite_overpressure(e)):.4f}",
+        }
 
 
 def fast() -> Iterable[dict]:
     """Errors of the fast law's overpressure, in per cent of Reynolds'."""
     for sigma in (3, 10, 30, 100, 300, 1000, 10000):
-        errors = {f"e = {e}": f"{100 * (float(overpressure(e, sigma)) / Reynolds(e, sigma).periodic().overpressure - 1):.1f}" for e in EXCURSIONS}
+        errors = {
+            f"e = {e}": f"{100 * (float(overpressure(e, sigma)) / Reynolds(e, sigma).periodic().overpressure - 1):.1f}"
+            for e in EXCURSIONS
+        }
         yield {"sigma": sigma, **errors}
 
 
 def pads() -> Iterable[dict]:
-    for name, pad in (("flat, 10 mm", FLAT_PAD), ("one ridge, 0.4 mm", RIDGE), ("10 mm, grooves of 60 um", GROOVED_PAD)):
+    for name, pad in (
+        ("flat, 10 mm", FLAT_PAD),
+        ("one ridge, 0.4 mm", RIDGE),
+        ("10 mm, grooves of 60 um", GROOVED_PAD),
+    ):
         kPa = {f"gap {gap} um": f"{film_pressure(1.0, gap, pad) / 1e3:.3g}" for gap in (2, 3, 4, 5)}
         yield {"pad": name, "sigma at 2 um": f"{squeeze_number(pad.width_m, 2e-6, 32300.0):.3g}", **kPa}
 
 
 def cost() -> Iterable[dict]:
-    for name, film in (("flat strip, defaults", Reynolds(0.5, 300)), ("grooved pad", GROOVED_PAD.reynolds(1.0, 2.0, 32300.0))):
+    for name, film in (
+        ("flat strip, defaults", Reynolds(0.5, 300)),
+        ("grooved pad", GROOVED_PAD.reynolds(1.0, 2.0, 32300.0)),
+    ):
         begun = time.process_time()
         film.periodic()
-        yield {"film": name, "cells": film.cells, "phases": film.phases, "processor (s)": f"{time.process_time() - begun:.3f}"}
+        yield {
+            "film": name,
+            "cells": film.cells,
+            "phases": film.phases,
+            "processor (s)": f"{time.process_time() - begun:.3f}",
+        }
 
 
 def main() -> None:

@@ -28,13 +28,21 @@ def section(repeat: int) -> str:
             environment = os.environ | {"SYSID_PROGRAMS": switch[programs]}
             return lambda: subprocess.run(command, check=True, env=environment)
 
-        ways = {(task, how): runs([sys.executable, "-c", code], how) for task, code in TASKS.items() for how in switch}
-        _, took = in_turns({"floor": runs(FLOOR, "none")} | ways, repeat)  # the first call of each fills the folder
+        ways = {
+            (task, how): runs([sys.executable, "-c", code], how)
+            for task, code in TASKS.items()
+            for how in switch
+        }
+        _, took = in_turns(
+            {"floor": runs(FLOOR, "none")} | ways, repeat
+        )  # the first call of each fills the folder
         size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 2**20
     rows = []
     for task, how in ways:
         ratio = float(np.median(took[task, how] / took["floor"]))
-        rows.append(f"| {task}, {how} | {spread(took[task, how])} | {reached(ratio, WANTED[how], at_most=True)} |")
+        rows.append(
+            f"| {task}, {how} | {spread(took[task, how])} | {reached(ratio, WANTED[how], at_most=True)} |"
+        )
     return f"""## The first fit in a new process
 
 Whole processes: the imports, the logs read, the fit. `kept`: with what an earlier process compiled, {size:.1f} MB here; `none`:

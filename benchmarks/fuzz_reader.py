@@ -153,7 +153,14 @@ def _fault(read: Callable[[], list[Log]], table: bytes, toml: bytes) -> str | No
         return f"more than {SLOW:g} s"
     except Exception as error:
         at = traceback.extract_tb(error.__traceback__)
-        where = next((f"{Path(frame.filename).name}:{frame.name}" for frame in reversed(at) if frame.filename in READER), "?")
+        where = next(
+            (
+                f"{Path(frame.filename).name}:{frame.name}"
+                for frame in reversed(at)
+                if frame.filename in READER
+            ),
+            "?",
+        )
         return f"{type(error).__name__} in {where}"
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
@@ -174,7 +181,12 @@ def _fault_of_logs(logs: list[Log], table: bytes) -> str | None:
     """Against Python's own reading, where the header is the one of the first seed."""
     head, found, rows = table.partition(HEADER + b"\n")
     above = head.split(b"\n")
-    if not found or above[-1] or any(line.strip() and not line.startswith(b"#") for line in above) or len(logs) != 1:
+    if (
+        not found
+        or above[-1]
+        or any(line.strip() and not line.startswith(b"#") for line in above)
+        or len(logs) != 1
+    ):
         return None
     try:
         lines = [line.decode("utf-8", errors="replace") for line in rows.split(b"\n") if line.strip(b"\r")]
@@ -191,13 +203,17 @@ def _fault_of_logs(logs: list[Log], table: bytes) -> str | None:
     else:
         columns = [log.time, *columns]
     found = np.column_stack([np.full(len(log), np.nan) if c is None else c for c in columns])
-    return None if found.shape == truth.shape and (found == truth).all() else "other numbers than were written"
+    return (
+        None if found.shape == truth.shape and (found == truth).all() else "other numbers than were written"
+    )
 
 
 # --- mutations ---------------------------------------------------------------------------------------------------------
 
 
-def mutated(pair: tuple[bytes, bytes], corpus: list[tuple[bytes, bytes]], rng: random.Random) -> tuple[bytes, bytes]:
+def mutated(
+    pair: tuple[bytes, bytes], corpus: list[tuple[bytes, bytes]], rng: random.Random
+) -> tuple[bytes, bytes]:
     """One to four changes of the table or of its mapping file."""
     parts = list(pair)
     which = 1 if parts[1] and rng.random() < 0.6 else 0
@@ -262,19 +278,43 @@ def kept() -> list[tuple[bytes, bytes]]:
 def fewest(corpus: list[tuple[bytes, bytes]], reader: Reader) -> list[tuple[bytes, bytes]]:
     """The inputs, shortest first, each of which runs through a pair of lines that the shorter ones do not."""
     fresh = Reader(reader.folder)
-    return [pair for pair in sorted(corpus, key=lambda pair: (len(pair[0]) + len(pair[1]), pair)) if fresh.run(*pair)[1]]
+    return [
+        pair
+        for pair in sorted(corpus, key=lambda pair: (len(pair[0]) + len(pair[1]), pair))
+        if fresh.run(*pair)[1]
+    ]
 
 
 # --- the study ------------------------------------------------------------------------------------------------------------
 
 
-def table(runs: int, seconds: float, corpus: int, reader: Reader, found: dict[str, tuple[int, tuple[bytes, bytes]]], said: str) -> str:
+def table(
+    runs: int,
+    seconds: float,
+    corpus: int,
+    reader: Reader,
+    found: dict[str, tuple[int, tuple[bytes, bytes]]],
+    said: str,
+) -> str:
     """The study as Markdown."""
-    lines = ["# Fuzzing the reader", "", f"Made by `{said}`.", "", __doc__.partition("\n\n")[2].partition("\n\n    --")[0], ""]
+    lines = [
+        "# Fuzzing the reader",
+        "",
+        f"Made by `{said}`.",
+        "",
+        __doc__.partition("\n\n")[2].partition("\n\n    --")[0],
+        "",
+    ]
     lines += ["| runs | seconds | pairs of lines | corpus | findings |", "|---|---|---|---|---|"]
     lines += [f"| {runs} | {seconds:.0f} | {len(reader.seen)} | {corpus} | {len(found)} |", ""]
-    lines += ["| finding | runs | smallest input (table, mapping) |", "|---|---|---|"] if found else ["Nothing was found."]
-    lines += [f"| {fault} | {n} | `{str(pair).replace('|', chr(92) + '|')}` |" for fault, (n, pair) in found.items()]
+    lines += (
+        ["| finding | runs | smallest input (table, mapping) |", "|---|---|---|"]
+        if found
+        else ["Nothing was found."]
+    )
+    lines += [
+        f"| {fault} | {n} | `{str(pair).replace('|', chr(92) + '|')}` |" for fault, (n, pair) in found.items()
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -37,7 +37,9 @@ def signal(seed: int) -> np.ndarray:
 
 
 def text(head: str, parts: Callable) -> Callable:
-    return lambda path, seed: path.write_text(test_drafts.table(head, F, *parts(signal(seed))), encoding="utf-8")
+    return lambda path, seed: path.write_text(
+        test_drafts.table(head, F, *parts(signal(seed))), encoding="utf-8"
+    )
 
 
 def of_ratio(head: str, parts: Callable, admittance: bool = False) -> Callable:
@@ -63,11 +65,17 @@ def touchstone(head: str, parts: Callable) -> Callable:
 def two_ports(path: Path, seed: int) -> None:
     z = test_layouts.impedance(seed)
     s11, s21 = z / (z + 100), 100 / (z + 100)
-    path.write_text(test_files.touchstone("# Hz S RI R 50", (F, *(x for s in (s11, s21, s21, s11) for x in (s.real, s.imag)))))
+    path.write_text(
+        test_files.touchstone(
+            "# Hz S RI R 50", (F, *(x for s in (s11, s21, s21, s11) for x in (s.real, s.imag)))
+        )
+    )
 
 
 def container(write: Callable) -> Callable:
-    return lambda path, seed: write(path, {"frequency_Hz": F, "X_V": signal(seed).real, "Y_V": signal(seed).imag})
+    return lambda path, seed: write(
+        path, {"frequency_Hz": F, "X_V": signal(seed).real, "Y_V": signal(seed).imag}
+    )
 
 
 re_im, polar, decibel = test_drafts.re_im, test_drafts.polar, test_drafts.decibel
@@ -114,15 +122,27 @@ def row(name: str, folder: Path) -> str:
             logs = read_logs(path, columns=columns)
         fit = sysid.fit(logs)
         results.add(fit.result.value)
-        z += [(fit.parameters[k].value - true) / fit.parameters[k].std for k, true in (("f0", F0), ("tau", TAU))]
+        z += [
+            (fit.parameters[k].value - true) / fit.parameters[k].std for k, true in (("f0", F0), ("tau", TAU))
+        ]
     off = f"{np.sqrt(np.mean(np.square(z))):.2f} / {np.max(np.abs(z)):.1f}"
     return f"| {name} | {how} | {len(asked)}: {', '.join(asked) or 'nothing'} | {', '.join(sorted(results))} | {off} |"
 
 
 def main() -> None:
     warnings.simplefilter("ignore")
-    lines = ["# Files as instruments write them", "", f"Made by `python benchmarks/instruments.py`, {datetime.date.today()}.", ""]
-    lines += [__doc__.partition("\n\n")[2].strip(), "", "| file | read by | asked | result | off, rms / largest |", "|---|---|---|---|---|"]
+    lines = [
+        "# Files as instruments write them",
+        "",
+        f"Made by `python benchmarks/instruments.py`, {datetime.date.today()}.",
+        "",
+    ]
+    lines += [
+        __doc__.partition("\n\n")[2].strip(),
+        "",
+        "| file | read by | asked | result | off, rms / largest |",
+        "|---|---|---|---|---|",
+    ]
     with tempfile.TemporaryDirectory() as folder:
         for name in KINDS:
             lines.append(row(name, Path(folder)))

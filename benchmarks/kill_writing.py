@@ -26,7 +26,12 @@ from pathlib import Path
 from sysid.command import outputs
 
 HERE = Path(__file__).parent
-SIZES = {outputs.REPORT: 400_000, outputs.DRAWS: 150_000, outputs.CONTROLLER: 4_000, outputs.HEADER: 6_000}  # as the command's
+SIZES = {
+    outputs.REPORT: 400_000,
+    outputs.DRAWS: 150_000,
+    outputs.CONTROLLER: 4_000,
+    outputs.HEADER: 6_000,
+}  # as the command's
 CONTROLLERS = (outputs.CONTROLLER, outputs.HEADER)
 SPAN = 4  # in sets: the longest life of a writer
 
@@ -49,7 +54,11 @@ def state(folder: Path) -> str:
     """What stands in the folder: a whole set, none, or a mixture, with what is wrong."""
     present = {name: folder / name for name in outputs.FILES if (folder / name).exists()}
     if outputs.FIT not in present:
-        torn = [name for name in CONTROLLERS if name in present and len(set(present[name].read_bytes().split(b" ")[1::3])) > 1]
+        torn = [
+            name
+            for name in CONTROLLERS
+            if name in present and len(set(present[name].read_bytes().split(b" ")[1::3])) > 1
+        ]
         return f"torn {torn[0]}" if torn else "no set"
     try:
         named = json.loads(present.pop(outputs.FIT).read_text())["files"]
@@ -114,8 +123,12 @@ def main() -> int:
     lines += ["| writers | kills | a whole set | no set (no fit.json) | a mixture |", "|---|---|---|---|---|"]
     for writers, found in results.items():
         mixed = sum(found.values()) - found["whole"] - found["no set"]
-        lines.append(f"| {writers} | {sum(found.values())} | {found['whole']} | {found['no set']} | {mixed} |")
-    bad = {said: n for found in results.values() for said, n in found.items() if said not in ("whole", "no set")}
+        lines.append(
+            f"| {writers} | {sum(found.values())} | {found['whole']} | {found['no set']} | {mixed} |"
+        )
+    bad = {
+        said: n for found in results.values() for said, n in found.items() if said not in ("whole", "no set")
+    }
     text = "\n".join([*lines, *(f"- {n} times {said}" for said, n in bad.items())]) + "\n"
     if not given.print:
         (HERE / "kill_writing.md").write_text(text, encoding="utf-8")

@@ -65,7 +65,9 @@ class Kind:
 def noisy(rng, y, share):
     """With white noise of a share of the largest value, in each channel."""
     size = share * np.max(np.abs(y))
-    return y + size * (rng.standard_normal(y.shape) + (1j * rng.standard_normal(y.shape) if np.iscomplexobj(y) else 0.0))
+    return y + size * (
+        rng.standard_normal(y.shape) + (1j * rng.standard_normal(y.shape) if np.iscomplexobj(y) else 0.0)
+    )
 
 
 def stepped(t, tau):
@@ -90,7 +92,9 @@ def overshoot(zeta):
     def made(rng):
         w, t = 2 * np.pi * 170, 1e-4 * (np.arange(440) - 20)
         x, s = np.maximum(t, 0), np.sqrt(1 - zeta**2)
-        y = np.where(t > 0, 1 - np.exp(-zeta * w * x) * (np.cos(s * w * x) + zeta / s * np.sin(s * w * x)), 0.0)
+        y = np.where(
+            t > 0, 1 - np.exp(-zeta * w * x) * (np.cos(s * w * x) + zeta / s * np.sin(s * w * x)), 0.0
+        )
         return [step_log(t, noisy(rng, y, 0.005))], {}
 
     return made
@@ -137,7 +141,11 @@ def wait_and_read(own, dwell, runs=False, back=False):
         if not own and not runs:
             rows, f = rows[:-1], f[1:]
         y = noisy(rng, np.exp(0.4j) * np.array(rows), 0.005)
-        return [sweep_log(f, y, time=step * np.arange(len(f)), kind="transient")], {"tau": TAU, "f0": F0, "G": 1.0}
+        return [sweep_log(f, y, time=step * np.arange(len(f)), kind="transient")], {
+            "tau": TAU,
+            "f0": F0,
+            "G": 1.0,
+        }
 
     return made
 
@@ -191,7 +199,10 @@ def small_drive(volts):
     def made(rng):
         f = F0 + np.linspace(-500, 500, 101)
         log = sweep_log(f, noisy(rng, settled(f), 0.01))
-        return [Log("sweep", log.response, drive=np.full(101, volts), frequency=f, kind="steady")], {"G": 1 / volts, "tau": TAU}
+        return [Log("sweep", log.response, drive=np.full(101, volts), frequency=f, kind="steady")], {
+            "G": 1 / volts,
+            "tau": TAU,
+        }
 
     return made
 
@@ -268,12 +279,21 @@ def verdict(kind: Kind, logs: list[Log], truth: dict[str, float]) -> tuple[str, 
     values = {n: p for n, p in found.parameters.items() if p.determined and n in truth}
     off = {n: abs(p.value - truth[n]) / p.std for n, p in values.items()}
     why = [p.why or "" for p in found.parameters.values()]
-    said = " | ".join([found.result.name, *(f"{n} {p.value:.8g} +- {p.std:.2g}" for n, p in values.items()), *found.warnings])
+    said = " | ".join(
+        [
+            found.result.name,
+            *(f"{n} {p.value:.8g} +- {p.std:.2g}" for n, p in values.items()),
+            *found.warnings,
+        ]
+    )
     sure = [w for w in found.warnings if "perhaps: chance" not in w]
     named, hinted = (
-        {name for name, words in CAUSES.items() if re.search(words, " ".join((*said_of, *why)))} for said_of in (sure, found.warnings)
+        {name for name, words in CAUSES.items() if re.search(words, " ".join((*said_of, *why)))}
+        for said_of in (sure, found.warnings)
     )
-    if found.result.name == "successful" and (max(off.values(), default=0.0) > FAR or not (truth or kind.modelled)):
+    if found.result.name == "successful" and (
+        max(off.values(), default=0.0) > FAR or not (truth or kind.modelled)
+    ):
         return "silently wrong", said
     if wrong := named - set(kind.causes):
         return "wrong cause", f"({', '.join(sorted(wrong))}) {said}"
@@ -297,7 +317,9 @@ def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=7)
     parser.add_argument("--only", default="")
     given = parser.parse_args()

@@ -39,9 +39,14 @@ def convergence() -> Iterable[dict]:
     """The straight mode of the bare plate at 31.1 kHz on finer and finer meshes."""
     exact = bare_modes(BARE, (1, 0))
     exact = exact[np.argmin(np.abs(exact - 31123.5))]
-    for theory, near, meshes in (("kirchhoff", 31100.0, (4, 6, 7.5, 11, 16)), ("mindlin", 30240.0, (2, 3, 4, 5))):
+    for theory, near, meshes in (
+        ("kirchhoff", 31100.0, (4, 6, 7.5, 11, 16)),
+        ("mindlin", 30240.0, (2, 3, 4, 5)),
+    ):
         for n in meshes:
-            found, seconds = timed(lambda t=theory, f=near, n=n: modes(BARE, f, t, per_wavelength=n, cache=False))
+            found, seconds = timed(
+                lambda t=theory, f=near, n=n: modes(BARE, f, t, per_wavelength=n, cache=False)
+            )
             beside = f"{100 * (found.mode.f0 / exact - 1):.4f} %" if theory == "kirchhoff" else ""
             yield {
                 "theory": theory, "elements a wavelength": n, "unknowns": found.unknowns, "f0 (Hz)": f"{found.mode.f0:.1f}",
@@ -51,14 +56,21 @@ def convergence() -> Iterable[dict]:
 
 def waves() -> Iterable[dict]:
     for theory in THEORIES:
-        yield {"theory": theory, "wavelength (mm)": f"{1e3 * wavelength(ALUMINIUM, 1.2e-3, FREQUENCY, theory):.3f}"}
+        yield {
+            "theory": theory,
+            "wavelength (mm)": f"{1e3 * wavelength(ALUMINIUM, 1.2e-3, FREQUENCY, theory):.3f}",
+        }
 
 
 def counts() -> Iterable[dict]:
     every = np.concatenate([bare_modes(BARE, parity) for parity in product((0, 1), repeat=2)])
     for low in range(28000, 36000, 1000):
         found = int(np.sum((every > low) & (every < low + 1000)))
-        yield {"kHz": f"{low // 1000} to {low // 1000 + 1}", "modes": found, "Weyl": f"{weyl_count(BARE, low, low + 1000):.1f}"}
+        yield {
+            "kHz": f"{low // 1000} to {low // 1000 + 1}",
+            "modes": found,
+            "Weyl": f"{weyl_count(BARE, low, low + 1000):.1f}",
+        }
 
 
 def found_in(theory: str, near: float, cache: str) -> dict:

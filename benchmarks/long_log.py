@@ -20,7 +20,9 @@ CHILD += " print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
 def write(path: Path, rows: int) -> None:
     """A step as a file; times and responses have the digits of an instrument's."""
     log = step(rows)
-    table = pd.DataFrame({"time_us": 1e6 * log.time, "voltage_V": log.drive.astype(int), "frequency_Hz": int(FREQUENCY)})
+    table = pd.DataFrame(
+        {"time_us": 1e6 * log.time, "voltage_V": log.drive.astype(int), "frequency_Hz": int(FREQUENCY)}
+    )
     table["wd_um"], table["wq_um"] = log.response.real, log.response.imag
     table.to_csv(path, index=False, float_format="%.4f")
 
@@ -35,7 +37,18 @@ def section(repeat: int) -> str:
             peak = []
 
             def identify(path=path, peak=peak):
-                command = [sys.executable, "-c", CHILD, sys.executable, "-m", "sysid", str(path), "-o", f"{folder}/out", "--json"]
+                command = [
+                    sys.executable,
+                    "-c",
+                    CHILD,
+                    sys.executable,
+                    "-m",
+                    "sysid",
+                    str(path),
+                    "-o",
+                    f"{folder}/out",
+                    "--json",
+                ]
                 done = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
                 peak.append(1024 * int(done.stdout.strip().splitlines()[-1]))
 
@@ -51,7 +64,9 @@ def section(repeat: int) -> str:
             said = reached(ratio, 1.5, at_most=True) if n == ROWS[-1] else f"{ratio:.3g}"
             memory = max(peak) / (numbers * n)
             kept = reached(memory, 3, at_most=True) if n == ROWS[-1] else f"{max(peak) / 2**20:.0f} MiB"
-            rows.append(f"| {n:.0e} | {spread(took['identify'])} | {spread(took['parse'])} | {said} | {kept} |")
+            rows.append(
+                f"| {n:.0e} | {spread(took['identify'])} | {spread(took['parse'])} | {said} | {kept} |"
+            )
     table = "\n".join(rows)
     return f"""## Long logs
 

@@ -254,7 +254,10 @@ def sound_row(benches, method, count):
 def row(name, found):
     """Of the benches of a kind; in brackets what was before."""
     calls = [onboard.fault_name(o.fault) for _, o in found if o.fault]
-    said = ", ".join(f"{n} {calls.count(n)}" for n in sorted(set(calls), key=lambda n: -calls.count(n))) or "none"
+    said = (
+        ", ".join(f"{n} {calls.count(n)}" for n in sorted(set(calls), key=lambda n: -calls.count(n)))
+        or "none"
+    )
     halves = [[o for c, o in found if (c.at == 0) == power] for power in (True, False)]
     cells, before = [f"| {name} | {len(found)} | {said}"], BEFORE[name]
     for half, peak, high in zip(halves, before[0:3:2], before[1:4:2], strict=True):

@@ -20,7 +20,12 @@ def step(rows: int, seed: int = 0, noise: float = 0.05, degC: float = 24.0) -> s
     drive = np.where(at < 0.006, 0.0, DRIVE)
     clean = stepped(np.array([G, TAU, F0 + K_T * (degC - 24) - FREQUENCY, 0.01, -0.02]), since(at, drive))
     response = clean + noise * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
-    given = {"time": at, "drive": drive, "frequency": np.full(rows, FREQUENCY), "temperature": np.full(rows, degC)}
+    given = {
+        "time": at,
+        "drive": drive,
+        "frequency": np.full(rows, FREQUENCY),
+        "temperature": np.full(rows, degC),
+    }
     return sysid.Log(f"step {seed}", response, kind="transient", sampling="instant", **given)
 
 
@@ -41,7 +46,9 @@ def slopes(p: np.ndarray, t: np.ndarray) -> np.ndarray:
     shape = np.expm1(pole * t) / pole
     by_pole = gain * (t * np.exp(pole * t) - shape) / pole
     one = np.ones(len(t))
-    return np.stack([gain / p[0] * shape, by_pole / p[1] ** 2 - gain / p[1] * shape, 2j * np.pi * by_pole, one, 1j * one])
+    return np.stack(
+        [gain / p[0] * shape, by_pole / p[1] ** 2 - gain / p[1] * shape, 2j * np.pi * by_pole, one, 1j * one]
+    )
 
 
 def settled(G, tau, f0, frequency, xp=np):
@@ -50,7 +57,9 @@ def settled(G, tau, f0, frequency, xp=np):
     return G * (w0 / omega) / (1 - 1j * (w0 - omega) * (w0 + omega) * tau / (2 * omega))
 
 
-def in_turns(ways: dict[str, Callable[[], object]], repeat: int) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+def in_turns(
+    ways: dict[str, Callable[[], object]], repeat: int
+) -> tuple[dict[str, float], dict[str, np.ndarray]]:
     """Seconds of each way's first call, and of `repeat` later ones, in alternating order: a busy machine slows all alike."""
     first = {name: seconds(way) for name, way in ways.items()}
     later: dict[str, list[float]] = {name: [] for name in ways}

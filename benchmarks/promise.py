@@ -17,8 +17,16 @@ from sysid import Plant, Profile, Scene
 from sysid.scene.effects import FingerDamping
 
 HERE = Path(__file__).parent
-LOGS = [HERE.parent / "data" / "synthetic" / f"{name}.csv" for name in ("step_100V_24C", "sweep_24C", "sweep_32C")]
-ASKED = {"amplitude": 1.0, "voltage_limit": 200.0, "frequency_window": (31900.0, 32700.0), "finger": 1.0, "warming": (-10.0, 15.0)}
+LOGS = [
+    HERE.parent / "data" / "synthetic" / f"{name}.csv" for name in ("step_100V_24C", "sweep_24C", "sweep_32C")
+]
+ASKED = {
+    "amplitude": 1.0,
+    "voltage_limit": 200.0,
+    "frequency_window": (31900.0, 32700.0),
+    "finger": 1.0,
+    "warming": (-10.0, 15.0),
+}
 T = 1e-4
 
 
@@ -46,7 +54,12 @@ def kept(loop, scenes: list[Scene], plants: Ensemble) -> str:
     taken = np.array([controller.settling_time(t.time, t.W, ASKED["amplitude"]) for t in traces])
     found, p = margins(loop.law, plants, T, loop.delay), loop.promise
     late = taken > p.settling + 1e-9
-    thin = (found.gain < p.gain) | (np.rad2deg(found.phase) < p.phase) | (found.disk < p.disk) | (found.delay < p.delay)
+    thin = (
+        (found.gain < p.gain)
+        | (np.rad2deg(found.phase) < p.phase)
+        | (found.disk < p.disk)
+        | (found.delay < p.delay)
+    )
     said = f"{1e3 * p.settling:.2f} ms | {p.gain:.2f}, {p.phase:.0f}°, {p.disk:.2f}, {1e3 * p.delay:.2f} ms"
     return f"| {loop.method} | {said} | {late.sum()} | {thin.sum()} | {(late | thin).sum()} | {1e3 * np.median(taken):.2f} ms |"
 
@@ -71,7 +84,9 @@ def wide(posterior, share: float):
 def low(posterior):
     """The same fit as if its logs had been driven up to 20 V."""
     logs = tuple(
-        dataclasses.replace(f, log=dataclasses.replace(f.log, drive=f.log.drive * (20.0 / np.max(np.abs(f.log.drive)))))
+        dataclasses.replace(
+            f, log=dataclasses.replace(f.log, drive=f.log.drive * (20.0 / np.max(np.abs(f.log.drive))))
+        )
         for f in posterior.fit.logs
     )
     return dataclasses.replace(posterior, fit=dataclasses.replace(posterior.fit, logs=logs))
@@ -84,17 +99,38 @@ def main() -> None:
     fit = sysid.fit(sysid.read_logs([str(path) for path in LOGS]))
     posterior, other = sysid.sample(fit, seed=0), sysid.sample(fit, seed=1)
     scenes, plants = fresh(other, given.draws)
-    rows = [kept(controller.design(posterior, method=m, **ASKED), scenes, plants) for m in ("pi", "paper", "pll", "adaptive")]
-    tau, cold = posterior.summary()["tau"], {**ASKED, "voltage_limit": 102.0, "finger": 0.0, "frequency_window": (30000, 34600)}
+    rows = [
+        kept(controller.design(posterior, method=m, **ASKED), scenes, plants)
+        for m in ("pi", "paper", "pll", "adaptive")
+    ]
+    tau, cold = (
+        posterior.summary()["tau"],
+        {**ASKED, "voltage_limit": 102.0, "finger": 0.0, "frequency_window": (30000, 34600)},
+    )
     bare = {"source": posterior}
     answers = [
         said("the same logs driven up to 20 V, 2 um asked for", source=low(posterior), amplitude=2.0),
-        said("1 um under a finger that halves it, 90 V at most", **bare, amplitude=1.0, finger=1.0, voltage_limit=90.0),
+        said(
+            "1 um under a finger that halves it, 90 V at most",
+            **bare,
+            amplitude=1.0,
+            finger=1.0,
+            voltage_limit=90.0,
+        ),
         said("1 um in 0.5 ms, 200 V", **bare, amplitude=1.0, settling_time=0.5e-3, voltage_limit=200.0),
         said("1 um in 0.8 ms, 60 V", **bare, amplitude=1.0, settling_time=0.8e-3, voltage_limit=60.0),
         said("a bandwidth of 1 kHz", **bare, bandwidth_hz=1000.0),
-        said("2 um from 102 V over -90 to +90 degC", **bare, **{**cold, "warming": (-90.0, 90.0), "amplitude": 2.0}),
-        said("a window of 32.2 to 32.4 kHz over +15 degC", **bare, warming=(0.0, 15.0), frequency_window=(32200.0, 32400.0)),
+        said(
+            "2 um from 102 V over -90 to +90 degC",
+            **bare,
+            **{**cold, "warming": (-90.0, 90.0), "amplitude": 2.0},
+        ),
+        said(
+            "a window of 32.2 to 32.4 kHz over +15 degC",
+            **bare,
+            warming=(0.0, 15.0),
+            frequency_window=(32200.0, 32400.0),
+        ),
     ]
     rows_of_tau = [
         said(f"tau known to {100 * s:.2g} %", source=wide(posterior, s), voltage_limit=200.0, amplitude=1.0)

@@ -26,12 +26,18 @@ ASKED = 1.995
 
 
 def designed(limit=160.0, **given):
-    return controller.design(PLATE, voltage_limit=limit, amplitude=ASKED, frequency_window=(32000.0, 32600.0), **given)
+    return controller.design(
+        PLATE, voltage_limit=limit, amplitude=ASKED, frequency_window=(32000.0, 32600.0), **given
+    )
 
 
 def told(found, n=0, at=0) -> str:
     W, V, fault = found["W"][:, n].max(), np.abs(found["V"][:, n]).max(), found["fault"][:, n]
-    ends = f"{FAULTS[int(fault[-1])]} after {1e3 * T * (int(np.argmax(fault > 0)) - at):.1f} ms" if fault[-1] else "no fault"
+    ends = (
+        f"{FAULTS[int(fault[-1])]} after {1e3 * T * (int(np.argmax(fault > 0)) - at):.1f} ms"
+        if fault[-1]
+        else "no fault"
+    )
     return f"{W:.2f} um, {V:.0f} V; {ends}; at the end {found['W'][-1, n]:.2f} um"
 
 
@@ -56,7 +62,9 @@ def runaways() -> list[tuple[str, str, str]]:
         "sensor clips at 0.7 of the amplitude": (Lane(clip=0.7 * ASKED, at=AT), "3.20 um, 160 V; no fault"),
     }  # fmt: skip
     found = lanes.play(designed(), [lane for lane, _ in cases.values()], AT + 1200, ASKED)
-    return [(f"2 in run: {name}", was, told(found, n, AT)) for n, (name, (_, was)) in enumerate(cases.items())]
+    return [
+        (f"2 in run: {name}", was, told(found, n, AT)) for n, (name, (_, was)) in enumerate(cases.items())
+    ]
 
 
 def inputs() -> list[tuple[str, str, str]]:
@@ -66,13 +74,19 @@ def inputs() -> list[tuple[str, str, str]]:
     known = {n: SimpleNamespace(value=v, determined=True, why=None) for n, v in vars(PLATE).items()}
     fit = SimpleNamespace(parameters=known, units={"G": "um/V"}, reference_temperature=24.0, logs=())
     rig = controller.Rig(thermometer=True, coldest=14.0, warmest=39.0)
-    loop = controller.design(fit, voltage_limit=160.0, amplitude=ASKED, frequency_window=(31500.0, 33100.0), rig=rig)
+    loop = controller.design(
+        fit, voltage_limit=160.0, amplitude=ASKED, frequency_window=(31500.0, 33100.0), rig=rig
+    )
     warm = lanes.play(loop, [Lane()], 2500, ASKED, temperature=lambda k: 85.0 if k < 30 else 24.0)
     end = f"V at the end {once['V'][-1, 0]:.0f} V, {told(once)}"
     return [
         ("3 one NaN in share, in run", "V at the end 0 V; no fault", end),
         ("7 reference 0 and a quiet sensor, in run", "dead after 7.4 ms", told(rest, at=AT)),
-        ("7 a thermometer's 85 degC at power-on", "frequency off by 620 Hz", f"off by {np.abs(warm['f'] - F0).max():.0f} Hz; {told(warm)}"),
+        (
+            "7 a thermometer's 85 degC at power-on",
+            "frequency off by 620 Hz",
+            f"off by {np.abs(warm['f'] - F0).max():.0f} Hz; {told(warm)}",
+        ),
     ]
 
 
@@ -100,7 +114,13 @@ def promises() -> list[tuple[str, str, str]]:
         rows.append((f"4 gain margin promised, {method}", margin, f"{loop.promise.gain:.2f}"))
         run = lanes.play(loop, [Lane()], 900, ASKED, noise=1e-9)["W"][:, 0]
         taken = 0.1 * (np.flatnonzero(np.abs(run - ASKED) > 0.05 * ASKED)[-1] + 1)
-        rows.append((f"5 enable to 5 %, {method}", "20.4 ms, promised 1.7", f"{taken:.1f} ms, promised {1e3 * loop.promise.startup:.1f}"))
+        rows.append(
+            (
+                f"5 enable to 5 %, {method}",
+                "20.4 ms, promised 1.7",
+                f"{taken:.1f} ms, promised {1e3 * loop.promise.startup:.1f}",
+            )
+        )
     return rows
 
 
@@ -120,7 +140,13 @@ def rigs() -> list[tuple[str, str, str]]:
     off = math.tan(math.radians(turned)) / (2 * math.pi * TAU)
     loop = designed(rig=controller.Rig(drive_update=517e3))
     left = turned - math.degrees(np.angle(loop.control.d + 1j * loop.control.q))
-    rows.append(("8 a drive held at 517 kS/s", f"the tracker settles {off:.1f} Hz beside", f"drive_update: {abs(left):.1g} degrees are left"))
+    rows.append(
+        (
+            "8 a drive held at 517 kS/s",
+            f"the tracker settles {off:.1f} Hz beside",
+            f"drive_update: {abs(left):.1g} degrees are left",
+        )
+    )
     return rows
 
 

@@ -113,7 +113,14 @@ class Inputs:
     settled: bool = False  # at the first row already
 
 
-KINDS = {"step": 0.3, "staircase": 0.15, "ring-down": 0.05, "sweep": 0.3, "timed sweep": 0.1, "fast sweep": 0.1}
+KINDS = {
+    "step": 0.3,
+    "staircase": 0.15,
+    "ring-down": 0.05,
+    "sweep": 0.3,
+    "timed sweep": 0.1,
+    "fast sweep": 0.1,
+}
 
 
 def inputs(rng, plate: Plate, bench: Bench, f0: float) -> Inputs:
@@ -123,8 +130,12 @@ def inputs(rng, plate: Plate, bench: Bench, f0: float) -> Inputs:
     n, half = int(rng.integers(15, 300)), rng.uniform(1.5, 10) * plate.half_bandwidth
     frequency = f0 + rng.uniform(-0.5, 0.5) * half + np.linspace(-half, half, n)
     order = rng.choice(["up", "down", "mixed"], p=[0.6, 0.2, 0.2])
-    frequency = frequency[::-1] if order == "down" else rng.permutation(frequency) if order == "mixed" else frequency
-    dwell = {"sweep": np.nan, "timed sweep": rng.uniform(8, 25), "fast sweep": rng.uniform(0.5, 3)}[kind] * plate.tau
+    frequency = (
+        frequency[::-1] if order == "down" else rng.permutation(frequency) if order == "mixed" else frequency
+    )
+    dwell = {"sweep": np.nan, "timed sweep": rng.uniform(8, 25), "fast sweep": rng.uniform(0.5, 3)}[
+        kind
+    ] * plate.tau
     return Inputs(kind, None if kind == "sweep" else dwell * np.arange(n), np.full(n, bench.drive), frequency)
 
 
@@ -170,7 +181,9 @@ def ringing(plate: Plate, bench: Bench, f0: float, given: Inputs) -> np.ndarray:
             key = (given.frequency[k - 1], step)
             cache[key] = cache[key] if key in cache else expm(held * step)
             z = cache[key] @ z
-        found.append(z[-2] if bench.poles else z[0] + z[-1] * (_ripple(plate, f0, f) + bench.feedthrough * plate.G))
+        found.append(
+            z[-2] if bench.poles else z[0] + z[-1] * (_ripple(plate, f0, f) + bench.feedthrough * plate.G)
+        )
         z[-1] = given.drive[k]
     return np.array(found)
 
@@ -231,7 +244,9 @@ def text(rng, bench: Bench, given: Inputs, rows: np.ndarray, temperature: float,
         metadata["sampling"] = "settled" if given.kind == "timed sweep" else "instant"
         if given.kind != "timed sweep":
             metadata["kind"] = "transient"
-            metadata |= {"lockin_tau_s": bench.filter * tau, "lockin_order": bench.poles} if bench.stated else {}
+            metadata |= (
+                {"lockin_tau_s": bench.filter * tau, "lockin_order": bench.poles} if bench.stated else {}
+            )
     columns |= {"voltage_V": given.drive, f"frequency_{hertz}": given.frequency * HERTZ[hertz]}
     parts = {"w": np.abs(rows)} if bench.amplitude else {"wd": rows.real, "wq": rows.imag}
     columns |= {f"{name}_{length}{scale}": v * LENGTHS[length] * SCALES[scale] for name, v in parts.items()}
@@ -361,7 +376,10 @@ def main() -> None:
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        one, seeds = partial(outcome, folder=given.keep or Path(folder, "logs")), range(given.seed, given.seed + given.benches)
+        one, seeds = (
+            partial(outcome, folder=given.keep or Path(folder, "logs")),
+            range(given.seed, given.seed + given.benches),
+        )
         # A process that has loaded hundreds of programs runs out of what an operating system maps.
         with get_context("spawn").Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers:
             made = workers.imap(one, seeds, chunksize=2)

@@ -27,7 +27,9 @@ from sysid import Fit, Log, Plant, fit
 from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
-reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
+reference = SimpleNamespace(
+    **runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference")
+)
 ROWS = 120  # of every log, so that a dozen compiled programs serve all plants
 LOW_Q = 20.0
 # d/q logs, amplitude logs, weight. Few sizes of a group: each is one compilation.
@@ -56,7 +58,9 @@ def case(seed: int) -> Case:
     k_T = half_bandwidth * rng.normal(0, 0.3) if warm == "spread" else 0.0
     truth = reference.Plant(G=float(np.exp(rng.normal())), tau=tau, f0=f0, k_T=k_T, ripple=Q < LOW_Q)
     weights = np.array([m[2] for m in MIXES], float)
-    dq, amplitude, _ = MIXES[rng.choice(len(MIXES), p=weights / weights.sum())] if Q >= LOW_Q else MIXES[rng.choice([0, 4])]
+    dq, amplitude, _ = (
+        MIXES[rng.choice(len(MIXES), p=weights / weights.sum())] if Q >= LOW_Q else MIXES[rng.choice([0, 4])]
+    )
     logs, lines, aliased = [], [], False
     for i in range(dq + amplitude):
         only = i >= dq
@@ -79,7 +83,9 @@ def _kinds(i: int, dq: int, amplitude_only: bool) -> tuple[str, ...]:
     return ("sweep",) if i < dq // 2 else tuple(k for k in KINDS if k != "sweep")
 
 
-def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, warm: bool, name: str) -> tuple[Log, str, bool]:
+def one_log(
+    rng, plant, kind: str, amplitude_only: bool, temperature: float, warm: bool, name: str
+) -> tuple[Log, str, bool]:
     """A log of one kind, a line on it, and whether it turns too fast for its rows."""
     half_bandwidth = 1 / (2 * np.pi * plant.tau)
     at = plant.f0 + plant.k_T * (temperature - 24.0)
@@ -91,13 +97,21 @@ def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, war
         width = min(width, 0.8 * at)
         centre = max(at + rng.uniform(-0.5, 0.5) * width, 1.05 * width)
         frequency, drive = centre + np.linspace(-width, width, ROWS), np.full(ROWS, volts)
-        said, fast = f"+-{width / half_bandwidth:.2g} hb about {(centre - at) / half_bandwidth:+.2g} hb", False
+        said, fast = (
+            f"+-{width / half_bandwidth:.2g} hb about {(centre - at) / half_bandwidth:+.2g} hb",
+            False,
+        )
     else:
         window = plant.tau * np.exp(rng.uniform(0, np.log(20)))
         clock, sampling = window * rows / (ROWS - 10), "instant"
         detuning = half_bandwidth * rng.normal(0, 2)
         detuning = np.clip(detuning, -0.5 * at, None)
-        levels = {"step": (0, 1), "ring-down": (0, 1, 0), "double step": (0, 0.5, 1), "frequency staircase": (0, 1)}[kind]
+        levels = {
+            "step": (0, 1),
+            "ring-down": (0, 1, 0),
+            "double step": (0, 0.5, 1),
+            "frequency staircase": (0, 1),
+        }[kind]
         edges = np.linspace(10, ROWS, len(levels)).astype(int)[: len(levels) - 1]
         drive = volts * np.array(levels)[np.searchsorted(edges, rows, side="right")]
         frequency = np.full(ROWS, at + detuning)
@@ -111,13 +125,19 @@ def one_log(rng, plant, kind: str, amplitude_only: bool, temperature: float, war
     if clock is None:
         clean, felt = reference.steady(plant, drive, frequency, temperatures), drive
     else:
-        clean, felt = reference.ringing(plant, clock, drive, frequency, temperatures), np.append(0.0, drive[:-1])
+        clean, felt = (
+            reference.ringing(plant, clock, drive, frequency, temperatures),
+            np.append(0.0, drive[:-1]),
+        )
     size = np.max(np.abs(clean))
     white = noise * size * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
     if amplitude_only:
         response = np.abs(clean + white)
     else:
-        leak, offset = 0.02 * plant.G * complex(*rng.normal(size=2)), 0.01 * size * complex(*rng.normal(size=2))
+        leak, offset = (
+            0.02 * plant.G * complex(*rng.normal(size=2)),
+            0.01 * size * complex(*rng.normal(size=2)),
+        )
         response = clean * np.exp(2j * np.pi * rng.random()) + leak * felt + offset + white
     log = Log(name, response, time=clock, drive=drive, frequency=frequency, sampling=sampling,
               temperature=temperatures if warm else None)  # fmt: skip
@@ -146,13 +166,23 @@ def outcome(seed: int) -> Outcome:
         seconds = time.perf_counter() - begun
         best = fit(made.logs, start=made.truth)
     except Exception as error:
-        return Outcome(seed, "raised", True, "raised", np.nan, np.nan, f"seed {seed}: {type(error).__name__}: {error}")
+        return Outcome(
+            seed, "raised", True, "raised", np.nan, np.nan, f"seed {seed}: {type(error).__name__}: {error}"
+        )
     excess = found.cost - best.cost
     verdict = "found" if excess <= 1e-6 else "within 0.01" if excess < 0.01 else "missed"
     state = found.modes[0]
     informed = bool(best.modes[0].covariance[1, 1] < 0.2**2) and not made.aliased
     score = float((state.theta[1] - np.log(made.truth.tau)) / np.sqrt(state.covariance[1, 1]))
-    return Outcome(seed, verdict, informed, found.result.name, score, seconds, described(made, found, best, verdict, excess))
+    return Outcome(
+        seed,
+        verdict,
+        informed,
+        found.result.name,
+        score,
+        seconds,
+        described(made, found, best, verdict, excess),
+    )
 
 
 def described(made: Case, a: Fit, b: Fit, verdict: str, excess: float) -> str:
@@ -193,10 +223,15 @@ def table(outcomes: list[Outcome], command: str) -> str:
             f"(log tau - truth)/std of the successful: mean {scores.mean():+.3f}, standard deviation {scores.std():.3f},",
         ]
         lines += [f"largest {np.abs(scores).max():.1f} ({len(scores)} plants)."]
-    lines += ["", f"Median time of a fit once its program is compiled: {np.nanmedian([o.seconds for o in outcomes]):.2f} s."]
+    lines += [
+        "",
+        f"Median time of a fit once its program is compiled: {np.nanmedian([o.seconds for o in outcomes]):.2f} s.",
+    ]
     sections = {
         "Not found (replay with `--replay SEED`)": [o for o in informed if o.verdict != "found"],
-        "Found, but not called successful": [o for o in informed if o.verdict == "found" and o.result != "successful"],
+        "Found, but not called successful": [
+            o for o in informed if o.verdict == "found" and o.result != "successful"
+        ],
         "Successful, but tau more than four standard deviations off": [o for o in good if abs(o.score) > 4],
     }
     for title, chosen in sections.items():
@@ -230,8 +265,13 @@ def main() -> None:
     seeds, outcomes = range(given.seed, given.seed + given.plants), []
     # A process that has loaded hundreds of programs runs out of what an operating system maps: each serves 240 plants.
     spawn = get_context("spawn")
-    with tempfile.TemporaryDirectory() as folder, spawn.Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers:
-        for o in track(workers.imap(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        spawn.Pool(given.jobs, _begin, (folder,), maxtasksperchild=60) as workers,
+    ):
+        for o in track(
+            workers.imap(outcome, seeds, chunksize=4), total=len(seeds), console=Console(stderr=True)
+        ):
             outcomes.append(o)
             if o.informed and (o.verdict != "found" or o.result != "successful"):
                 print(o.text, flush=True)
@@ -242,7 +282,10 @@ def main() -> None:
 
 def write(outcomes: list[Outcome], given: argparse.Namespace) -> str:
     """The table so far, into random_plants.md: a study that is cut short still counts."""
-    text = table(outcomes, f"python benchmarks/random_plants.py --plants {len(outcomes)} --seed {given.seed} --jobs {given.jobs}")
+    text = table(
+        outcomes,
+        f"python benchmarks/random_plants.py --plants {len(outcomes)} --seed {given.seed} --jobs {given.jobs}",
+    )
     (HERE / "random_plants.md").write_text(text, encoding="utf-8")
     return text
 

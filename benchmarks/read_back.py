@@ -32,7 +32,9 @@ SCENES = HERE.parent / "data" / "synthetic" / "scenes"
 FIRST_SEED = 100
 NAMES = ("G", "tau", "f0", "k_T")
 NOISE = 0.02  # um, of scenes without noise
-FAR = 3.0  # standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
+FAR = (
+    3.0  # standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
+)
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,9 @@ def noisy(scene: Scene) -> Scene:
     return replace(scene, effects=(*scene.effects, EFFECTS["white_noise"](std=NOISE)))
 
 
-def outcome(scenes: list[Scene], seed: int, told: Callable[[Log], Log], folder: Path, truth: Plant | None = None) -> Outcome:
+def outcome(
+    scenes: list[Scene], seed: int, told: Callable[[Log], Log], folder: Path, truth: Plant | None = None
+) -> Outcome:
     """The fit to one draw of the scenes, whose logs went through files; its `truth` is the scene's plant, unless given."""
     paths = []
     for k, scene in enumerate(scenes):
@@ -97,8 +101,17 @@ def truth_of(scene: Scene, found: Fit) -> dict[str, float]:
     warming = 0.0 if at is None else at - plant.reference_temperature
     finger, detuning = scene.find(EFFECTS["finger_damping"]), scene.find(EFFECTS["finger_detuning"])
     rho = finger.rho if finger else 0.0
-    touch = {"finger_damping": rho, "finger_detuning": -detuning.ratio * rho / (2 * np.pi * plant.tau) if detuning else 0.0}
-    return {"G": gain, "tau": plant.tau, "f0": plant.f0 + (plant.k_T or 0.0) * warming, "k_T": plant.k_T, **touch}
+    touch = {
+        "finger_damping": rho,
+        "finger_detuning": -detuning.ratio * rho / (2 * np.pi * plant.tau) if detuning else 0.0,
+    }
+    return {
+        "G": gain,
+        "tau": plant.tau,
+        "f0": plant.f0 + (plant.k_T or 0.0) * warming,
+        "k_T": plant.k_T,
+        **touch,
+    }
 
 
 # --- every scene as it is ---------------------------------------------------------------------------------------------
@@ -155,7 +168,9 @@ def slow_sweep() -> Scene:
     """The sweep of figure 6 as it happens: a second for each frequency, the plate following."""
     scene = named("figure_6_sweep")
     frequency = Profile(np.arange(101.0), scene.inputs["frequency"].at(np.arange(101.0)))
-    return replace(scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency})
+    return replace(
+        scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency}
+    )
 
 
 def without_bench(log: Log) -> Log:
@@ -183,8 +198,16 @@ class Case:
 
 
 def cases() -> Iterator[Case]:
-    step, sweep, stairs = named("plate/step_100V_24C"), named("plate/sweep_24C"), named("plate/duty_staircase")
-    ringing, jumps, slow = named("plate/sweep_while_ringing"), named("plate/frequency_staircase"), slow_sweep()
+    step, sweep, stairs = (
+        named("plate/step_100V_24C"),
+        named("plate/sweep_24C"),
+        named("plate/duty_staircase"),
+    )
+    ringing, jumps, slow = (
+        named("plate/sweep_while_ringing"),
+        named("plate/frequency_staircase"),
+        slow_sweep(),
+    )
     e = EFFECTS
     both = {"step": step, "sweep": sweep}
 
@@ -195,25 +218,43 @@ def cases() -> Iterator[Case]:
     press = {"force": Profile.constant(0.5)}
     pressed = added(both, e["finger_damping"](), **press)
     yield Case("finger_damping, 0.5 N throughout", pressed)
-    yield Case("finger_damping, 0.5 N throughout, force not recorded", pressed, without_force, damped(step.plant, 0.5))
+    yield Case(
+        "finger_damping, 0.5 N throughout, force not recorded",
+        pressed,
+        without_force,
+        damped(step.plant, 0.5),
+    )
     touch = Profile([0.0, 0.01, 0.012], [0.0, 0.0, 1.0], held=False)
     touched = added({"step": step, "ringing sweep": ringing}, e["finger_damping"](), force=touch)
     yield Case("finger_damping, a touch on the way", touched)
-    yield Case("finger_detuning 0.3 with its damping, 0.5 N", added(both, e["finger_damping"](), e["finger_detuning"](), **press))
-    yield Case("duffing, 5 Hz/um^2", added({"step": step, "ringing sweep": ringing, "slow sweep": slow}, e["duffing"]()))
     yield Case(
-        "duffing, 20 Hz/um^2", added({"step": step, "ringing sweep": ringing, "slow sweep": slow}, e["duffing"](softening=20.0))
+        "finger_detuning 0.3 with its damping, 0.5 N",
+        added(both, e["finger_damping"](), e["finger_detuning"](), **press),
+    )
+    yield Case(
+        "duffing, 5 Hz/um^2",
+        added({"step": step, "ringing sweep": ringing, "slow sweep": slow}, e["duffing"]()),
+    )
+    yield Case(
+        "duffing, 20 Hz/um^2",
+        added({"step": step, "ringing sweep": ringing, "slow sweep": slow}, e["duffing"](softening=20.0)),
     )
     yield Case("self_heating", added({"step": step, "slow sweep": slow}, e["self_heating"]()))
     yield Case("second_mode, 10 % at +1.2 kHz", added(both | {"ringing sweep": ringing}, e["second_mode"]()))
     yield Case("second_mode, 10 % at +150 Hz", added(both, e["second_mode"](f0=32450.0)))
     yield Case("two_ceramics", added(both, e["two_ceramics"]()))
     limit = e["amplifier_limit"](limit=80.0)
-    yield Case("amplifier_limit, 80 V of 100 V", added(both, limit), alike=replace(step.plant, G=0.8 * step.plant.G))
+    yield Case(
+        "amplifier_limit, 80 V of 100 V", added(both, limit), alike=replace(step.plant, G=0.8 * step.plant.G)
+    )
     yield Case("amplifier_limit, 80 V", added({"duty stairs": stairs}, limit))
-    yield Case("inverter, sine law", {"duty stairs": bent(stairs), "figure_5_duty": bent(named("figure_5_duty"))})
+    yield Case(
+        "inverter, sine law", {"duty stairs": bent(stairs), "figure_5_duty": bent(named("figure_5_duty"))}
+    )
     yield Case("frequency_resolution, 10 Hz", added({"ringing sweep": ringing}, e["frequency_resolution"]()))
-    yield Case("phase_reset", added({"frequency stairs": jumps, "ringing sweep": ringing}, e["phase_reset"]()))
+    yield Case(
+        "phase_reset", added({"frequency stairs": jumps, "ringing sweep": ringing}, e["phase_reset"]())
+    )
     moving = {"step": step, "ringing sweep": ringing}
     for tau, order in ((50e-6, 1), (300e-6, 1), (300e-6, 2)):
         said = f"lock_in, {1e6 * tau:.0f} us, order {order}"
@@ -250,15 +291,32 @@ def effect_table(draws: int, folder: Path) -> tuple[list[str], list[str]]:
     lines, silent = [], []
     for case in track(list(cases()), console=Console(stderr=True), description="effects"):
         single = {name: [scene] for name, scene in case.scenes.items()}
-        pairs = {"step, sweep": [case.scenes["step"], case.scenes["sweep"]]} if {"step", "sweep"} <= case.scenes.keys() else {}
+        pairs = (
+            {"step, sweep": [case.scenes["step"], case.scenes["sweep"]]}
+            if {"step", "sweep"} <= case.scenes.keys()
+            else {}
+        )
         for name, scenes in (single | pairs).items():
             loud = [noisy(s) for s in scenes]
             found = [outcome(loud, FIRST_SEED + k, case.told, folder, case.alike) for k in range(draws)]
             good = [o for o in found if o.result is Result.successful and not o.warned]
             wrong = [n for n in NAMES if rms([o.scores[n] for o in good if n in o.scores]) > FAR]
-            verdict = "named" if not good else "**silent**" if wrong else "covered, as another plate" if case.alike else "covered"
-            verdict += f", {len(found) - len(good)} of {len(found)} named" if good and len(good) < len(found) else ""
-            columns = [f"{rms([o.scores[n] for o in found if n in o.scores]):.1f} ({off(n, found)})" for n in NAMES[:3]]
+            verdict = (
+                "named"
+                if not good
+                else "**silent**"
+                if wrong
+                else "covered, as another plate"
+                if case.alike
+                else "covered"
+            )
+            verdict += (
+                f", {len(found) - len(good)} of {len(found)} named" if good and len(good) < len(found) else ""
+            )
+            columns = [
+                f"{rms([o.scores[n] for o in found if n in o.scores]):.1f} ({off(n, found)})"
+                for n in NAMES[:3]
+            ]
             line = f"| {case.name} | {name} | {ends(found)} | {' | '.join(columns)} | {verdict} | {shortened(found)} |"
             lines.append(line)
             silent += [line] if wrong and good else []

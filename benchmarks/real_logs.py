@@ -28,7 +28,12 @@ class Case:
     remark: str = ""
 
 
-WIRES, REED, RINGS, HEATER = "06_vibrating_wires_and_fork", "02_vibrating_reed_temperature", "12_membrane_ringdown_power", "13_sbhs_heater_step"
+WIRES, REED, RINGS, HEATER = (
+    "06_vibrating_wires_and_fork",
+    "02_vibrating_reed_temperature",
+    "12_membrane_ringdown_power",
+    "13_sbhs_heater_step",
+)
 MICROWAVE, PZT = "05_microwave_notch_and_reflection", "10_pzt_bar_admittance"
 CASES = (
     Case(f"{REED}/reed_temperature_sweeps.csv", "reed_temperature_window", ("k_T", -0.02662, 0.00078), "straight line through 11 complex fits"),
@@ -102,7 +107,9 @@ def main(folder: str) -> None:
         print(rows[-1], flush=True)
     head = "| log | | reference | whose | here | difference, in both errors | ends | says | assumption that differs |"
     head += "\n|---|---|---|---|---|---|---|---|---|"
-    text = "# Real logs beside their reference answers\n\nMade by `python benchmarks/real_logs.py FOLDER`.\n\n"
+    text = (
+        "# Real logs beside their reference answers\n\nMade by `python benchmarks/real_logs.py FOLDER`.\n\n"
+    )
     Path(__file__).with_suffix(".md").write_text(text + "\n".join([head, *rows]) + "\n")
 
 

@@ -31,7 +31,9 @@ PACKAGES = (
 
 def machine() -> str:
     """What the figures were taken on."""
-    names = [line.partition(":")[2].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
+    names = [
+        line.partition(":")[2].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")
+    ]
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = f"; load average {os.getloadavg()[0]:.1f} at the end" if hasattr(os, "getloadavg") else ""
     return f"{names[0] if names else platform.processor()}, {cores} threads, {platform.system()} on {platform.machine()}{load}"
@@ -51,7 +53,9 @@ def main() -> None:
         texts.append(import_module(name).section(given.repeat))
         print(texts[-1], flush=True)
         if not given.only:  # what is there stays, whatever comes of the rest
-            (Path(__file__).parent / "RESULTS.md").write_text("\n".join([head(given.repeat), *texts]), encoding="utf-8")
+            (Path(__file__).parent / "RESULTS.md").write_text(
+                "\n".join([head(given.repeat), *texts]), encoding="utf-8"
+            )
 
 
 def head(repeat: int) -> str:

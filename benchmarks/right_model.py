@@ -25,7 +25,9 @@ from sysid import Log, compare, fit, nuisances
 from sysid.precision import keep_programs
 
 HERE = Path(__file__).parent
-reference = SimpleNamespace(**runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference"))
+reference = SimpleNamespace(
+    **runpy.run_path(str(HERE.parent / "tests" / "reference.py"), run_name="reference")
+)
 PLANT = reference.Plant(G=0.02, tau=5e-3 / np.log(20), f0=32300.0, k_T=0.0)
 NOISE, TIMES = 0.02, 5.0  # um per channel, 1 % of the resonance; standard deviations of what is put in
 TIME, DRIVE = 1e-4 * np.arange(240), np.repeat([0.0, 100.0], [20, 220])
@@ -38,7 +40,10 @@ CHUNK = 20
 
 def step(late: float = 0.0) -> np.ndarray:
     """The response to a step, `late` s behind."""
-    moments, held = np.stack([TIME, TIME + late], axis=1).ravel(), np.stack([np.append(0.0, DRIVE[:-1]), DRIVE], axis=1).ravel()
+    moments, held = (
+        np.stack([TIME, TIME + late], axis=1).ravel(),
+        np.stack([np.append(0.0, DRIVE[:-1]), DRIVE], axis=1).ravel(),
+    )
     if late == 0.0:
         moments, held = TIME, DRIVE
     constant = np.ones(len(moments))
@@ -61,7 +66,9 @@ def logs(seed: int, term: str | None = None, size: float = 0.0) -> list[Log]:
         swept = swept + size * phase * 100.0
     if term == "rotation":
         swept = swept * np.exp(1j * np.deg2rad(sign * size))
-    transient, swept = (y + NOISE * (rng.standard_normal((2, len(y))).T @ [1, 1j]) for y in (transient, swept))
+    transient, swept = (
+        y + NOISE * (rng.standard_normal((2, len(y))).T @ [1, 1j]) for y in (transient, swept)
+    )
     return [
         Log("step", transient, time=TIME, drive=DRIVE, frequency=np.full(240, 32290.0), sampling="instant"),
         Log("sweep", swept, drive=np.full(101, 100.0), frequency=SWEPT),
@@ -90,7 +97,10 @@ def table(found: list, put: dict[str, float], seeds: int) -> str:
     units = {"rotation": "deg", "background": "um/V", "offset": "um", "start": "um", "late": "s"}
     lines = ["# Is the description chosen that made the logs?", ""]
     lines += [f"Made by `python benchmarks/right_model.py --seeds {seeds}`.", ""]
-    lines += [f"A step and a sweep, {seeds} seeds a row. `needed`: the description without it is called worse.", ""]
+    lines += [
+        f"A step and a sweep, {seeds} seeds a row. `needed`: the description without it is called worse.",
+        "",
+    ]
     lines += [
         "| what | put in, five of its errors | needed where it is, % | needed where nothing is, % | fits |",
         "|---|---|---|---|---|",
@@ -99,11 +109,18 @@ def table(found: list, put: dict[str, float], seeds: int) -> str:
         there = [needed for t, needed, _ in found if t == term]
         absent = [needed for t, needed, _ in found if t is None]
         ends = Counter(end for t, _, end in found if t == term)
-        share, false = (100 * np.mean([term in needed for needed in of]) if of else np.nan for of in (there, absent))
+        share, false = (
+            100 * np.mean([term in needed for needed in of]) if of else np.nan for of in (there, absent)
+        )
         said = ", ".join(f"{end} {count}" for end, count in ends.items())
         lines.append(f"| {term} | {size:.2g} {units[term]} | {share:.1f} | {false:.1f} | {said} |")
     ends = Counter(end for t, _, end in found if t is None)
-    return "\n".join([*lines, "", f"Logs with nothing in them: {', '.join(f'{e} {n}' for e, n in ends.items())}."]) + "\n"
+    return (
+        "\n".join(
+            [*lines, "", f"Logs with nothing in them: {', '.join(f'{e} {n}' for e, n in ends.items())}."]
+        )
+        + "\n"
+    )
 
 
 def _begin(folder: str) -> None:
@@ -118,10 +135,17 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     put = sizes()
     begins = range(1000, 1000 + given.seeds, CHUNK)
-    todo = [(term, put.get(term, 0.0), range(b, min(b + CHUNK, 1000 + given.seeds))) for term in (None, *put) for b in begins]
+    todo = [
+        (term, put.get(term, 0.0), range(b, min(b + CHUNK, 1000 + given.seeds)))
+        for term in (None, *put)
+        for b in begins
+    ]
     found: list = []
     pool = {"processes": given.jobs, "initializer": _begin, "maxtasksperchild": 20}
-    with tempfile.TemporaryDirectory() as folder, get_context("spawn").Pool(**pool, initargs=(folder,)) as workers:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        get_context("spawn").Pool(**pool, initargs=(folder,)) as workers,
+    ):
         for part in track(workers.imap(work, todo), total=len(todo), console=Console(stderr=True)):
             found += part
     (HERE / "right_model.md").write_text(table(found, put, given.seeds), encoding="utf-8")

@@ -61,11 +61,16 @@ EXACT = {
 
 def exact_table() -> str:
     """The exact rung: largest errors over a few seeds, against expm at the plate's own numbers and the carrier at low ones."""
-    lines = ["| effects | matrix exponential, 32.3 kHz, Q 169 | carrier by DOP853, 3 kHz, Q 3 to 200 |", "|---|---|---|"]
+    lines = [
+        "| effects | matrix exponential, 32.3 kHz, Q 169 | carrier by DOP853, 3 kHz, Q 3 to 200 |",
+        "|---|---|---|",
+    ]
     for name, effects in track(EXACT.items(), "exact"):
         scenes = [random_scene(seed, effects, plant=PLATE) for seed in range(5)]
         by_expm = max(error(s.simulate().response, carrier.by_expm(s)) for s in scenes)
-        by_carrier = "" if "lock_in" in name else f"{max(_carried(e, effects) for e in (3.0, 30.0, 200.0)):.1e}"
+        by_carrier = (
+            "" if "lock_in" in name else f"{max(_carried(e, effects) for e in (3.0, 30.0, 200.0)):.1e}"
+        )
         if name == "all of them":
             by_carrier = f"{max(_carried(Q, effects) for Q in (3.0, 30.0, 200.0)):.1e} (no lock_in, no delay)"
         lines.append(f"| {name} | {by_expm:.1e} | {by_carrier} |")
@@ -74,7 +79,10 @@ def exact_table() -> str:
 
 def _carried(Q: float, effects: tuple) -> float:
     plant = Plant(0.3, Q / (np.pi * 3000), 3000.0, -3000 / Q / 20)
-    own = {"second_mode": {"G": 0.03, "tau": plant.tau / 2, "f0": 3600.0, "k_T": 0.0}, "delay": {"time": plant.tau / 9}}
+    own = {
+        "second_mode": {"G": 0.03, "tau": plant.tau / 2, "f0": 3600.0, "k_T": 0.0},
+        "delay": {"time": plant.tau / 9},
+    }
     own["frequency_resolution"] = {"step": 300 / Q}
     moved = tuple(dataclasses.replace(e, **own.get(e.name, {})) for e in effects if e.name != "lock_in")
     moved = tuple(e for e in moved if e.name != "delay" or len(effects) == 1)
@@ -92,7 +100,9 @@ def effects_of(name: str, plant: Plant) -> tuple:
     """A set of effects in sizes that this plant notices."""
     half_bandwidth, settled = 1 / (2 * np.pi * plant.tau), plant.G * 50
     heats = {"capacity": 0.5 * 5 * plant.tau, "loss": 0.5, "damping": 1.0}
-    full = 0.5 * (2 * np.pi * plant.f0 * settled * 1e-6) ** 2 / heats["loss"] * abs(plant.k_T)  # Hz by 1 N s/m
+    full = (
+        0.5 * (2 * np.pi * plant.f0 * settled * 1e-6) ** 2 / heats["loss"] * abs(plant.k_T)
+    )  # Hz by 1 N s/m
     values = {
         "duffing": {"softening": 0.1 * half_bandwidth / settled**2},
         "self_heating": heats | {"damping": 0.3 * half_bandwidth / full},
@@ -133,15 +143,15 @@ def scene_of(seed: int) -> tuple[str, Scene]:
     tolerance = float(np.exp(rng.uniform(np.log(1e-4), np.log(3e-2))))
     kinds = KINDS[rng.integers(len(KINDS))]
     plant = None if rng.random() < 0.6 else PLATE
-    scene = random_scene([seed, 2], plant=plant, kinds=kinds, spacing=(0.02, 50.0), fidelity="auto", tolerance=tolerance)
+    scene = random_scene(
+        [seed, 2], plant=plant, kinds=kinds, spacing=(0.02, 50.0), fidelity="auto", tolerance=tolerance
+    )
     return name, dataclasses.replace(scene, effects=effects_of(name, scene.plant))
 
 
 def outcome(seed: int) -> Outcome:
     name, scene = scene_of(seed)
-    line = (
-        f"{name}, Q {scene.plant.Q:.3g}, rows {1 / scene.rate / scene.plant.tau:.2g} tau apart, tolerance {scene.tolerance:.2g}"
-    )
+    line = f"{name}, Q {scene.plant.Q:.3g}, rows {1 / scene.rate / scene.plant.tau:.2g} tau apart, tolerance {scene.tolerance:.2g}"
     try:
         chosen = resolved(scene)
     except SceneError as refusal:
@@ -159,14 +169,18 @@ def wandering(rng, duration: float, level: float, spread: float) -> Profile:
     kind = rng.integers(4)
     times = np.linspace(0, duration, 400)
     if kind == 0:
-        return Profile(np.append(0.0, np.sort(rng.uniform(0, duration, 3))), level + spread * rng.normal(size=4))
+        return Profile(
+            np.append(0.0, np.sort(rng.uniform(0, duration, 3))), level + spread * rng.normal(size=4)
+        )
     if kind == 1:
         phase = rng.uniform(0, 2 * np.pi, 3)
         waves = (np.sin(2 * np.pi * (k + 1) * times / duration + p) for k, p in enumerate(phase))
         return Profile(times, level + spread * sum(waves), held=False)
     if kind == 2:
         return Profile(
-            times, level + 2 * spread * np.exp(-(((times - duration * rng.random()) / duration * 150) ** 2)), held=False
+            times,
+            level + 2 * spread * np.exp(-(((times - duration * rng.random()) / duration * 150) ** 2)),
+            held=False,
         )
     return Profile.constant(level)
 
@@ -178,7 +192,10 @@ def long_outcome(seed: int) -> Outcome:
     tolerance = float(np.exp(rng.uniform(np.log(3e-4), np.log(3e-2))))
     Q = math.exp(rng.uniform(math.log(30), math.log(1e5)))
     plant = Plant(0.02, Q / (math.pi * 32300), 32300.0, -10.0)
-    rate, half_bandwidth = 1 / (plant.tau * math.exp(rng.uniform(math.log(1e-3), math.log(30)))), 32300 / Q / 2
+    rate, half_bandwidth = (
+        1 / (plant.tau * math.exp(rng.uniform(math.log(1e-3), math.log(30)))),
+        32300 / Q / 2,
+    )
     duration = 39_999 / rate
     levels = {
         "drive": (50, 30),
@@ -204,7 +221,9 @@ def automatic_table(outcomes: list[Outcome]) -> str:
     """How often each rung was chosen, by tolerance."""
     bands = [(1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1e-1)]
     lines = [
-        "| tolerance | scenes | " + " | ".join((*RUNGS, "refused")) + " | steps between rows (median, most) | kept |",
+        "| tolerance | scenes | "
+        + " | ".join((*RUNGS, "refused"))
+        + " | steps between rows (median, most) | kept |",
         "|" + "---|" * 9,
     ]
     for low, high in bands:
@@ -213,7 +232,9 @@ def automatic_table(outcomes: list[Outcome]) -> str:
         steps = [o.chosen[1] for o in of if o.chosen] or [0]
         kept, ran = sum(o.ratio < 1 for o in of), sum(o.chosen is not None for o in of)
         shares = " | ".join(str(counts[rung]) for rung in (*RUNGS, "refused"))
-        lines.append(f"| {low:g} to {high:g} | {len(of)} | {shares} | {np.median(steps):g}, {max(steps)} | {kept} of {ran} |")
+        lines.append(
+            f"| {low:g} to {high:g} | {len(of)} | {shares} | {np.median(steps):g}, {max(steps)} | {kept} of {ran} |"
+        )
     return "\n".join(lines)
 
 
@@ -226,8 +247,12 @@ def told(outcomes: list[Outcome]) -> str:
     by_carrier = [o.carrier_ratio for o in ran if math.isfinite(o.carrier_ratio)]
     said = f"Error over tolerance: median {np.median([o.ratio for o in ran]):.2f}, largest {max(o.ratio for o in ran):.2f}."
     if by_carrier:
-        said += f" {len(by_carrier)} of them also against the carrier, integrated: largest {max(by_carrier):.2f}."
-    broken = [f"seed {o.seed}: {o.line}: {o.chosen}, error {o.ratio:.2f} tolerances" for o in ran if not o.ratio < 1]
+        said += (
+            f" {len(by_carrier)} of them also against the carrier, integrated: largest {max(by_carrier):.2f}."
+        )
+    broken = [
+        f"seed {o.seed}: {o.line}: {o.chosen}, error {o.ratio:.2f} tolerances" for o in ran if not o.ratio < 1
+    ]
     refused = [f"seed {o.seed}: {o.line}" for o in outcomes if not o.chosen]
     for title, lines in (("Not kept", broken), ("Refused", refused)):
         said += f"\n\n{title}:\n\n```\n" + "\n".join(lines) + "\n```" if lines else f"\n\n{title}: none."

@@ -33,7 +33,9 @@ RATE = 1e5  # rows a second
 Clock = Callable[[], float]
 
 
-def seconds(runs: dict[str, Callable[[], object]], repeats: int, clock: Clock = time.process_time) -> dict[str, float]:
+def seconds(
+    runs: dict[str, Callable[[], object]], repeats: int, clock: Clock = time.process_time
+) -> dict[str, float]:
     """Processor time of each run, the least of `repeats` turns, after one that compiles."""
     found: dict[str, list[float]] = {name: [] for name in runs}
     for turn in range(repeats + 1):
@@ -53,7 +55,11 @@ ON_INPUTS = ("inverter", "amplifier_limit", "frequency_resolution", "delay")
 def scene_with(names: tuple[str, ...], fidelity: str = "exact") -> Scene:
     """One second of the plate, everything about it changing now and then."""
     times = np.array([0.0, 0.2, 0.5])
-    levels = {"drive": [0.0, 0.5, 0.25], "frequency": [32290.0, 32310.0, 32300.0], "temperature": [24.0, 25.0, 23.0]}
+    levels = {
+        "drive": [0.0, 0.5, 0.25],
+        "frequency": [32290.0, 32310.0, 32300.0],
+        "temperature": [24.0, 25.0, 23.0],
+    }
     inputs = {name: Profile(times, values) for name, values in (levels | {"force": [0.0, 1.5, 0.5]}).items()}
     return Scene(PLATE, inputs, int(RATE), RATE, made(*names), fidelity=fidelity)
 
@@ -70,7 +76,9 @@ def effects_table(repeats: int) -> str:
     least, most = equations(bare), equations(whole)
     for name in track(every, "effects"):
         below = NEEDS.get(name, ())
-        beside = tuple(n for n in every if n != name and name not in NEEDS.get(n, ()))  # what needs it goes with it
+        beside = tuple(
+            n for n in every if n != name and name not in NEEDS.get(n, ())
+        )  # what needs it goes with it
         scenes = {"below": scene_with(below), "alone": scene_with((*below, name))}
         scenes |= {"without": scene_with(beside), "whole": scene_with((*beside, name))}
         took = seconds({key: scene.simulate for key, scene in scenes.items()}, repeats)
@@ -103,7 +111,11 @@ def integrator(scene: Scene, setting: str) -> Integrator:
     """
     import diffrax
 
-    w0, omega, tau = 2 * np.pi * scene.plant.f0, 2 * np.pi * float(scene.inputs["frequency"].values[0]), scene.plant.tau
+    w0, omega, tau = (
+        2 * np.pi * scene.plant.f0,
+        2 * np.pi * float(scene.inputs["frequency"].values[0]),
+        scene.plant.tau,
+    )
     force = scene.plant.G * 2 / tau * float(scene.inputs["drive"].values[0])
     times, even = np.arange(scene.rows) / scene.rate, setting.endswith("even steps")
     solver = diffrax.Dopri8() if setting.startswith("Dopri8") else diffrax.Tsit5()
@@ -115,7 +127,9 @@ def integrator(scene: Scene, setting: str) -> Integrator:
     @jax.jit
     def rows(fineness):
         size = scene.plant.G * 100  # of the settled response
-        control = diffrax.ConstantStepSize() if even else diffrax.PIDController(rtol=fineness, atol=fineness * size)
+        control = (
+            diffrax.ConstantStepSize() if even else diffrax.PIDController(rtol=fineness, atol=fineness * size)
+        )
         first = 2 * np.pi / omega / (fineness if even else 20)
         found = diffrax.diffeqsolve(
             diffrax.ODETerm(slope), solver, 0.0, times[-1], first, jnp.zeros((2, 2)), saveat=diffrax.SaveAt(ts=times),
@@ -133,7 +147,9 @@ def integrator(scene: Scene, setting: str) -> Integrator:
 
 def coarsest(run: Integrator, setting: str, truth: np.ndarray, wanted: float) -> tuple[float, float]:
     """The coarsest of a setting's steps whose d/q error is `wanted` or less, and that error."""
-    errors = ((fineness, error(np.asarray(run(fineness)), truth)) for fineness in map(float, SETTINGS[setting]))
+    errors = (
+        (fineness, error(np.asarray(run(fineness)), truth)) for fineness in map(float, SETTINGS[setting])
+    )
     return next(((fineness, off) for fineness, off in errors if off <= wanted), (np.nan, np.inf))
 
 
@@ -147,7 +163,10 @@ def carrier_table(repeats: int) -> str:
     for rate in (1e3, 1e4):
         scene = Scene(PLATE, inputs, int(rate), rate)
         short = dataclasses.replace(scene, rows=int(SHARE * rate))
-        truth, integrators = carrier.by_expm(short), {setting: integrator(short, setting) for setting in SETTINGS}
+        truth, integrators = (
+            carrier.by_expm(short),
+            {setting: integrator(short, setting) for setting in SETTINGS},
+        )
         own = error(short.simulate().response, truth)
         for wanted in track((1e-3, 1e-6, 1e-9), f"carrier, {rate:g} rows a second"):
             found = {setting: coarsest(run, setting, truth, wanted) for setting, run in integrators.items()}
@@ -156,7 +175,12 @@ def carrier_table(repeats: int) -> str:
             best = min(runs, key=lambda setting: took[setting])
             took[best] /= SHARE
             cells = [f"{rate:g}", f"{wanted:g}", f"{best}, {found[best][0]:.2g}", f"{found[best][1]:.1e}"]
-            cells += [f"{took[best]:.2f}", f"{own:.1e}", f"{1e3 * took['']:.2f}", f"{took[best] / took['']:.0f}"]
+            cells += [
+                f"{took[best]:.2f}",
+                f"{own:.1e}",
+                f"{1e3 * took['']:.2f}",
+                f"{took[best] / took['']:.0f}",
+            ]
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -178,7 +202,9 @@ def bench_log(rows: int, fidelity: str = "exact") -> Scene:
         "temperature": Profile(slow, 24 + 3 * np.sin(slow), held=False),
         "force": Profile([0.0, 2.0, 2.1, 5.0, 5.2], [0.0, 0.0, 1.5, 1.5, 0.0], held=False),
     }
-    return Scene(PLATE, inputs, rows, RATE, made("finger_damping", "white_noise", "quantisation"), fidelity=fidelity)
+    return Scene(
+        PLATE, inputs, rows, RATE, made("finger_damping", "white_noise", "quantisation"), fidelity=fidelity
+    )
 
 
 def rows_table(repeats: int) -> str:

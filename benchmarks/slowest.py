@@ -45,7 +45,9 @@ def measured(files: list[str]) -> Iterator[tuple[float, str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--logs", nargs="*", default=[])
     files = parser.parse_args().logs
     a = np.random.default_rng(0).standard_normal((300, 300))

@@ -52,4 +52,3 @@ def stages(folder: str) -> str:
     """Seconds of each stage of the run that wrote into the folder."""
     cost = json.loads(Path(folder, "identified", "fit.json").read_text(encoding="utf-8"))["cost"]
     return ", ".join(f"{row['stage']} {row['seconds']:.2f} s" for row in cost["stages"])
-

@@ -5,12 +5,32 @@ import pstats
 from functools import partial
 
 import numpy as np
-from peers import F0, FAR, FREQUENCY, K_T, TAU, G, in_turns, reached, seconds, since, slopes, spread, step, stepped
+from peers import (
+    F0,
+    FAR,
+    FREQUENCY,
+    K_T,
+    TAU,
+    G,
+    in_turns,
+    reached,
+    seconds,
+    since,
+    slopes,
+    spread,
+    step,
+    stepped,
+)
 from scipy.optimize import curve_fit, least_squares
 
 import sysid
 
-LENGTHS = {100: 10.0, 300: None, 1000: 4.0, 3000: None}  # rows of a log, and by what the throughput is wanted above scipy's
+LENGTHS = {
+    100: 10.0,
+    300: None,
+    1000: 4.0,
+    3000: None,
+}  # rows of a log, and by what the throughput is wanted above scipy's
 START = np.array([*FAR * [G, TAU], F0 - FREQUENCY + 20, 0.0, 0.0])
 SCALE = np.array([G, TAU, 50.0, 0.1, 0.1])
 PARTS = ("minima", "_starts", "_descend", "update", "misfits", "tightened")
@@ -28,7 +48,10 @@ def many(repeat: int, plates: int = 10) -> str:
     for length, wanted in LENGTHS.items():
         logs = [step(length, seed) for seed in range(plates)]
         sysid.fit(logs[:1])
-        ways = {"sysid": lambda logs=logs: [sysid.fit([x]) for x in logs], "scipy": lambda logs=logs: [by_scipy(x) for x in logs]}
+        ways = {
+            "sysid": lambda logs=logs: [sysid.fit([x]) for x in logs],
+            "scipy": lambda logs=logs: [by_scipy(x) for x in logs],
+        }
         _, took = in_turns(ways, repeat)
         each = {name: 1e3 * t / plates for name, t in took.items()}
         ratio = float(np.median(each["scipy"] / each["sysid"]))
@@ -96,9 +119,15 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
     # curve_fit's Levenberg-Marquardt knows no scales: it is given parameters of about one.
     ways = {
         "sysid.fit": partial(sysid.fit, data),
-        "scipy `least_squares`, default Jacobian": lambda: least_squares(lambda p: model(p) - flat, start, x_scale=scale),
+        "scipy `least_squares`, default Jacobian": lambda: least_squares(
+            lambda p: model(p) - flat, start, x_scale=scale
+        ),
         "scipy `curve_fit`, analytic Jacobian": lambda: curve_fit(
-            lambda _, *x: model(scale * x), t, flat, start / scale, jac=lambda _, *x: derivative(scale * x) * scale
+            lambda _, *x: model(scale * x),
+            t,
+            flat,
+            start / scale,
+            jac=lambda _, *x: derivative(scale * x) * scale,
         ),
     }
     _, took = in_turns(ways, repeat)
@@ -106,7 +135,8 @@ def joint(repeat: int, logs: int = 10, length: int = 1250) -> str:
     most = float(np.median(took["scipy `least_squares`, default Jacobian"])) / 10
     wanted = {"scipy `least_squares`, default Jacobian": 10, "scipy `curve_fit`, analytic Jacobian": 1}
     lines = [
-        f"| {n} | {spread(x)} | {reached(float(np.median(x / ours)), wanted[n]) if n in wanted else 1} |" for n, x in took.items()
+        f"| {n} | {spread(x)} | {reached(float(np.median(x / ours)), wanted[n]) if n in wanted else 1} |"
+        for n, x in took.items()
     ]
     table = "\n".join(lines)
     return f"""## One joint fit
@@ -135,7 +165,9 @@ def large(repeat: int) -> str:
         ways = {"fit": partial(sysid.fit, [log]), "once": once}
         _, took = in_turns(ways, min(repeat, 3))
         ratio = float(np.median(took["fit"] / took["once"]))
-        rows.append(f"| {residuals:.0e} | {spread(took['fit'])} | {spread(took['once'])} | {reached(ratio, 5, at_most=True)} |")
+        rows.append(
+            f"| {residuals:.0e} | {spread(took['fit'])} | {spread(took['once'])} | {reached(ratio, 5, at_most=True)} |"
+        )
     table = "\n".join(rows)
     return f"""| residuals of one log | `sysid.fit`, warm, s | residuals and Jacobian once in numpy, s | ratio |
 |---|---|---|---|

@@ -1,4 +1,5 @@
-"""The controller of an identified plate: gains from the fit, the steps a DSP runs, their export, and the closed loop.
+"""The controller of an identified plate: gains from the fit, the steps a DSP runs, their export, and the
+closed loop.
 
 Only the closed loop needs JAX; it is loaded when it is first used.
 """
@@ -20,9 +21,10 @@ from controller.tracker import PLL, SignTracker, Tracker
 _LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
 _LATER |= {name: "controller.interop" for name in ("loop_systems", "plant_system")}
 __all__ = [
-    "DQ", "PI", "PLL", "Adaptive", "Command", "Demodulator", "Guard", "Loop", "Machine", "Rig", "RigError", "Sensor",
-    "SignTracker", "Trace", "Tracker",
-    "as_dict", "closed_loop", "closed_loops", "design", "export_c", "loop_systems", "plant_system", "settling_time",
+    "DQ", "PI", "PLL", "Adaptive", "Command", "Demodulator", "Guard", "Loop", "Machine", "Rig", "RigError",
+    "Sensor", "SignTracker", "Trace", "Tracker",
+    "as_dict", "closed_loop", "closed_loops", "design", "export_c", "loop_systems", "plant_system",
+    "settling_time",
 ]  # fmt: skip
 
 

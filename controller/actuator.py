@@ -1,4 +1,5 @@
-"""From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase increment."""
+"""From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase
+increment."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +11,8 @@ ACCURATE = 1e-4  # of a duty ratio of one, to which it is
 
 
 class Adc(NamedTuple):
-    """The sensor's converter: `bits`, signed; full scale +-`full_scale` in what the sensor shows; `rate` in Hz."""
+    """The sensor's converter: `bits`, signed; full scale +-`full_scale` in what the sensor shows; `rate` in
+    Hz."""
 
     bits: float
     full_scale: float
@@ -30,7 +32,8 @@ class Dac(NamedTuple):
 
 
 class Inverter(NamedTuple):
-    """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty ratio is turned."""
+    """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty
+    ratio is turned."""
 
     supply: float
     sine: bool
@@ -45,10 +48,13 @@ class Inverter(NamedTuple):
         most = self.most
         if limit is None or limit > most * (1 + 1e-9):
             said = "no limit" if limit is None else f"{limit:g}"
-            raise ValueError(f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make")
+            raise ValueError(
+                f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make"
+            )
 
     def series(self, limit: float) -> np.ndarray:
-        """Coefficients a of  duty = x (a0 + a1 x^2 + ...), x = V / limit, for |V| <= limit: as few as ACCURATE needs."""
+        """Coefficients a of  duty = x (a0 + a1 x^2 + ...), x = V / limit, for |V| <= limit: as few as
+        ACCURATE needs."""
         ratio = limit / self.supply * (math.pi / 4 if self.sine else 1.0)
         if not self.sine:
             return np.array([ratio])

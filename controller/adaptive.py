@@ -1,10 +1,11 @@
 """An observer of the plate's pole, and the controller built on it: amplitude and frequency from one model.
 
-The response obeys  Z' = lambda Z + b V,  lambda = -1/tau + j 2 pi (f0 - f),  b = G/tau. Neither finger nor temperature changes b:
-a touch or a warmer plate changes lambda alone. So lambda is estimated on line, from the difference of each sample and its
-prediction, and everything else follows. The frequency is the estimated resonance; the voltage is the one that the model needs,  b
-V = (K/T)(reference - Wd) - Re(lambda Z), which is feed-forward, decoupling and the finger's share in one term. A clipped or
-negative voltage enters the model as it is, so nothing winds up, and braking needs no rule.
+The response obeys  Z' = lambda Z + b V,  lambda = -1/tau + j 2 pi (f0 - f),  b = G/tau. Neither finger nor
+temperature changes b: a touch or a warmer plate changes lambda alone. So lambda is estimated on line, from
+the difference of each sample and its prediction, and everything else follows. The frequency is the estimated
+resonance; the voltage is the one that the model needs,  b V = (K/T)(reference - Wd) - Re(lambda Z), which is
+feed-forward, decoupling and the finger's share in one term. A clipped or negative voltage enters the model as
+it is, so nothing winds up, and braking needs no rule.
 """
 
 from typing import Any, NamedTuple
@@ -18,8 +19,9 @@ from controller.source import begun as first
 
 
 class AdaptiveState(NamedTuple):
-    """Prediction (d, q) of this sample; `damping` = T/tau; the `resonance`, and the commands on their way (the latest first):
-    `voltages`, and `frequencies` in Hz above the start; the estimates of Z at `past` samples (the latest first)."""
+    """Prediction (d, q) of this sample; `damping` = T/tau; the `resonance`, and the commands on their way
+    (the latest first): `voltages`, and `frequencies` in Hz above the start; the estimates of Z at `past`
+    samples (the latest first)."""
 
     d: Any
     q: Any
@@ -32,8 +34,8 @@ class AdaptiveState(NamedTuple):
 
 
 class AdaptiveInfo(NamedTuple):
-    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the design's, and `resonance`
-    in Hz."""
+    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the
+    design's, and `resonance` in Hz."""
 
     missing: Any
     saturated: Any
@@ -42,14 +44,15 @@ class AdaptiveInfo(NamedTuple):
 
 
 class Adaptive(NamedTuple):
-    """The controller of a plate with  b T = `push` (response per drive),  T/tau = `damping`, from the frequency `start` (Hz).
+    """The controller of a plate with  b T = `push` (response per drive),  T/tau = `damping`, from the
+    frequency `start` (Hz).
 
-    `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T / time constant)
-    along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T (rad per Hz). Commands take effect
-    `len(delay)` whole samples after they were asked for; readings are late by `len(late)` samples and `between` of one, on a
-    straight line between two. Voltage, slew limits and window, source and temperature as in `PI` and
-    `Tracker`; `sweep` is the most that the frequency moves in a sample. The pole is held unless reference > 0 and
-    |Z| > gate * reference.
+    `K`: share of the amplitude's error that one sample removes. `keep`: the observer's double poles exp(-T /
+    time constant) along d, which shows the damping, and along q, which shows the resonance. `turn` = 2 pi T
+    (rad per Hz). Commands take effect `len(delay)` whole samples after they were asked for; readings are late
+    by `len(late)` samples and `between` of one, on a straight line between two. Voltage, slew limits and
+    window, source and temperature as in `PI` and `Tracker`; `sweep` is the most that the frequency moves in a
+    sample. The pole is held unless reference > 0 and |Z| > gate * reference.
     """
 
     push: float
@@ -58,7 +61,9 @@ class Adaptive(NamedTuple):
     start: float
     K: float
     keep: tuple[float, float]
-    delay: tuple[float, ...] = (0.0,)  # one zero for each sample of latency: what is on its way at the beginning
+    delay: tuple[float, ...] = (
+        0.0,
+    )  # one zero for each sample of latency: what is on its way at the beginning
     late: tuple[float, ...] = ()
     between: float = 0.0
     lowest_voltage: float = -NO_LIMIT
@@ -87,14 +92,19 @@ class Adaptive(NamedTuple):
 
     def learned(self, state: AdaptiveState) -> Any:
         """The resonance, Hz above the start, at the temperature of the start."""
-        return state.resonance if self.k_T is None else state.resonance - self.k_T * (state.temperature - self.temperature)
+        return (
+            state.resonance
+            if self.k_T is None
+            else state.resonance - self.k_T * (state.temperature - self.temperature)
+        )
 
     def step(
-        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
+        self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
+        share: Any = 1.0,
         most: Any = NO_LIMIT, frozen: Any = None,
     ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:  # fmt: skip
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of K, the most voltage
-        and whether the frequency is `frozen` in, what to drive with out.
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of
+        K, the most voltage and whether the frequency is `frozen` in, what to drive with out.
 
         A missing measurement (not finite) is not zero: the prediction stands in for it.
         """
@@ -110,7 +120,9 @@ class Adaptive(NamedTuple):
             after = ahead if k == len(state.voltages) - 1 else after
         detuned = self.turn * (resonance - frequency)
         held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
-        wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (1.0 / self.push)
+        wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (
+            1.0 / self.push
+        )
         last = state.voltages[0]
         lowest, highest = within(self.lowest_voltage, self.highest_voltage, most, xp)
         voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), lowest, highest, xp)
@@ -125,8 +137,11 @@ class Adaptive(NamedTuple):
         said = AdaptiveInfo(missing, saturated, self.damping / damping, self.start + resonance)
         return state, Command(voltage, self.start + frequency), said
 
-    def _observed(self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
-        """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e / Z."""
+    def _observed(
+        self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any
+    ) -> tuple[Any, Any, Any, Any]:
+        """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e /
+        Z."""
         keep_d, keep_q = self.keep
         seen, before = ((state.d, state.q), *state.past)[-2:]
         e_d = xp.where(there, W.real - (seen[0] + self.between * (before[0] - seen[0])), 0.0)
@@ -137,7 +152,9 @@ class Adaptive(NamedTuple):
         rate = xp.where(learns, 1.0, 0.0) / xp.where(learns, size, 1.0)
         damping = state.damping - (1.0 - keep_d) * (1.0 - keep_d) * rate * (e_d * d + e_q * q)
         damping = clip(damping, 0.2 * self.damping, 20.0 * self.damping, xp)
-        resonance = state.resonance + (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (e_q * d - e_d * q)
+        resonance = state.resonance + (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (
+            e_q * d - e_d * q
+        )
         return d, q, damping, resonance
 
     def _warmed(self, state: AdaptiveState, resonance: Any, temperature: Any, xp: Any) -> tuple[Any, Any]:
@@ -154,7 +171,8 @@ class Adaptive(NamedTuple):
         return d + m_d * go_d - m_q * go_q, q + m_d * go_q + m_q * go_d
 
     def _frequency(self, state: AdaptiveState, resonance: Any, xp: Any) -> Any:
-        """The frequency to drive with, Hz above the start: the resonance, by steps that the source can make."""
+        """The frequency to drive with, Hz above the start: the resonance, by steps that the source can
+        make."""
         last = state.frequencies[0]
         wanted = clip(resonance, last - self.sweep, last + self.sweep, xp)
         if self.source is None:

@@ -1,13 +1,15 @@
-"""How fast the amplitude loop is to be: what was asked for, or the fastest that the delay and the posterior allow.
+"""How fast the amplitude loop is to be: what was asked for, or the fastest that the delay and the posterior
+allow.
 
-One axis of the plate under a held voltage is  W[k+1] = alpha W[k] + G (1 - alpha) V[k],  alpha = exp(-Ts / tau).
-The controller  C(z) = Kp (z - alpha) / (z - 1)  leaves  K / (z - p)  when nothing delays the voltage:
+One axis of the plate under a held voltage is  W[k+1] = alpha W[k] + G (1 - alpha) V[k],  alpha = exp(-Ts /
+tau). The controller  C(z) = Kp (z - alpha) / (z - 1)  leaves  K / (z - p)  when nothing delays the voltage:
 
     p = exp(-2 pi bandwidth Ts),  K = 1 - p,  Kp = K / (G (1 - alpha)),  Ki Ts = K / G.
 
-With d samples of delay the poles are the roots of z^d (z - 1) + K: real, so without oscillation, for
-K <= d^d / (d+1)^(d+1), which is 1/4 for one sample. The true K is that of a plate's own G/tau, which a finger leaves alone and
-the posterior spreads: the limit holds for 99 % of it, so that a posterior that says little gives a slower loop.
+With d samples of delay the poles are the roots of z^d (z - 1) + K: real, so without oscillation, for K <= d^d
+/ (d+1)^(d+1), which is 1/4 for one sample. The true K is that of a plate's own G/tau, which a finger leaves
+alone and the posterior spreads: the limit holds for 99 % of it, so that a posterior that says little gives a
+slower loop.
 """
 
 import math
@@ -23,9 +25,12 @@ from controller.plate import positive
 from controller.promise import LONGEST, samples, settling
 from controller.tracker import SignTracker
 
-CLOSED_LOOP_SHARE = 0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
-# The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than at full voltage.
-# The largest K there: with the observer's time constants of `laws`, a disk margin of two thirds on the paper's plate.
+CLOSED_LOOP_SHARE = (
+    0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
+)
+# The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than
+# at full voltage. The largest K there: with the observer's time constants of `laws`, a disk margin of two
+# thirds on the paper's plate.
 PREDICTED_SHARE, PREDICTED_K = 0.07, 0.52
 OFFERED = 0.002  # to which, relatively, a refusal finds the nearest that can be had
 
@@ -33,8 +38,8 @@ Bound = Literal["stated", "plant", "delay", "posterior", "settling"]
 
 
 class Bandwidth(NamedTuple):
-    """Bandwidth of the closed loop, 1/(2 pi tau_cl), in Hz; the `limit` set by the delay; which `bound` decided; and whether the
-    reference is fed forward."""
+    """Bandwidth of the closed loop, 1/(2 pi tau_cl), in Hz; the `limit` set by the delay; which `bound`
+    decided; and whether the reference is fed forward."""
 
     hz: float
     limit: float
@@ -43,8 +48,8 @@ class Bandwidth(NamedTuple):
 
 
 def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> Bandwidth:
-    """The stated bandwidth in Hz, or that of a settling time (5 %) in s, or the fastest possible. Raises ValueError for what
-    cannot be had, with the limit in the way and the nearest that can."""
+    """The stated bandwidth in Hz, or that of a settling time (5 %) in s, or the fastest possible. Raises
+    ValueError for what cannot be had, with the limit in the way and the nearest that can."""
     if wanted is not None and settled is not None:
         raise ValueError("found bandwidth_hz and settling_time, expected one of them: each decides the other")
     _suited(asked)
@@ -63,10 +68,15 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
             f"the default is {min(plant, safe):.6g} Hz"
         )
     if wanted > safe * (1 + 1e-5):  # the six digits that the message below prints are accepted
-        why = f" for 99 % of what the logs leave of G/tau (up to {100 * (plate.spread - 1):.2g} % above its mean)"
+        why = (
+            f" for 99 % of what the logs leave of G/tau (up to {100 * (plate.spread - 1):.2g} % above its"
+            f" mean)"
+        )
         raise ValueError(
-            f"bandwidth_hz = {wanted:g} cannot be had: with a delay of {asked.delay:g} s the loop oscillates above"
-            f" {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be had is {safe:.6g} Hz"
+            f"bandwidth_hz = {wanted:g} cannot be had: with a delay of {asked.delay:g} s the loop"
+            f" oscillates above"
+            f" {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be had is"
+            f" {safe:.6g} Hz"
         )
     return Bandwidth(min(float(wanted), safe), limit, "stated")
 
@@ -77,35 +87,42 @@ def _suited(asked: Asked) -> None:
     half_bandwidth, step = 1 / (2 * math.pi * tau), SignTracker(0.0, 1.0).size
     if asked.method == "paper" and asked.plate.f0 is not None and step > half_bandwidth:
         raise ValueError(
-            f"method = 'paper' cannot be had: its frequency goes to and fro by {step:g} Hz, and half of the plate's bandwidth is"
+            f"method = 'paper' cannot be had: its frequency goes to and fro by {step:g} Hz, and half of the"
+            f" plate's bandwidth is"
             f" {half_bandwidth:.3g} Hz; methods that can be had: pi, pll, adaptive"
         )
     slowest = tau / (1 + asked.ranged.finger)
     if asked.method == "adaptive" and slowest * (1 + 1e-9) < asked.T:
         under = " under the finger" if asked.ranged.finger else ""
         raise ValueError(
-            f"sample_time = {asked.T:g} s cannot be had with method = 'adaptive': its observer foresees no more than one time"
+            f"sample_time = {asked.T:g} s cannot be had with method = 'adaptive': its observer foresees no"
+            f" more than one time"
             f" constant{under}; the nearest that can be had is {slowest:.3g} s, or methods pi, pll"
         )
 
 
 def _limit(asked: Asked) -> float:
-    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted, PREDICTED_K."""
+    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted,
+    PREDICTED_K."""
     samples = asked.delay / asked.T
     if asked.method == "adaptive":
         K = PREDICTED_K
     else:
-        K = math.exp(samples * math.log(max(samples, 1e-300)) - (samples + 1) * math.log1p(samples))  # may be thousands
+        K = math.exp(
+            samples * math.log(max(samples, 1e-300)) - (samples + 1) * math.log1p(samples)
+        )  # may be thousands
     # without delay every K has a real pole; 2 leaves 14 % of the error each sample
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
 
 def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandwidth:
-    """The lowest bandwidth whose promise settles within `wanted` s; where none does, the highest with feed-forward. Raises
-    ValueError with the limit that stands in the way."""
+    """The lowest bandwidth whose promise settles within `wanted` s; where none does, the highest with
+    feed-forward. Raises ValueError with the limit that stands in the way."""
     positive("settling_time", wanted)
     tried = np.geomspace(fastest / 8, fastest, 10)
-    times = [_taken(asked, b) for b in tried[::-1]]  # from the fastest: overshoot may make it settle later than a slower one
+    times = [
+        _taken(asked, b) for b in tried[::-1]
+    ]  # from the fastest: overshoot may make it settle later than a slower one
     best = min(times)
     if best > wanted * (1 + 1e-9) and asked.leads:
         best = min(best, led := _taken(asked, fastest, True))
@@ -117,46 +134,63 @@ def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandw
         bound = _voltage_bound(asked)
         if bound > wanted:
             why = (
-                f"the voltage limit {asked.limits.voltage:g} stands in the way ({asked.limits.said}): at full voltage the"
+                f"the voltage limit {asked.limits.voltage:g} stands in the way ({asked.limits.said}): at"
+                f" full voltage the"
                 f" slowest of the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
             )
         else:
             why = _in_the_way(asked, tried, wanted)
         raise ValueError(
-            f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is {1e3 * best:.4g} ms"
+            f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is"
+            f" {1e3 * best:.4g} ms"
         )
     slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9))
     return Bandwidth(float(slowest), limit, "settling")
 
 
 def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
-    """That without which the loop would settle in `wanted` s, in words: resonances that lie apart, a finger, or both; where it
-    would not without them either, the sample time and the delay."""
+    """That without which the loop would settle in `wanted` s, in words: resonances that lie apart, a finger,
+    or both; where it would not without them either, the sample time and the delay."""
     untouched = asked.over(asked.ranged._replace(finger=0.0)) if asked.ranged.finger else asked
     low, high = asked.ranged.warming
     warms = (low, high) != (0.0, 0.0) and asked.plants.warming is None
-    apart = f"the range of temperatures, warming = ({low:g}, {high:g})," if warms else "what the logs leave open of f0"
-    found = f"the resonance begins up to {asked.beside:.3g} Hz beside the frequency at which the loop starts, and has to be found"
+    apart = (
+        f"the range of temperatures, warming = ({low:g}, {high:g}),"
+        if warms
+        else "what the logs leave open of f0"
+    )
+    found = (
+        f"the resonance begins up to {asked.beside:.3g} Hz beside the frequency at which the loop starts,"
+        f" and has to be found"
+    )
     finger = f"the finger, which adds {asked.ranged.finger:g} times the plate's own damping,"
     cases = [
         (asked._replace(plants=asked.plants.resonant), f"{apart} stands in the way: {found}"),
         (untouched, f"{finger} stands in the way"),
-        (untouched._replace(plants=untouched.plants.resonant), f"{finger} and {apart} stand in the way: {found}"),
+        (
+            untouched._replace(plants=untouched.plants.resonant),
+            f"{finger} and {apart} stand in the way: {found}",
+        ),
     ]
     tried, leads = list(tried), {False, asked.leads}
     for without, why in cases:
-        if without is not asked and any(_taken(without, b, lead) <= wanted * (1 + 1e-9) for b in tried for lead in leads):
+        if without is not asked and any(
+            _taken(without, b, lead) <= wanted * (1 + 1e-9) for b in tried for lead in leads
+        ):
             return why
     why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
     return why + ("" if asked.leads else ": a faster loop oscillates")
 
 
 def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
-    return settling(asked.control(bandwidth, lead), asked.plants, asked.clock, asked.amplitude, asked.plate.f0)
+    return settling(
+        asked.control(bandwidth, lead), asked.plants, asked.clock, asked.amplitude, asked.plate.f0
+    )
 
 
 def _voltage_bound(asked: Asked) -> float:
-    """Time at full voltage to 95 % of the amplitude, of the slowest plant: tau ln(r / (r - 0.95)), r = limit / steady voltage."""
+    """Time at full voltage to 95 % of the amplitude, of the slowest plant: tau ln(r / (r - 0.95)), r = limit
+    / steady voltage."""
     if asked.limits.voltage is None:
         return 0.0
     plants = asked.plants
@@ -167,12 +201,15 @@ def _voltage_bound(asked: Asked) -> float:
 
 
 def unpromised(asked: Asked, law: DQ | Adaptive) -> str | None:
-    """Why no settling time is promised whatever the plants do: it would take too many samples. None where it would not."""
+    """Why no settling time is promised whatever the plants do: it would take too many samples. None where it
+    would not."""
     if (needed := samples(law, asked.plants, asked.T)) <= LONGEST:
         return None
-    enough = f"{1.01 * asked.T * needed / LONGEST:.2g}"  # s; the samples are inversely as their time, but for a few
+    # s; the samples are inversely as their time, but for a few
+    enough = f"{1.01 * asked.T * needed / LONGEST:.2g}"
     return (
-        f"no settling time is promised: plate and loop take so long that {needed} samples would have to be looked at, and"
+        f"no settling time is promised: plate and loop take so long that {needed} samples would have to be"
+        f" looked at, and"
         f" {LONGEST} are; a longer sample_time, {enough} s say"
     )
 
@@ -184,8 +221,10 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
         return long
     if math.isfinite(_taken(asked, bandwidth, lead)):
         return (
-            f"the guard ends the drive of more than 1 % of the plates that the logs allow, the resonance up to {asked.beside:.4g}"
-            f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its window, is taken for"
+            f"the guard ends the drive of more than 1 % of the plates that the logs allow, the resonance up"
+            f" to {asked.beside:.4g}"
+            f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its"
+            f" window, is taken for"
             f" a fault; a narrower range, or guard=False, with which nothing is exported"
         )
     if hindered := _hindered(asked, bandwidth, lead):
@@ -203,20 +242,32 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
         if share and asked.plants.warming is None and (least, most) != (0.0, 0.0):
             offer = f"the nearest that can be had is warming = ({share * least:.3g}, {share * most:.3g})"
         return (
-            f"the loop cannot lock: the resonance lies up to {asked.beside:.4g} Hz beside the frequency at which it starts, where"
+            f"the loop cannot lock: the resonance lies up to {asked.beside:.4g} Hz beside the frequency at"
+            f" which it starts, where"
             f" the voltage that there is makes too small an amplitude to be tracked; {offer}"
         )
-    share = _nearest(lambda s: math.isfinite(_taken(still._replace(amplitude=s * asked.amplitude), bandwidth)))
-    limit = "" if asked.limits.voltage is None else f", with the voltage limit {asked.limits.voltage:g} ({asked.limits.said})"
-    offer = f"the nearest that can be had is {share * asked.amplitude:.4g}" if share else "none that is smaller settles either"
+    share = _nearest(
+        lambda s: math.isfinite(_taken(still._replace(amplitude=s * asked.amplitude), bandwidth))
+    )
+    limit = (
+        ""
+        if asked.limits.voltage is None
+        else f", with the voltage limit {asked.limits.voltage:g} ({asked.limits.said})"
+    )
+    offer = (
+        f"the nearest that can be had is {share * asked.amplitude:.4g}"
+        if share
+        else "none that is smaller settles either"
+    )
     return (
-        f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do not come"
-        f" within 5 % of it{limit}; {offer}"
+        f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do"
+        f" not come within 5 % of it{limit}; {offer}"
     )
 
 
 def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
-    """The part of the rig without which the plants would settle, and the nearest that can be had; None where it is none."""
+    """The part of the rig without which the plants would settle, and the nearest that can be had; None where
+    it is none."""
 
     def settles(name: str, value: float | None) -> bool:
         """With another value of that part."""
@@ -228,10 +279,14 @@ def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
         if given is None or not settles(name, None):
             continue
         power = 1 if name == "frequency_step" else -1  # a finer step, a faster slew, a faster clock
-        share = _nearest(lambda s, name=name, given=given, power=power: settles(name, given * max(s, 1e-6) ** power))  # type: ignore[misc]
+
+        def settles_at(share: float, name=name, given=given, power=power) -> bool:
+            return settles(name, given * max(share, 1e-6) ** power)
+
+        share = _nearest(settles_at)
         return (
-            f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that can be had is"
-            f" {given * max(share, 1e-6) ** power:.4g} {unit}"
+            f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that"
+            f" can be had is {given * max(share, 1e-6) ** power:.4g} {unit}"
         )
     return None
 

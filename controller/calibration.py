@@ -1,4 +1,5 @@
-"""The loop's own sensor calibrated against that of the logs, from one log of both: a CSV file with the columns
+"""The loop's own sensor calibrated against that of the logs, from one log of both: a CSV file with the
+columns
 
     frequency_Hz, wd_*, wq_*, sensor_wd_*, sensor_wq_*
 
@@ -6,12 +7,13 @@ of settled points, the last two as the loop's demodulator shows them, in any uni
 
     S = gain e^{j (rotation - 2 pi f delay)} W.
 
-Over the few hundred Hz of a resonance this is nearly a straight line,  S = (a + b (f - mean)) W,  fitted by least squares:
+Over the few hundred Hz of a resonance this is nearly a straight line,  S = (a + b (f - mean)) W,  fitted by
+least squares:
 
     gain = |a|,     delay = -Im(b/a) / (2 pi),     rotation = arg a + 2 pi mean delay.
 
-The angle at the carrier is that of a. It is far better known than rotation or delay, whose errors compensate each other. Noise in
-W is assumed small: of relative size s it makes the gain s^2 too small.
+The angle at the carrier is that of a. It is far better known than rotation or delay, whose errors compensate
+each other. Noise in W is assumed small: of relative size s it makes the gain s^2 too small.
 """
 
 import math
@@ -29,8 +31,9 @@ LEAST = 3  # rows
 
 
 class Calibration(NamedTuple):
-    """Gain, rotation in degrees, delay in s; standard deviations of the gain, of the angle at the mean `frequency` (Hz) in
-    degrees, and of the delay, inf where all rows are at one frequency: it is taken as zero, and the rotation is the angle."""
+    """Gain, rotation in degrees, delay in s; standard deviations of the gain, of the angle at the mean
+    `frequency` (Hz) in degrees, and of the delay, inf where all rows are at one frequency: it is taken as
+    zero, and the rotation is the angle."""
 
     gain: float
     rotation: float
@@ -48,7 +51,9 @@ def calibrate(path: str | Path) -> Calibration:
     spread = bool(np.ptp(f) > 1e-9 * mean)
     shapes = np.stack([W, (f - mean) * W], 1)[:, : 2 if spread else 1]
     if len(f) < LEAST + shapes.shape[1] or not np.any(W):
-        raise LogError(f"{path}: found {len(f)} rows, expected {LEAST + shapes.shape[1]} or more, with a response")
+        raise LogError(
+            f"{path}: found {len(f)} rows, expected {LEAST + shapes.shape[1]} or more, with a response"
+        )
     found, *_ = np.linalg.lstsq(shapes, S, rcond=None)
     left = S - shapes @ found
     # variance of each of the real and the imaginary part
@@ -61,7 +66,9 @@ def calibrate(path: str | Path) -> Calibration:
         delay = -float((found[1] / a).imag) / (2 * math.pi)
         delay_error = math.sqrt(covariance[1, 1]) / gain / (2 * math.pi)
     turn = math.degrees(float(np.angle(a)) + 2 * math.pi * mean * delay)
-    return Calibration(gain, (turn + 180) % 360 - 180, delay, error * gain, math.degrees(error), delay_error, mean)
+    return Calibration(
+        gain, (turn + 180) % 360 - 180, delay, error * gain, math.degrees(error), delay_error, mean
+    )
 
 
 def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,7 +78,10 @@ def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for name in ("frequency", "wd", "wq", "sensor_wd", "sensor_wq"):
         at = [k for k, label in enumerate(head.names) if label == name or label.startswith(f"{name}_")]
         if len(at) != 1:
-            raise LogError(f"{path}: found {len(at)} columns {name}_*, expected one of each sensor's wd and wq, and frequency")
+            raise LogError(
+                f"{path}: found {len(at)} columns {name}_*, expected one of each sensor's wd and wq, and"
+                f" frequency"
+            )
         wanted[name] = at[0]
     body = read_body(head, list(wanted.values()))
     found = {name: body.numbers[at] for name, at in wanted.items()}
@@ -80,7 +90,9 @@ def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for one, other in (("wd", "wq"), ("sensor_wd", "sensor_wq")):
         units = [head.names[wanted[name]].removeprefix(name).strip("_") for name in (one, other)]
         if units[0] != units[1]:
-            raise LogError(f"{path}: found {one} in {units[0]!r} and {other} in {units[1]!r}, expected one unit")
+            raise LogError(
+                f"{path}: found {one} in {units[0]!r} and {other} in {units[1]!r}, expected one unit"
+            )
     f = np.asarray(convert(found["frequency"], unit, "Hz"), float)
     W, S = (found[d] + 1j * found[q] for d, q in (("wd", "wq"), ("sensor_wd", "sensor_wq")))
     return f[there], W[there], S[there]

@@ -1,6 +1,7 @@
 """A record of the closed loop, compared with the predictions of its controller.json.
 
-The record begins before the amplitude is asked for, and holds it to its end: time, Wd and Wq, the voltage and the frequency.
+The record begins before the amplitude is asked for, and holds it to its end: time, Wd and Wq, the voltage and
+the frequency.
 """
 
 import math
@@ -17,19 +18,21 @@ BAND = 0.05  # about the last amplitude, within which it counts as settled
 LAST = 0.2  # share of the rows that are its end
 ROWS = 9  # of which the median is little disturbed by noise
 NOISE = 4.0  # standard deviations of a row about the end, for which noise may carry it beyond a promise
-# A voltage that has risen: above what the loop makes of the noise, which is at rest what it is at the end, and above a share of
-# the largest. From rest the voltage goes at once to the steady one and beyond, so that half of that has risen, however noisy.
+# A voltage that has risen: above what the loop makes of the noise, which is at rest what it is at the end,
+# and above a share of the largest. From rest the voltage goes at once to the steady one and beyond, so that
+# half of that has risen, however noisy.
 FLICKER, SHARE, RISEN = 5.0, 0.05, 0.5
 NEAR_STEADY = 0.1  # relative, for the voltage at the end
 TRACKED = 0.1  # of the half bandwidth, for the frequency's distance from the resonance
 TURNED = 0.25  # of it, for the frequency's distance from f0: 14 degrees of a sensor that is turned, or 2 degC
-# The delay is read to a tenth of a sample, with a finger's damping, where the plate's equation leaves 3 % of the amplitude; half
-# a sample more than was designed for is called missing.
+# The delay is read to a tenth of a sample, with a finger's damping, where the plate's equation leaves 3 % of
+# the amplitude; half a sample more than was designed for is called missing.
 FINE, DAMPINGS, TOLD, MORE = 10, (0.0, 0.25, 0.5, 1.0, 2.0), 0.03, 0.5
 
 
 class Finding(NamedTuple):
-    """One prediction: what was found, what was expected, whether it was kept, and a likely cause where it was not."""
+    """One prediction: what was found, what was expected, whether it was kept, and a likely cause where it was
+    not."""
 
     what: str
     found: str
@@ -39,7 +42,8 @@ class Finding(NamedTuple):
 
 
 def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
-    """The predictions of a controller.json against a record of its loop. Raises LogError for a record that cannot be judged."""
+    """The predictions of a controller.json against a record of its loop. Raises LogError for a record that
+    cannot be judged."""
     _same_plate(controller, log)
     end = int((1 - LAST) * len(log))
     begin = _begin(controller, log, end)
@@ -48,9 +52,13 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     noise = float(np.std(W[end:]))
     if target == 0:
         raise LogError(
-            f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude that was asked for"
+            f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude"
+            f" that was asked for"
         )
-    found = [_settling(controller, log, W, target, noise, begin), _overshoot(controller, W[begin:], target, noise)]
+    found = [
+        _settling(controller, log, W, target, noise, begin),
+        _overshoot(controller, W[begin:], target, noise),
+    ]
     found += [_delay(controller, log, begin, target)]
     found += [_voltage(controller, V, target, float(np.median(V[end:])))]
     if controller["plant"]["f0"] is not None and controller["tracker"]:
@@ -61,7 +69,10 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
 def _same_plate(controller: Mapping[str, Any], log: Log) -> None:
     named, expected = stated(log.metadata, "plate"), controller.get("plate")
     if named and expected and named != expected:
-        raise LogError(f"{log.name}: found the plate {named!r}, expected {expected!r}, for which controller.json was designed")
+        raise LogError(
+            f"{log.name}: found the plate {named!r}, expected {expected!r}, for which controller.json was"
+            f" designed"
+        )
 
 
 def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
@@ -74,22 +85,30 @@ def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
         raise LogError(f"{what}: found an amplitude alone, expected wd and wq")
     for kind, unit in (("response", log.response_unit), ("drive", log.drive_unit)):
         if controller["units"][kind] not in (None, unit):
-            raise LogError(f"{what}: found {unit}, expected {controller['units'][kind]} as in controller.json")
+            raise LogError(
+                f"{what}: found {unit}, expected {controller['units'][kind]} as in controller.json"
+            )
     V, W = np.abs(log.drive), np.abs(log.response)
     steady = np.median(V[end:])
     flicker = 1.4826 * np.median(np.abs(V[end:] - steady))  # the standard deviation of normal noise
     risen = max(SHARE * np.max(V), min(FLICKER * flicker, RISEN * steady)) < V
     if risen[0] or np.max(V) == 0:
-        raise LogError(f"{what}: found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest")
+        raise LogError(
+            f"{what}: found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest"
+        )
     half = int(np.argmax(0.5 * np.median(W[end:]) < W))
     resting = np.flatnonzero(~risen[: max(half, int(np.argmax(risen)))])
     begin = int(resting[-1])
     if len(log) - begin < 20:
-        raise LogError(f"{what}: found {len(log) - begin - 1} rows after the voltage rises, expected 20 or more")
+        raise LogError(
+            f"{what}: found {len(log) - begin - 1} rows after the voltage rises, expected 20 or more"
+        )
     return begin
 
 
-def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float, noise: float, begin: int) -> Finding | None:
+def _settling(
+    controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float, noise: float, begin: int
+) -> Finding | None:
     started = _switched_on(controller, log, W, target)
     begin = begin if started is None else started
     promised = controller["promise"]["settling_s" if started is None else "startup_s"]
@@ -98,7 +117,8 @@ def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: fl
     outside = np.flatnonzero(np.abs(W[begin:] - target) > BAND * target + NOISE * noise)
     last = begin + (int(outside[-1]) if len(outside) else 0)
     row = float(np.median(np.diff(log.time)))
-    # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage follows.
+    # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage
+    # follows.
     taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
     late = (controller.get("demodulator") or {}).get("delay_s", 0.0)  # by which what is recorded is
     kept = taken <= promised + row + controller["sample_time_s"] + late
@@ -108,22 +128,24 @@ def _settling(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: fl
 
 
 def _switched_on(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float) -> int | None:
-    """The row at which the loop was switched on, where the record is of that: at first it holds the small amplitude with which it
-    looks. Before, the voltage is zero, whatever the noise."""
+    """The row at which the loop was switched on, where the record is of that: at first it holds the small
+    amplitude with which it looks. Before, the voltage is zero, whatever the noise."""
     start = controller.get("start_up")
     if start is None or target < 2 * start["find"]:
         return None
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(W, ROWS), axis=1)
     there = int(np.argmax(smooth > 0.5 * start["find"]))
     looks = (log.time >= log.time[there]) & (log.time <= log.time[there] + 0.5 * start["settled_s"])
-    resting = np.flatnonzero(np.abs(log.drive[: there + ROWS]) < 0.1 * start["find"] / abs(controller["plant"]["G"]))
+    resting = np.flatnonzero(
+        np.abs(log.drive[: there + ROWS]) < 0.1 * start["find"] / abs(controller["plant"]["G"])
+    )
     holds = abs(float(np.median(W[looks])) / start["find"] - 1) < 0.5
     return int(resting[-1]) if len(resting) and holds else None
 
 
 def _delay(controller: Mapping[str, Any], log: Log, begin: int, target: float) -> Finding | None:
-    """From a command to the reading that shows it: the lateness, gain and damping with which the plate's own equation, driven
-    with the recorded voltage, comes nearest to Wd. None where the record does not tell."""
+    """From a command to the reading that shows it: the lateness, gain and damping with which the plate's own
+    equation, driven with the recorded voltage, comes nearest to Wd. None where the record does not tell."""
     expected, T, tau = controller.get("delay_s"), controller["sample_time_s"], controller["plant"]["tau"]
     row = float(np.median(np.diff(log.time)))
     rows = slice(begin, begin + int(6 * tau / row) + 20)
@@ -144,7 +166,10 @@ def _delay(controller: Mapping[str, Any], log: Log, begin: int, target: float) -
         return None
     found = late * T / FINE
     kept = found <= expected + MORE * T
-    hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency in the rig file"
+    hint = (
+        f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency"
+        f" in the rig file"
+    )
     return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
 
 
@@ -155,7 +180,9 @@ def _overshoot(controller: Mapping[str, Any], W: np.ndarray, target: float, nois
     most = max(float(np.max(W)) / target - 1, 0.0)
     kept = most <= promised + 0.01 + NOISE * noise / target
     hint = "more delay in the loop than latency_s says, or a sensor with another gain"
-    return Finding("overshoot", f"{100 * most:.2g} %", f"at most {100 * promised:.2g} %, and noise", kept, hint)
+    return Finding(
+        "overshoot", f"{100 * most:.2g} %", f"at most {100 * promised:.2g} %, and noise", kept, hint
+    )
 
 
 def _beside(controller: Mapping[str, Any], log: Log, end: int, hb: float) -> Finding:
@@ -168,7 +195,10 @@ def _beside(controller: Mapping[str, Any], log: Log, end: int, hb: float) -> Fin
     beside = float(np.median(log.frequency[end:])) - controller["plant"]["f0"]
     over = beside - min(max(beside, ends[0]), ends[1])
     turned = math.degrees(math.atan(over / hb))
-    hint = f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than that of the logs"
+    hint = (
+        f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than"
+        f" that of the logs"
+    )
     expected = f"{ends[0] - TURNED * hb:+.3g} to {ends[1] + TURNED * hb:+.3g} Hz"
     return Finding("frequency less f0", f"{beside:+.4g} Hz", expected, abs(over) <= TURNED * hb, hint)
 
@@ -178,10 +208,15 @@ def _voltage(controller: Mapping[str, Any], V: np.ndarray, target: float, steady
     unit, ratio = controller["units"]["drive"] or "", steady / expected
     limit = controller["voltage_limit"]
     kept = abs(ratio - 1) <= NEAR_STEADY and (limit is None or float(np.max(V)) <= limit * (1 + 1e-6))
-    hint = f"{ratio:.3g} times as much: the plate is damped, beside its resonance, or the sensor's gain is another"
+    hint = (
+        f"{ratio:.3g} times as much: the plate is damped, beside its resonance, or the sensor's gain is"
+        f" another"
+    )
     if limit is not None and float(np.max(V)) > limit * (1 + 1e-6):
         hint = f"up to {np.max(V):.4g} {unit}, above the limit of {limit:.4g}"
-    return Finding("voltage at the end", f"{steady:.4g} {unit}", f"{expected:.4g} {unit} within 10 %", kept, hint)
+    return Finding(
+        "voltage at the end", f"{steady:.4g} {unit}", f"{expected:.4g} {unit} within 10 %", kept, hint
+    )
 
 
 def _frequency(controller: Mapping[str, Any], log: Log, end: int) -> list[Finding]:
@@ -203,4 +238,13 @@ def _frequency(controller: Mapping[str, Any], log: Log, end: int) -> list[Findin
     low, high = controller["frequency_window_Hz"] or (0.0, np.inf)
     inside = bool(np.all((log.frequency >= low) & (log.frequency <= high)))
     seen = f"{np.min(log.frequency):.7g} to {np.max(log.frequency):.7g} Hz"
-    return [*found, Finding("frequency", seen, f"{low:.7g} to {high:.7g} Hz", inside, "beyond the window that was designed for")]
+    return [
+        *found,
+        Finding(
+            "frequency",
+            seen,
+            f"{low:.7g} to {high:.7g} Hz",
+            inside,
+            "beyond the window that was designed for",
+        ),
+    ]

@@ -1,7 +1,8 @@
 """Commissioning a new controller: the steps at the bench, in order, and what each must show.
 
-All numbers follow from controller.json. One axis of the plate settles as e^{-t/tau}; half a bandwidth 1/(2 pi tau) from the
-resonance its amplitude is 1/sqrt(2) and |Wq| = |Wd|; the PI alone leaves one pole, 1 - K per sample.
+All numbers follow from controller.json. One axis of the plate settles as e^{-t/tau}; half a bandwidth 1/(2 pi
+tau) from the resonance its amplitude is 1/sqrt(2) and |Wq| = |Wd|; the PI alone leaves one pole, 1 - K per
+sample.
 """
 
 import math
@@ -25,7 +26,13 @@ class Stage(NamedTuple):
 def sheet(controller: Mapping[str, Any]) -> list[Stage]:
     """The stages for the content of a controller.json, each safe once the one before is as expected."""
     at = _Point.of(controller)
-    possible = [_demodulator(at), _sign_of_q(at), _slow_loop(at, controller), _tracker(at, controller), _full(at, controller)]
+    possible = [
+        _demodulator(at),
+        _sign_of_q(at),
+        _slow_loop(at, controller),
+        _tracker(at, controller),
+        _full(at, controller),
+    ]
     possible += [_touch(at, controller["voltage_limit"]), _fault(controller["guard"])]
     return [stage for stage in possible if stage is not None]
 
@@ -37,8 +44,9 @@ def _set(task: str, **inputs: float) -> str:
 
 
 class _Point(NamedTuple):
-    """What the stages drive at: the resonance (Hz; None: not known) and half its bandwidth (Hz), the whole `amplitude` and its
-    `steady` voltage, the voltage `low` that one begins with and what it makes the plate do; the units of both."""
+    """What the stages drive at: the resonance (Hz; None: not known) and half its bandwidth (Hz), the whole
+    `amplitude` and its `steady` voltage, the voltage `low` that one begins with and what it makes the plate
+    do; the units of both."""
 
     tau: float
     f0: float | None
@@ -62,8 +70,16 @@ class _Point(NamedTuple):
 
 def _demodulator(at: _Point) -> Stage:
     where = "at the resonance" if at.f0 is None else f"at {at.f0:.8g} Hz"
-    expect = f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is small beside it"
-    return Stage("demodulator", f"open loop: {at.low:.4g} {at.drive} {where}", expect, _set("OPEN_LOOP", voltage=at.low))
+    expect = (
+        f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is"
+        f" small beside it"
+    )
+    return Stage(
+        "demodulator",
+        f"open loop: {at.low:.4g} {at.drive} {where}",
+        expect,
+        _set("OPEN_LOOP", voltage=at.low),
+    )
 
 
 def _sign_of_q(at: _Point) -> Stage | None:
@@ -71,15 +87,19 @@ def _sign_of_q(at: _Point) -> Stage | None:
         return None
     do = f"open loop: {at.low:.4g} {at.drive} at {at.f0 - at.half_bandwidth:.8g} Hz, half a bandwidth below"
     expect = (
-        f"Wd and Wq both at {at.small / 2:.4g} {at.response}; a negative Wq has the other sign. Each degree of rotation"
-        f" makes the tracker settle {at.half_bandwidth * math.tan(math.radians(1)):.3g} Hz beside the resonance"
+        f"Wd and Wq both at {at.small / 2:.4g} {at.response}; a negative Wq has the other sign. Each degree"
+        f" of rotation makes the tracker settle {at.half_bandwidth * math.tan(math.radians(1)):.3g} Hz"
+        " beside the resonance"
     )
     return Stage("sign of q", do, expect, _set("OPEN_LOOP", voltage=at.low, offset=-at.half_bandwidth))
 
 
 def _slow_loop(at: _Point, controller: Mapping[str, Any]) -> Stage:
     do = f"gains divided by {SLOWER:g}, tracker off, ask for {at.small:.4g} {at.response}"
-    expect = f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at the end"
+    expect = (
+        f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at"
+        f" the end"
+    )
     return Stage("slow loop", do, expect, _set("AMPLITUDE", reference=at.small, share=1 / SLOWER))
 
 
@@ -98,16 +118,24 @@ def _full(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
     if promise["settling_s"] is None:
         return None
     expect = (
-        f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end; an overshoot of"
-        f" {100 * promise['overshoot']:.2g} % at most, beside the noise"
+        f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end; an"
+        f" overshoot of {100 * promise['overshoot']:.2g} % at most, beside the noise"
     )
     do = f"the gains as they are, in run ask for {at.amplitude:.4g} {at.response}"
     return Stage("full", do, expect, _set("REGULATE", reference=at.amplitude))
 
 
 def _touch(at: _Point, limit: float | None) -> Stage:
-    spare = "" if limit is None else f"; {limit:.4g} {at.drive} hold it up to {limit / at.steady:.3g} times the damping"
-    return Stage("touch", "a finger on the plate", f"the amplitude comes back, the voltage rises as the damping does{spare}")
+    spare = (
+        ""
+        if limit is None
+        else f"; {limit:.4g} {at.drive} hold it up to {limit / at.steady:.3g} times the damping"
+    )
+    return Stage(
+        "touch",
+        "a finger on the plate",
+        f"the amplitude comes back, the voltage rises as the damping does{spare}",
+    )
 
 
 def _fault(guard: Mapping[str, Any] | None) -> Stage | None:

@@ -1,11 +1,13 @@
 """The demodulator: samples of the sensor and the phase accumulator of the drive in, Wd and Wq out.
 
-With a drive v = V sin p, p = 2 pi phase / 2^32 the accumulator's angle, a response w = Re[(Wd + j Wq) e^{j theta}] is
+With a drive v = V sin p, p = 2 pi phase / 2^32 the accumulator's angle, a response w = Re[(Wd + j Wq) e^{j
+theta}] is
 
     w = -Wd cos p + Wq sin p,     Wd + j Wq = mean of -2 w e^{-jp}.
 
-The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.logs.lockin.low_pass` has them: without a block
-or a division, it may be read at any time. Of the image at twice the carrier (|H(2 omega)|)^order is left; W is late by `delay`.
+The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.logs.lockin.low_pass` has
+them: without a block or a division, it may be read at any time. Of the image at twice the carrier (|H(2
+omega)|)^order is left; W is late by `delay`.
 """
 
 import math
@@ -26,7 +28,8 @@ COSINE = tuple((-1.0) ** k * (math.pi / 4) ** (2 * k) / math.factorial(2 * k) fo
 
 
 class Turn(NamedTuple):
-    """An angle: `u` eighths of a turn beside a multiple of a quarter, which is `odd` or not, and in the second `half` or not."""
+    """An angle: `u` eighths of a turn beside a multiple of a quarter, which is `odd` or not, and in the
+    second `half` or not."""
 
     u: Any
     odd: Any
@@ -56,8 +59,8 @@ class Pole(NamedTuple):
 
 
 class DemodulatorState(NamedTuple):
-    """The filters, the first in front; how many samples have been missing in a row; and for how many more it is remembered that
-    one was `clipped`."""
+    """The filters, the first in front; how many samples have been missing in a row; and for how many more it
+    is remembered that one was `clipped`."""
 
     poles: tuple[Pole, ...]
     missed: Any
@@ -65,9 +68,9 @@ class DemodulatorState(NamedTuple):
 
 
 class Demodulator(NamedTuple):
-    """`scale`: response per unit of a sample. A missing (not finite) sample leaves the filters as they are; after `patience` of
-    them in a row Wd and Wq are missing, until the next valid sample. One of `most` or more is clipped, which is remembered as
-    long. `rate` in Hz."""
+    """`scale`: response per unit of a sample. A missing (not finite) sample leaves the filters as they are;
+    after `patience` of them in a row Wd and Wq are missing, until the next valid sample. One of `most` or
+    more is clipped, which is remembered as long. `rate` in Hz."""
 
     share: float
     scale: float
@@ -77,13 +80,18 @@ class Demodulator(NamedTuple):
     order: int = ORDER
 
     @classmethod
-    def of(cls, rate: float, carrier: float, patience: float, scale: float = 1.0, most: float = NO_LIMIT) -> "Demodulator":
-        """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises ValueError."""
+    def of(
+        cls, rate: float, carrier: float, patience: float, scale: float = 1.0, most: float = NO_LIMIT
+    ) -> "Demodulator":
+        """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises
+        ValueError."""
         apart = 1.0 - math.cos(4 * math.pi * carrier / rate)
         if apart < LEAST:
             raise ValueError(
-                f"found a sensor sampled at {rate:g} Hz, at which the image of the carrier of {carrier:.8g} Hz falls on the"
-                f" response itself; expected a rate away from 2 f0, f0, 2 f0/3, ...: four times the carrier is best"
+                f"found a sensor sampled at {rate:g} Hz, at which the image of the carrier of {carrier:.8g}"
+                f" Hz falls on the"
+                f" response itself; expected a rate away from 2 f0, f0, 2 f0/3, ...: four times the carrier"
+                f" is best"
             )
         # |H|^2 = s^2 / (s^2 + 2 (1 - s) apart) = g^2, solved for the share s.
         g = IMAGE ** (2 / ORDER)
@@ -99,7 +107,9 @@ class Demodulator(NamedTuple):
         """At rest."""
         return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0, 0.0)
 
-    def step(self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar) -> tuple[DemodulatorState, Any, Any]:
+    def step(
+        self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar
+    ) -> tuple[DemodulatorState, Any, Any]:
         """One sample, taken at `turn` of the drive: the next state, Wd and Wq."""
         c, s = cosine_and_sine(turn, xp)
         there = xp.isfinite(sample)
@@ -108,7 +118,9 @@ class Demodulator(NamedTuple):
         for pole in state.poles:
             d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
             poles.append(Pole(xp.where(there, d, pole.d), xp.where(there, q, pole.q)))
-        missed = xp.where(there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed))
+        missed = xp.where(
+            there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
+        )
         less = xp.where(state.clipped > 0.0, state.clipped - 1.0, 0.0)
         clipped = xp.where((sample >= self.most) | (sample <= -self.most), self.patience, less)
         gone, clipped = missed >= self.patience, xp.where(there, clipped, state.clipped)

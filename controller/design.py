@@ -24,17 +24,18 @@ from sysid.shown import Shown
 @final
 @dataclass(frozen=True, repr=False)
 class Loop(Shown):
-    """A designed controller. `control` is what runs (`init`, `step`): the `law` behind its sensor's correction and its guard;
-    `machine` is that with what switches it on, as it is exported, None without a guard; `demodulator` what gives it Wd and Wq,
-    None without f0. The rest says what it was made of, and for.
+    """A designed controller. `control` is what runs (`init`, `step`): the `law` behind its sensor's
+    correction and its guard; `machine` is that with what switches it on, as it is exported, None without a
+    guard; `demodulator` what gives it Wd and Wq, None without f0. The rest says what it was made of, and for.
 
-    A `DQ` has no tracker when f0 is not determined; `notes` then says why. `bandwidth_bound` is what decided the bandwidth:
-    "stated" by the caller, "settling" that was asked for, "plant" (a closed loop of 0.3 tau), "delay" (no oscillation with the
-    delay that there is: `bandwidth_limit_hz`) or "posterior" (that, for what the logs leave open of G/tau). `Kp_continuous`
-    and `Ti` (s) are the gains of the same loop in continuous time. `amplitude` (response unit) is the one `promise` is for,
-    `finger`, the `force` (N) at which it is as much, where the fit knows it, and `warming` the range; `plate` its name in the
-    logs. `sample_time` and `latency` are in s, `reference_temperature` (where f0 holds) in degC; units are None when nobody
-    stated them.
+    A `DQ` has no tracker when f0 is not determined; `notes` then says why. `bandwidth_bound` is what decided
+    the bandwidth: "stated" by the caller, "settling" that was asked for, "plant" (a closed loop of 0.3 tau),
+    "delay" (no oscillation with the delay that there is: `bandwidth_limit_hz`) or "posterior" (that, for what
+    the logs leave open of G/tau). `Kp_continuous` and `Ti` (s) are the gains of the same loop in continuous
+    time. `amplitude` (response unit) is the one `promise` is for, `finger`, the `force` (N) at which it is as
+    much, where the fit knows it, and `warming` the range; `plate` its name in the logs. `sample_time` and
+    `latency` are in s, `reference_temperature` (where f0 holds) in degC; units are None when nobody stated
+    them.
     """
 
     control: DQ | Adaptive | Calibrated | Guard
@@ -73,8 +74,8 @@ class Loop(Shown):
         return of_loop(self)
 
     def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
-        """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over frequency. `path`: a
-        folder into which both are written, step.png and bode.png."""
+        """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over
+        frequency. `path`: a folder into which both are written, step.png and bode.png."""
         from controller.document import as_dict
         from sysid.report.plots import loop_figures
 
@@ -91,7 +92,8 @@ class Loop(Shown):
 
     @property
     def delay(self) -> float:
-        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and latency."""
+        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and
+        latency."""
         return self.latency + self.rig.delay(self.f0)
 
 
@@ -111,21 +113,24 @@ def design(
     rig: Rig | None = None,
     guard: bool = True,
 ) -> Loop:
-    """The controller for what is wanted: a closed-loop bandwidth 1 / (2 pi tau_cl) in Hz, or a settling time (5 %) in s.
+    """The controller for what is wanted: a closed-loop bandwidth 1 / (2 pi tau_cl) in Hz, or a settling time
+    (5 %) in s.
 
-    `source` is a posterior (has `summary()`: gains from the means, the promise over the draws), a fit (has `parameters`) or a
-    plant (`G`, `tau`, `f0`). `sample_time` is 100 us and `latency` one sample where neither they nor a `rig` say otherwise.
-    Default bandwidth: the slower of tau_cl = 0.3 tau and the delay's limit. `amplitude` (response unit) is the largest that
-    will be asked for. `voltage_limit` (drive unit) and `frequency_window` (Hz) default to what the logs have seen; where there
-    are no logs, to none. `finger`: the damping that a finger adds at most, in units of the plate's own (1: it halves the
-    amplitude); `warming`: degC above the reference temperature, from and to; both default to the rig's, else to none.
-    `method`: "pi", PI and proportional tracker; "paper", the rules of the paper; "pll", PI and phase-locked loop; "adaptive",
-    an observer of the pole. The PI of "pi" and "pll" feeds the reference forward where the voltage has a limit and no slew limit,
-    unless a bandwidth is stated, or a settling time that the loop alone keeps. `guard`: faults end the drive (see
-    `controller.guard`); only with it there is a `machine`, and an export.
+    `source` is a posterior (has `summary()`: gains from the means, the promise over the draws), a fit (has
+    `parameters`) or a plant (`G`, `tau`, `f0`). `sample_time` is 100 us and `latency` one sample where
+    neither they nor a `rig` say otherwise. Default bandwidth: the slower of tau_cl = 0.3 tau and the delay's
+    limit. `amplitude` (response unit) is the largest that will be asked for. `voltage_limit` (drive unit) and
+    `frequency_window` (Hz) default to what the logs have seen; where there are no logs, to none. `finger`:
+    the damping that a finger adds at most, in units of the plate's own (1: it halves the amplitude);
+    `warming`: degC above the reference temperature, from and to; both default to the rig's, else to none.
+    `method`: "pi", PI and proportional tracker; "paper", the rules of the paper; "pll", PI and phase-locked
+    loop; "adaptive", an observer of the pole. The PI of "pi" and "pll" feeds the reference forward where the
+    voltage has a limit and no slew limit, unless a bandwidth is stated, or a settling time that the loop
+    alone keeps. `guard`: faults end the drive (see `controller.guard`); only with it there is a `machine`,
+    and an export.
 
-    Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands in the way and
-    the nearest that can.
+    Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands
+    in the way and the nearest that can.
     """
     rig = rig or Rig()
     method = method or rig.method or "pi"
@@ -200,20 +205,24 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
     plate, found = asked.plate, [] if long is None else [long]
     if plate.tau < asked.T:
         found.append(
-            f"the sample time, {asked.T:g} s, is longer than the plate's time constant, {plate.tau:.3g} s: what touches it is"
-            f" seen when it has settled, and a fault ends the drive after {1e3 * asked.patience * asked.T:.3g} ms"
+            f"the sample time, {asked.T:g} s, is longer than the plate's time constant, {plate.tau:.3g} s:"
+            f" what touches it is"
+            f" seen when it has settled, and a fault ends the drive after"
+            f" {1e3 * asked.patience * asked.T:.3g} ms"
         )
     if plate.f0 is None:
         found.append(f"no tracker: f0 is not determined: {plate.why}")
     if bound == "posterior":
         found.append(
-            f"slower than the delay alone asks for: 1 % of the plates that the logs allow have a G/tau more than"
-            f" {100 * (plate.spread - 1):.2g} % above its mean; a voltage step with rows close together determines it"
+            "slower than the delay alone asks for: 1 % of the plates that the logs allow have a G/tau more"
+            f" than {100 * (plate.spread - 1):.2g} % above its mean; a voltage step with rows close together"
+            " determines it"
         )
     most, limits = asked.rig.voltage_limit, asked.limits
     if most is not None and limits.voltage is not None and limits.voltage < most and limits.said != "stated":
         found.append(
-            f"the voltage limit is {limits.voltage:.4g}, {limits.said}, and not the rig's {most:.4g}: a log with a larger drive"
+            f"the voltage limit is {limits.voltage:.4g}, {limits.said}, and not the rig's {most:.4g}: a log"
+            f" with a larger drive"
             f" raises it, or controller.design(voltage_limit=...)"
         )
     sensor = asked.rig.sensor
@@ -223,9 +232,14 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
     elif sensor.gain_error or sensor.angle_error:
         beside = math.tan(math.radians(sensor.angle_error)) / (2 * math.pi * plate.tau)
         found.append(
-            f"the loop's sensor is known to {100 * sensor.gain_error / sensor.gain:.2g} % and {sensor.angle_error:.2g} degrees"
-            f" (standard deviations): the amplitude to as much, and the tracker settles within {beside:.2g} Hz of the resonance"
+            f"the loop's sensor is known to {100 * sensor.gain_error / sensor.gain:.2g} % and"
+            f" {sensor.angle_error:.2g} degrees"
+            f" (standard deviations): the amplitude to as much, and the tracker settles within {beside:.2g}"
+            f" Hz of the resonance"
         )
     if plate.f0 is not None and asked.rig.adc is None:
-        found.append(f"the exported demodulator is for {SAMPLES} samples of the sensor in a period of the carrier: no rig says")
+        found.append(
+            f"the exported demodulator is for {SAMPLES} samples of the sensor in a period of the carrier:"
+            f" no rig says"
+        )
     return found

@@ -13,7 +13,8 @@ SCHEMA = 1
 
 
 def as_dict(loop: Loop) -> dict[str, Any]:
-    """The content of controller.json, ready for json.dumps: numbers, units, notes; null for what there is not.
+    """The content of controller.json, ready for json.dumps: numbers, units, notes; null for what there is
+    not.
 
     Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
     """
@@ -56,8 +57,18 @@ def _law(loop: Loop) -> dict[str, Any]:
     law = loop.law
     if isinstance(law, DQ):
         gains = {"Kp": law.amplitude.Kp, "Ki_Ts": law.amplitude.Ki_Ts}
-        return {"method": loop.method, "gains": {"d": gains, "q": dict(gains)}, "anti_windup": law.amplitude.anti_windup}
-    observer = {"K": law.K, "keep_d": law.keep[0], "keep_q": law.keep[1], "push": law.push, "damping": law.damping}
+        return {
+            "method": loop.method,
+            "gains": {"d": gains, "q": dict(gains)},
+            "anti_windup": law.amplitude.anti_windup,
+        }
+    observer = {
+        "K": law.K,
+        "keep_d": law.keep[0],
+        "keep_q": law.keep[1],
+        "push": law.push,
+        "damping": law.damping,
+    }
     return {"method": loop.method, "gains": observer, "anti_windup": None}
 
 
@@ -66,7 +77,10 @@ def _guard(loop: Loop) -> dict[str, float] | None:
     if (machine := loop.switched) is None:
         return None
     guard = machine.control
-    return {"patience_s": guard.patience * loop.sample_time, "stuck_after_s": guard.repeats * loop.sample_time}
+    return {
+        "patience_s": guard.patience * loop.sample_time,
+        "stuck_after_s": guard.repeats * loop.sample_time,
+    }
 
 
 def _feed_forward(loop: Loop) -> dict[str, Any] | None:
@@ -79,16 +93,27 @@ def _feed_forward(loop: Loop) -> dict[str, Any] | None:
 def _demodulator(loop: Loop) -> dict[str, float] | None:
     """How it is sampled; None without f0."""
     d = loop.demodulator
-    return None if d is None else {"rate_Hz": d.rate, "share": d.share, "poles": d.order, "delay_s": d.delay, "scale": d.scale}
+    return (
+        None
+        if d is None
+        else {"rate_Hz": d.rate, "share": d.share, "poles": d.order, "delay_s": d.delay, "scale": d.scale}
+    )
 
 
 def _start_up(loop: Loop) -> dict[str, float] | None:
     """The machine's numbers; None without one."""
     if (machine := loop.switched) is None:
         return None
-    found = {"find": machine.find, "ramp_per_s": machine.ramp / loop.sample_time, "headroom": machine.headroom}
+    found = {
+        "find": machine.find,
+        "ramp_per_s": machine.ramp / loop.sample_time,
+        "headroom": machine.headroom,
+    }
     found |= {"heaviest": machine.heaviest}
-    return found | {"settled_s": machine.patience * loop.sample_time, "lost_s": machine.limit * loop.sample_time}
+    return found | {
+        "settled_s": machine.patience * loop.sample_time,
+        "lost_s": machine.limit * loop.sample_time,
+    }
 
 
 def _rig(value: Any) -> Any:
@@ -105,7 +130,12 @@ def _tracker(loop: Loop) -> dict[str, float] | None:
         return None
     if isinstance(t, Adaptive):
         return {"start_Hz": t.start, "gate": t.gate, "every_samples": 1.0, "period_s": loop.sample_time}
-    numbers = {"start_Hz": t.start, "gate": t.gate, "every_samples": t.every, "period_s": t.every * loop.sample_time}
+    numbers = {
+        "start_Hz": t.start,
+        "gate": t.gate,
+        "every_samples": t.every,
+        "period_s": t.every * loop.sample_time,
+    }
     if isinstance(t, SignTracker):
         return numbers | {"step_Hz": t.size}
     return numbers | {"gain_Hz": t.gain, "max_step_Hz": t.max_step}
@@ -113,19 +143,28 @@ def _tracker(loop: Loop) -> dict[str, float] | None:
 
 def _promise(loop: Loop) -> dict[str, Any]:
     p = loop.promise
-    names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin", "phase": "phase_margin_deg"}
+    names = {
+        "settling": "settling_s",
+        "overshoot": "overshoot",
+        "gain": "gain_margin",
+        "phase": "phase_margin_deg",
+    }
     names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
     kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
     kept["startup_s"] = _known(p.startup)
     kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
     shown = zip(("time_s", "W_5", "W_50", "W_95"), p.response[:4], strict=True)
     step = {said: [float(f"{v:.5g}") for v in values] for said, values in shown}
-    step |= {f"V_{level}": [float(f"{v:.5g}") for v in row] for level, row in zip((5, 50, 95), p.response.voltage, strict=True)}
+    step |= {
+        f"V_{level}": [float(f"{v:.5g}") for v in row]
+        for level, row in zip((5, 50, 95), p.response.voltage, strict=True)
+    }
     return kept | {"step_response": step, "bode": _bode(p.bode)}
 
 
 def _bode(shown: Any) -> dict[str, list[float]] | None:
-    """The loop over frequency, to five digits: |L|, its phase in degrees, and the sensitivity, each at three quantiles."""
+    """The loop over frequency, to five digits: |L|, its phase in degrees, and the sensitivity, each at three
+    quantiles."""
     if shown is None:
         return None
     rows = {"frequency_Hz": shown.frequency}

@@ -1,4 +1,5 @@
-"""A Loop as C: the law (`controller/c/`), the same for every plate, and a header of the plate's own parameters."""
+"""A Loop as C: the law (`controller/c/`), the same for every plate, and a header of the plate's own
+parameters."""
 
 import re
 from importlib.metadata import PackageNotFoundError, version
@@ -24,21 +25,26 @@ LONGEST = 8  # samples on their way, for which the source has room as it is
 
 
 def export_c(loop: Loop, path: str | Path, precision: Precision | None = None, prefix: str = "dq") -> None:
-    """Write the law as a header at `path` and a source beside it, of the same name with .c, and the plate's parameters as a third
-    file, NAME_plate.h.
+    """Write the law as a header at `path` and a source beside it, of the same name with .c, and the plate's
+    parameters as a third file, NAME_plate.h.
 
-    `precision`: "single" or "double"; None: as the rig says, else single. `prefix` stands before all names: two programs' laws,
-    or a law in two precisions, can then be linked together; several plates share one law. Of the loop's texts only units, the
-    plate's name and hashes go out, and of those only letters, digits and / ^ . - so that no text from a log can end a comment.
-    Notes stay in the JSON. Raises ValueError for what cannot be exported: a loop without its guard.
+    `precision`: "single" or "double"; None: as the rig says, else single. `prefix` stands before all names:
+    two programs' laws, or a law in two precisions, can then be linked together; several plates share one law.
+    Of the loop's texts only units, the plate's name and hashes go out, and of those only letters, digits and
+    / ^ . - so that no text from a log can end a comment. Notes stay in the JSON. Raises ValueError for what
+    cannot be exported: a loop without its guard.
     """
     path = Path(path)
     if path.suffix == ".c" or not re.fullmatch(r"[A-Za-z0-9_.+-]+", path.name):
-        raise ValueError(f"found {path.name!r}, expected the name of a header that C can include, such as dq_pi.h")
+        raise ValueError(
+            f"found {path.name!r}, expected the name of a header that C can include, such as dq_pi.h"
+        )
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", prefix):
         raise ValueError(f"found the prefix {prefix!r}, expected small letters, digits and _, a letter first")
     for target, text in zip(
-        (path, path.with_suffix(".c"), plate_header(path)), texts(loop, path.name, precision, prefix), strict=True
+        (path, path.with_suffix(".c"), plate_header(path)),
+        texts(loop, path.name, precision, prefix),
+        strict=True,
     ):
         target.write_text(text, encoding="ascii", newline="\n")
 
@@ -48,7 +54,9 @@ def plate_header(path: Path) -> Path:
     return path.with_name(f"{path.stem}_plate{path.suffix}")
 
 
-def texts(loop: Loop, name: str, precision: Precision | None = None, prefix: str = "dq") -> tuple[str, str, str]:
+def texts(
+    loop: Loop, name: str, precision: Precision | None = None, prefix: str = "dq"
+) -> tuple[str, str, str]:
     """Header of the law, called `name`, its source, and the header of the plate."""
     precision = precision or loop.rig.arithmetic
     if precision not in KINDS:
@@ -66,31 +74,69 @@ def texts(loop: Loop, name: str, precision: Precision | None = None, prefix: str
 
 def _renamed(text: str, prefix: str) -> str:
     """Its names with another prefix than dq and DQ; the names of files stay."""
-    return re.sub(r"\bdq_(?!pi\b|pi_)", f"{prefix}_", re.sub(r"\bDQ_", f"{prefix.upper()}_", text)) if prefix != "dq" else text
+    return (
+        re.sub(r"\bdq_(?!pi\b|pi_)", f"{prefix}_", re.sub(r"\bDQ_", f"{prefix.upper()}_", text))
+        if prefix != "dq"
+        else text
+    )
 
 
 def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     """The fields of dq_params by name, in their order: an int, or a number of that precision."""
     if loop.machine is None:
-        raise ValueError("found a loop without its guard, expected one with it: what is exported drives a bench")
+        raise ValueError(
+            "found a loop without its guard, expected one with it: what is exported drives a bench"
+        )
     outer = typed(loop.machine, KINDS[precision])
     sensor = (outer.d, outer.q) if isinstance(outer, Calibrated) else (1.0, 0.0)
     m: Machine = outer.control if isinstance(outer, Calibrated) else outer
     g, law = m.control, m.control.control
-    found = {"layout": 2, "gain": m.gain, "f0": m.f0, "sensor_d": sensor[0], "sensor_q": sensor[1], "amplitude": m.amplitude}
-    found |= _named("voltage", m.voltages, "lowest highest") | {"voltage_slew": getattr(law, "amplitude", law).slew}
-    found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named("tracker", m.window, "lowest highest")
-    found |= _named("temperature", m.temperatures or (m.temperature,) * 2, "lowest highest") | _amplitude_loop(law)
+    found = {
+        "layout": 2,
+        "gain": m.gain,
+        "f0": m.f0,
+        "sensor_d": sensor[0],
+        "sensor_q": sensor[1],
+        "amplitude": m.amplitude,
+    }
+    found |= _named("voltage", m.voltages, "lowest highest") | {
+        "voltage_slew": getattr(law, "amplitude", law).slew
+    }
+    found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named(
+        "tracker", m.window, "lowest highest"
+    )
+    found |= _named(
+        "temperature", m.temperatures or (m.temperature,) * 2, "lowest highest"
+    ) | _amplitude_loop(law)
     found |= _tracker(law if isinstance(law, Adaptive) else law.tracker, m.temperature) | _observer(law)
-    counts = {"patience": g.patience, "repeats": g.repeats, "doubts": g.doubts, "follows": m.follows, "swings": m.swings}
+    counts = {
+        "patience": g.patience,
+        "repeats": g.repeats,
+        "doubts": g.doubts,
+        "follows": m.follows,
+        "swings": m.swings,
+    }
     found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
-    found |= {"swing": m.swing, "ceiling": g.ceiling, "ceiling_least": g.least, "dead_share": g.floor, "dead_least": g.quiet}
+    found |= {
+        "swing": m.swing,
+        "ceiling": g.ceiling,
+        "ceiling_least": g.least,
+        "dead_share": g.floor,
+        "dead_least": g.quiet,
+    }
     found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
     found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "heaviest": m.heaviest}
-    found |= {"settled": int(m.patience), "lost": int(m.limit), "memory": m.memory} | _named("beside", m.beside, "find lock run")
+    found |= {"settled": int(m.patience), "lost": int(m.limit), "memory": m.memory} | _named(
+        "beside", m.beside, "find lock run"
+    )
     found |= _named("voltage", m.fits, "least most run")
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
-    found |= {"sweep": m.sweep, "demodulator_share": d.share, "demodulator_scale": d.scale, "sample_most": d.most}
+    found |= {
+        "sweep": m.sweep,
+        "demodulator_share": d.share,
+        "demodulator_scale": d.scale,
+        "sample_most": d.most,
+    }
     return found | {"sample_patience": int(d.patience)}
 
 
@@ -103,7 +149,12 @@ def _amplitude_loop(law: Any) -> dict[str, Any]:
     adaptive = isinstance(law, Adaptive)
     gains = (1.0 * np.sign(law.push), 0.0) if adaptive else (law.amplitude.Kp, law.amplitude.Ki_Ts)
     model = None if adaptive else law.amplitude.model
-    found = {"law": int(adaptive), "kp": gains[0], "ki": gains[1], "model_delay": -1 if model is None else len(model.line) - 2}
+    found = {
+        "law": int(adaptive),
+        "kp": gains[0],
+        "ki": gains[1],
+        "model_delay": -1 if model is None else len(model.line) - 2,
+    }
     values = (0.0, 1.0, 1.0) if model is None else (model.keep, model.push, model.latest)
     return found | _named("model", values, "keep push latest")
 
@@ -116,10 +167,19 @@ def _tracker(t: Any, temperature: float) -> dict[str, Any]:
         return getattr(thing, name, None) or otherwise
 
     kind = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
-    found = {"tracker": kind, "every": int(of(t, "every", 1.0)), "tracker_gain": of(t, "gain") or of(t, "size")}
+    found = {
+        "tracker": kind,
+        "every": int(of(t, "every", 1.0)),
+        "tracker_gain": of(t, "gain") or of(t, "size"),
+    }
     found |= {f"tracker_{name}": of(t, name) for name in ("share", "lead")}
     found |= {"tracker_half_bandwidth": of(t, "half_bandwidth", 1.0), "tracker_max_step": of(t, "max_step")}
-    found |= {"tracker_most": of(t, "most"), "gate": of(t, "gate"), "k_T": of(t, "k_T"), "temperature": temperature}
+    found |= {
+        "tracker_most": of(t, "most"),
+        "gate": of(t, "gate"),
+        "k_T": of(t, "k_T"),
+        "temperature": temperature,
+    }
     source = of(t, "source", 0.0)
     found |= {"source": 0 if not source else 1 if isinstance(source, Multiples) else 2}
     found |= {f"source_{name}": of(source, name) for name in ("step", "first", "periods", "centre")}
@@ -131,16 +191,22 @@ def _observer(law: Any) -> dict[str, Any]:
     if not isinstance(law, Adaptive):
         return dict.fromkeys(names, 1.0) | {"sent": 0, "late": 0, "between": 0.0}
     values = (law.K, law.push, law.damping, law.turn, *law.keep, law.sweep)
-    return dict(zip(names, values, strict=True)) | {"sent": len(law.delay), "late": len(law.late), "between": law.between}
+    return dict(zip(names, values, strict=True)) | {
+        "sent": len(law.delay),
+        "late": len(law.late),
+        "between": law.between,
+    }
 
 
 PLATE = """\
-/* Parameters of one identified plate, for the law in {law}. Generated by sysid {version}: do not edit, but copy and dq_set.
+/* Parameters of one identified plate, for the law in {law}. Generated by sysid {version}:
+ * do not edit, but copy and dq_set.
  * Free to use as the law is: MIT licence.
  *
  * {stamp}
  *
- * Before a fault has ended the drive, whatever the wiring (largest voltage; amplitude at resonance, of the untouched plate):
+ * Before a fault has ended the drive, whatever the wiring (largest voltage; amplitude at
+ * resonance, of the untouched plate):
 {reach} */
 #ifndef {guard}
 #define {guard}
@@ -158,7 +224,9 @@ PLATE = """\
 
 
 def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
-    drive, response = (_text(unit) for unit in (loop.drive_unit or "drive-unit", loop.response_unit or "response-unit"))
+    drive, response = (
+        _text(unit) for unit in (loop.drive_unit or "drive-unit", loop.response_unit or "response-unit")
+    )
     rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
     macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop).items()]
     return PLATE.format(
@@ -188,7 +256,11 @@ def _macros(loop: Loop) -> dict[str, str]:
         found |= {"DUTY_TERMS": str(len(series)), "DUTY": "{" + ", ".join(series) + "}"}
     if rig.dds is not None and loop.f0 is not None:
         dds = Dds(rig.dds, loop.f0)
-        found |= {"DDS_BASE": f"{dds.base}u", "DDS_FRACTION": _real(dds.fraction), "DDS_PER_HZ": _real(2**32 / rig.dds)}
+        found |= {
+            "DDS_BASE": f"{dds.base}u",
+            "DDS_FRACTION": _real(dds.fraction),
+            "DDS_PER_HZ": _real(2**32 / rig.dds),
+        }
     if rig.timer is not None and loop.f0 is not None:
         found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
     found |= {"RECORD_HEADER": f'"{_record_header(loop)}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
@@ -196,14 +268,19 @@ def _macros(loop: Loop) -> dict[str, str]:
 
 
 def _record_header(loop: Loop) -> str:
-    """The first lines of a record of the loop, for a C string: what `identify` has to know. A unit that nobody stated is 1."""
+    """The first lines of a record of the loop, for a C string: what `identify` has to know. A unit that
+    nobody stated is 1."""
     lines = ["# sampling: instant"]
     if (d := loop.demodulator) is not None:  # the rows are behind its filters, each of one pole
         lines += [f"# lockin_tau_s: {d.delay / d.order:.6g}", f"# lockin_order: {d.order}"]
-    if loop.plate is not None and _text(loop.plate, 40) == loop.plate:  # another name would be another plate's
+    if (
+        loop.plate is not None and _text(loop.plate, 40) == loop.plate
+    ):  # another name would be another plate's
         lines.append(f"# plate: {loop.plate}")
     drive, response = (_text(unit or "1") for unit in (loop.drive_unit, loop.response_unit))
-    lines.append(f"time_s,wd_{response},wq_{response},{'voltage' if drive == 'V' else 'drive'}_{drive},frequency_Hz")
+    lines.append(
+        f"time_s,wd_{response},wq_{response},{'voltage' if drive == 'V' else 'drive'}_{drive},frequency_Hz"
+    )
     return "".join(f"{line}\\n" for line in lines)
 
 
@@ -227,12 +304,16 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
     finds = machine.headroom * machine.heaviest * machine.find / gain
     lines = [f"find: {most(min(limit, finds))}", f"soft start and lock: {most(min(limit, needed))}"]
     if machine.heaviest > 1:
-        lines[-1] += f"; {most(min(limit, machine.heaviest * needed))} where find has seen the heaviest finger"
+        lines[-1] += (
+            f"; {most(min(limit, machine.heaviest * needed))} where find has seen the heaviest finger"
+        )
     lines += [
         f"run, and the tasks in open loop: {most(limit)}",
-        f"missing, dead, above, edge, clipped: in each of these after {after(guard.patience)}, above from {guard.ceiling:g} times"
+        f"missing, dead, above, edge, clipped: in each of these after {after(guard.patience)}, above from"
+        f" {guard.ceiling:g} times"
         " what is asked",
-        f"stuck: in each of these {after(guard.repeats)} after the drive has moved; reversed: after {after(guard.doubts)}",
+        f"stuck: in each of these {after(guard.repeats)} after the drive has moved; reversed: after"
+        f" {after(guard.doubts)}",
         f"lost: find or lock after {after(machine.limit)}; model: the same, and run as follow",
         f"follow: run after {after(machine.follows)} more than it was right",
         f"oscillates: lock or run after {after(machine.swings * machine.swing_time)} at most",
@@ -240,8 +321,10 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
     ]
     if machine.fits[2] < NO_LIMIT / 2:
         lines += [
-            "A sensor that reads low by as much as the stated finger explains is not seen: the amplitude is then up to",
-            f"{machine.fits[1]:.3g} times what is asked, and {machine.fits[2]:.3g} times where it comes about in run, within the"
+            "A sensor that reads low by as much as the stated finger explains is not seen: the amplitude is"
+            " then up to",
+            f"{machine.fits[1]:.3g} times what is asked, and {machine.fits[2]:.3g} times where it comes"
+            f" about in run, within the"
             " voltage.",
         ]
     return lines
@@ -280,7 +363,9 @@ def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
     force = "" if loop.force is None else f"force: 0 to {loop.force:.4g} N; "
     lines.append(f"{force}finger: damping up to {loop.finger:.4g} of the plate's own")
     if loop.demodulator is not None:
-        lines.append(f"sensor: {loop.demodulator.rate:.9g} samples a second, W late by {loop.demodulator.delay:.3g} s")
+        lines.append(
+            f"sensor: {loop.demodulator.rate:.9g} samples a second, W late by {loop.demodulator.delay:.3g} s"
+        )
     return lines + [f"log sha256 {_text(digest, 64)}" for digest in loop.logs]
 
 
@@ -289,5 +374,6 @@ def _text(unit: str, most: int = 24) -> str:
 
 
 def _guard(name: str) -> str:
-    """An identifier from a file name; the prefix keeps it from starting with a digit or a reserved underscore."""
+    """An identifier from a file name; the prefix keeps it from starting with a digit or a reserved
+    underscore."""
     return "SYSID_" + re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")

@@ -3,19 +3,23 @@
 A fault sets the voltage to zero and is latched: only `init` arms the controller again. Faults are
 
     1 missing    no finite reading for `patience` samples
-    2 dead       the sensor shows less than `floor` of the response to the drive, and of what the voltage would reach in time, for
-                 `patience` samples, where that is more than `quiet`
-    3 stuck      the same reading to the last bit for `repeats` samples since the voltage moved by 0.1 % of its limit, or the
-                 frequency by 0.2 % of its window
-    4 above      |W| above `ceiling` times what is asked for, or was while the plate came down from it, for `patience` samples
-    5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance is elsewhere
-    6 reversed   Wq responds to the frequency with the wrong sign for `doubts` samples: the tracker is running away
+    2 dead       the sensor shows less than `floor` of the response to the drive, and of what the voltage
+                 would reach in time, for `patience` samples, where that is more than `quiet`
+    3 stuck      the same reading to the last bit for `repeats` samples since the voltage moved by 0.1 % of
+                 its limit, or the frequency by 0.2 % of its window
+    4 above      |W| above `ceiling` times what is asked for, or was while the plate came down from it, for
+                 `patience` samples
+    5 edge       the frequency within `edge` Hz of the end of its window for `patience` samples: the resonance
+                 is elsewhere
+    6 reversed   Wq responds to the frequency with the wrong sign for `doubts` samples: the tracker is running
+                 away
     8 clipped    the sensor's converter at its end for `patience` samples
 
-and those of the machine around it (`controller/machine.py`). Reversed is detected before the frequency reaches the edge, however
-far that is. At any voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so moves of f about its own mean m move Wq by A with
-A' = -A/tau - 2 pi (f - m) Wd. The sign of Wq is wrong where Wq, less its own mean, moves the other way by a third to three times
-as much (a finger shortens tau), and A is above a tenth of the response to the drive.
+and those of the machine around it (`controller/machine.py`). Reversed is detected before the frequency
+reaches the edge, however far that is. At any voltage, Wq' = -Wq/tau + 2 pi (f0 - f) Wd, so moves of f about
+its own mean m move Wq by A with A' = -A/tau - 2 pi (f - m) Wd. The sign of Wq is wrong where Wq, less its own
+mean, moves the other way by a third to three times as much (a finger shortens tau), and A is above a tenth of
+the response to the drive.
 """
 
 from typing import Any, NamedTuple
@@ -25,7 +29,20 @@ from controller.dq import Command
 from controller.scalar import NO_LIMIT, clip, seen
 
 FAULTS = (
-    *("none", "missing", "dead", "stuck", "above", "edge", "reversed", "lost", "clipped", "follow", "model", "oscillates"),
+    *(
+        "none",
+        "missing",
+        "dead",
+        "stuck",
+        "above",
+        "edge",
+        "reversed",
+        "lost",
+        "clipped",
+        "follow",
+        "model",
+        "oscillates",
+    ),
     "parameters",
 )  # as dq_fault in C
 CODES = {name: float(code) for code, name in enumerate(FAULTS)}
@@ -34,7 +51,8 @@ ANSWER = 0.1  # of what the drive makes of the plate, above which an answer stan
 
 
 class Answer(NamedTuple):
-    """The mean frequency `f` and the mean `q` = Wq of late; by how much the frequency `moves` Wq of a sound plate."""
+    """The mean frequency `f` and the mean `q` = Wq of late; by how much the frequency `moves` Wq of a sound
+    plate."""
 
     f: Any
     q: Any
@@ -54,9 +72,10 @@ class Suspicion(NamedTuple):
 
 
 class GuardState(NamedTuple):
-    """The controller's own state; the latched `fault`, a number of FAULTS; what is `suspected`; the amplitude `expected` of the
-    drive and the one that is `allowed`; the last reading, and the voltage and the frequency at which it first was repeated; the
-    last voltage. `heard` and `answer` are None where there is no tracker."""
+    """The controller's own state; the latched `fault`, a number of FAULTS; what is `suspected`; the amplitude
+    `expected` of the drive and the one that is `allowed`; the last reading, and the voltage and the frequency
+    at which it first was repeated; the last voltage. `heard` and `answer` are None where there is no
+    tracker."""
 
     control: Any
     fault: Any
@@ -79,12 +98,13 @@ class GuardInfo(NamedTuple):
 
 
 class Guard(NamedTuple):
-    """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and that faults stop.
+    """A controller whose voltage stays within +-`limit` and its frequency within `lowest` to `highest`, and
+    that faults stop.
 
-    The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under the heaviest
-    finger. The amplitude allowed is `ceiling` times what is asked for, `least` at least, and falls no faster than the plate.
-    `turn` = 2 pi tau decay, what a sample at 1 Hz beside the mean frequency moves Wq by, relative to Wd; `memory`: share of the
-    latest in a mean.
+    The drive makes of the plate at least  E <- E + decay (gain |V| - E),  with `gain` that of the plate under
+    the heaviest finger. The amplitude allowed is `ceiling` times what is asked for, `least` at least, and
+    falls no faster than the plate. `turn` = 2 pi tau decay, what a sample at 1 Hz beside the mean frequency
+    moves Wq by, relative to Wd; `memory`: share of the latest in a mean.
     """
 
     control: Any
@@ -108,7 +128,9 @@ class Guard(NamedTuple):
         """Armed, at rest, `begun` Hz above the start frequency."""
         frequency = self.rest(begun, xp).frequency
         answer = None if frequency is None else Answer(frequency, 0.0, 0.0)
-        return GuardState(self.control.init(begun, xp), 0.0, Suspicion(*(0.0,) * 7), *(0.0,) * 5, frequency, 0.0, answer)
+        return GuardState(
+            self.control.init(begun, xp), 0.0, Suspicion(*(0.0,) * 7), *(0.0,) * 5, frequency, 0.0, answer
+        )
 
     def rest(self, begun: Any = 0.0, xp: Any = scalar) -> Command:
         """As the controller's own."""
@@ -119,14 +141,23 @@ class Guard(NamedTuple):
         return self.control.learned(state.control)
 
     def step(
-        self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False, stated: tuple[Any, Any, Any] | None = None,
+        self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
+        share: Any = 1.0,
+        most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
+        stated: tuple[Any, Any, Any] | None = None,
     ) -> tuple[GuardState, Command, GuardInfo]:  # fmt: skip
-        """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where it was. `stated`:
-        whether a voltage and a frequency take the place of the controller's, and these."""
-        control, command, said = self.control.step(state.control, reference, W, temperature, xp, share, most, frozen)
+        """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where
+        it was. `stated`: whether a voltage and a frequency take the place of the controller's, and these."""
+        control, command, said = self.control.step(
+            state.control, reference, W, temperature, xp, share, most, frozen
+        )
         if stated is not None:
-            command = Command(*(o if o is None else xp.where(stated[0], s, o) for s, o in zip(stated[1:], command, strict=True)))
+            command = Command(
+                *(
+                    o if o is None else xp.where(stated[0], s, o)
+                    for s, o in zip(stated[1:], command, strict=True)
+                )
+            )
         at_edge, frequency = self._window(command.frequency, xp)
         wanted, faded = self.ceiling * reference, state.allowed - self.decay * state.allowed
         allowed = xp.where(wanted > self.least, wanted, self.least)
@@ -152,24 +183,32 @@ class Guard(NamedTuple):
 
     def _found(self, suspected: Suspicion, xp: Any) -> Any:
         """The first fault that has been suspected for long enough."""
-        fails = {name: getattr(suspected, name) >= self.patience for name in ("missing", "dead", "above", "edge", "clipped")}
+        fails = {
+            name: getattr(suspected, name) >= self.patience
+            for name in ("missing", "dead", "above", "edge", "clipped")
+        }
         fails |= {"stuck": suspected.stuck >= self.repeats, "reversed": suspected.turned >= self.doubts}
         found = 0.0
         for name in sorted(fails, key=FAULTS.index, reverse=True):
             found = xp.where(fails[name], CODES[name], found)
         return found
 
-    def _suspicions(self, state: GuardState, W: Any, frequency: Any, high: Any, xp: Any) -> tuple[Suspicion, Any, Any]:
-        """Samples for which a reading has been missing, dead, the same though the drive moved, above; what was driven when it
-        first was the same."""
+    def _suspicions(
+        self, state: GuardState, W: Any, frequency: Any, high: Any, xp: Any
+    ) -> tuple[Suspicion, Any, Any]:
+        """Samples for which a reading has been missing, dead, the same though the drive moved, above; what
+        was driven when it first was the same."""
         was, there = state.suspected, seen(0.0, W, xp)
         size = W.real * W.real + W.imag * W.imag
-        # A plate that was braked, and is held, is as small as its voltage, while what is expected still dies away.
+        # A plate that was braked, and is held, is as small as its voltage, while what is expected still dies
+        # away.
         makes = self.gain * xp.where(state.voltage < 0.0, -state.voltage, state.voltage)
         low = self.floor * xp.where(makes < state.expected, makes, state.expected)
         same = there & (W.real == state.d) & (W.imag == state.q)
         missing = xp.where(there, 0.0, was.missing + 1.0)
-        dead = xp.where(there, xp.where((size < low * low) & (low > self.quiet), was.dead + 1.0, 0.0), was.dead)
+        dead = xp.where(
+            there, xp.where((size < low * low) & (low > self.quiet), was.dead + 1.0, 0.0), was.dead
+        )
         # From the first repetition on: what drove the plate there is what holds it, and a sound one stays.
         repeats = same & (was.stuck > 0.0)
         since = xp.where(repeats, state.since, state.voltage)
@@ -188,7 +227,9 @@ class Guard(NamedTuple):
             moves = moves | (turned > far) | (turned < -far)
         return moves
 
-    def _answered(self, state: GuardState, d: Any, q: Any, frequency: Any, xp: Any) -> tuple[Answer | None, Any]:
+    def _answered(
+        self, state: GuardState, d: Any, q: Any, frequency: Any, xp: Any
+    ) -> tuple[Answer | None, Any]:
         """How Wq answers the frequency, and for how many samples it has done so the wrong way round."""
         was = state.answer
         if frequency is None:

@@ -16,16 +16,16 @@ from controller.margins import held, linearised
 
 
 class Systems(NamedTuple):
-    """Discrete systems of one sample time: `controller`, from the amplitude's error to the voltage; `plant`, from the voltage,
-    with the whole delay, to Wd at resonance. `controller * plant` is the open loop."""
+    """Discrete systems of one sample time: `controller`, from the amplitude's error to the voltage; `plant`,
+    from the voltage, with the whole delay, to Wd at resonance. `controller * plant` is the open loop."""
 
     controller: Any
     plant: Any
 
 
 def plant_system(plant: Any, frequency: float | None = None, temperature: float | None = None) -> Any:
-    """control.StateSpace from V (drive unit) to Wd, Wq (response unit) of a `sysid.Plant`, driven at `frequency` Hz (None: at
-    resonance) and at `temperature` degC (None: its reference temperature)."""
+    """control.StateSpace from V (drive unit) to Wd, Wq (response unit) of a `sysid.Plant`, driven at
+    `frequency` Hz (None: at resonance) and at `temperature` degC (None: its reference temperature)."""
     import control
 
     shift = 0.0 if temperature is None else (plant.k_T or 0.0) * (temperature - plant.reference_temperature)
@@ -36,13 +36,15 @@ def plant_system(plant: Any, frequency: float | None = None, temperature: float 
 
 
 def loop_systems(loop: Loop, gain: float = 1.0) -> Systems:
-    """The amplitude loop of a design about its settled state, without limits, and without what it feeds forward, with a plate of
-    `gain` times its G: an observer then learns another damping."""
+    """The amplitude loop of a design about its settled state, without limits, and without what it feeds
+    forward, with a plate of `gain` times its G: an observer then learns another damping."""
     import control
 
     T = loop.sample_time
     A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau]), gain))
-    law = control.ss(A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller")
+    law = control.ss(
+        A, B[:, None], -C[None, :], [[-D]], T, inputs=["error"], outputs=["V"], name="controller"
+    )
     one = Ensemble(np.array([gain * loop.G / loop.tau]), np.array([1 / loop.tau]), np.zeros(1))
     (g0,), (g1,), (alpha,), whole = held(one, T, loop.delay)
     within = abs(g1) > 1e-9 * abs(g0)  # a command takes effect within a sample

@@ -1,4 +1,5 @@
-"""The parts of a controller for a given bandwidth: control law, tracker, guard, start-up machine, demodulator."""
+"""The parts of a controller for a given bandwidth: control law, tracker, guard, start-up machine,
+demodulator."""
 
 import math
 from typing import Any, Literal, NamedTuple, get_args
@@ -19,34 +20,52 @@ from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
 
 BETA = 0.3  # share of the detuning that one tracker update removes
-PLL_RATE = 0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
+PLL_RATE = (
+    0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
+)
 FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on at least
-# It looks on longer where the plate or the clock is slow. RESTS and ANSWERS, time constants: a plate that is braked has come to
-# where it is held, and one whose voltage moves by 0.1 % of its limit shows 95 % of that. SPARE samples beyond twice the delay:
-# before a delay is over a sound sensor shows nothing of what is driven, and after as long again 5 % of it.
+# It looks on longer where the plate or the clock is slow. RESTS and ANSWERS, time constants: a plate that is
+# braked has come to where it is held, and one whose voltage moves by 0.1 % of its limit shows 95 % of that.
+# SPARE samples beyond twice the delay: before a delay is over a sound sensor shows nothing of what is driven,
+# and after as long again 5 % of it.
 RESTS, ANSWERS, SPARE = 2.0, 3.0, 4.0
-# Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it must be wrong. A
-# resonance that jumps is chased within half of the latter (benchmarks/faults.md).
+# Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it
+# must be wrong. A resonance that jumps is chased within half of the latter (benchmarks/faults.md).
 MEMORY, DOUBTS = 3.0, 5.0
-BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+BEGIN, RAMP, WAIT = (
+    0.1,
+    10.0,
+    0.5,
+)  # share of the amplitude to look with; time constants of a soft start; s until it is lost
 TRIES = 20.0  # times the samples for which it has to be near, until it is lost at the earliest
 MEAN = 4.0  # times that the mean of readings follows them within the samples for which they have to be near
-# Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has one of 1 %. There and
-# back is twice as far.
+# Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has
+# one of 1 %. There and back is twice as far.
 QUIET, LOUD = 0.1, 0.15
-OBSERVER = 5e-4, 2e-4  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+OBSERVER = (
+    5e-4,
+    2e-4,
+)  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
 
-# The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop runs its voltage is
-# at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and room for noise, of which 5 % in find move the
-# voltage by 0.1. So no wiring makes 1.5 times what is asked, but one that answers to little as another plate of the design does.
+# The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop
+# runs its voltage is at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and room for
+# noise, of which 5 % in find move the voltage by 0.1. So no wiring makes 1.5 times what is asked, but one
+# that answers to little as another plate of the design does.
 CEILING, HEADROOM = 1.35, 1.25
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
 HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
-FOLLOW_AFTER, FOLLOWS = 0.1, 20.0  # s, and time constants, for which a loop in run may be off, or at the end of its voltage
-# Of its limit, the swing of a voltage that oscillates: a reading's noise of 5 % makes it move by 0.1 rms. SWINGS turns, of half a
-# period of a loop at its margin, 2 d + 1 samples with d of delay; LONGER than that they are no oscillation.
+FOLLOW_AFTER, FOLLOWS = (
+    0.1,
+    20.0,
+)  # s, and time constants, for which a loop in run may be off, or at the end of its voltage
+# Of its limit, the swing of a voltage that oscillates: a reading's noise of 5 % makes it move by 0.1 rms.
+# SWINGS turns, of half a period of a loop at its margin, 2 d + 1 samples with d of delay; LONGER than that
+# they are no oscillation.
 SWING, SWINGS, LONGER = 0.3, 40.0, 2.0
-QUIET_UNITS, QUIET_SHARE = 2.0, 1e-3  # a sensor is not dead where less than so many of its units, or of the amplitude, is driven
+QUIET_UNITS, QUIET_SHARE = (
+    2.0,
+    1e-3,
+)  # a sensor is not dead where less than so many of its units, or of the amplitude, is driven
 SWEEPS = 20.0  # time constants in which a sweep passes over half a bandwidth: settled
 SENSIBLE = (-60.0, 200.0)  # degC, where neither a range nor a window is stated
 
@@ -74,37 +93,47 @@ class Asked(NamedTuple):
 
     def over(self, ranged: Range) -> "Asked":
         """The same over another range of temperatures and fingers."""
-        plants = Ensemble.of(self.plate.source, self.plate.means, ranged.finger, ranged.warming, self.rig.thermometer)
+        plants = Ensemble.of(
+            self.plate.source, self.plate.means, ranged.finger, ranged.warming, self.rig.thermometer
+        )
         return self._replace(plants=plants, ranged=ranged)
 
     @property
     def beside(self) -> float:
-        """The furthest that a resonance lies beside the frequency at which its loop starts, in Hz, with a thermometer's news."""
+        """The furthest that a resonance lies beside the frequency at which its loop starts, in Hz, with a
+        thermometer's news."""
         return float(np.max(np.abs(self.plants.unforeseen(self.plate.k_T))))
 
     @property
     def patience(self) -> float:
-        """Samples for which the guard, and what switches the loop on, look on: at any sample time more than the delay and the
-        plate's own rise take."""
-        return float(math.ceil(max(FAULT_AFTER / self.T, RESTS * self.plate.tau / self.T, 2 * self.delay / self.T + SPARE)))
+        """Samples for which the guard, and what switches the loop on, look on: at any sample time more than
+        the delay and the plate's own rise take."""
+        return float(
+            math.ceil(
+                max(FAULT_AFTER / self.T, RESTS * self.plate.tau / self.T, 2 * self.delay / self.T + SPARE)
+            )
+        )
 
     @property
     def period(self) -> float:
         """Seconds between two updates of the proportional tracker.
 
-        With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4 beta tau)). 1 ms gives
-        the paper's plate 0.7; a plate that rings longer is updated less often, or its tracker would oscillate.
+        With q = Wq / Wd: q' = -q / tau + delta, delta' = -beta q / (period tau), damping sqrt(period / (4
+        beta tau)). 1 ms gives the paper's plate 0.7; a plate that rings longer is updated less often, or its
+        tracker would oscillate.
         """
         return max(self.rig.tracker_period, 2 * BETA * self.plate.tau)
 
     @property
     def leads(self) -> bool:
         """Whether a voltage can be fed forward: its limit is known, and it may change at once."""
-        return self.method in ("pi", "pll") and self.limits.voltage is not None and self.rig.voltage_slew is None
+        return (
+            self.method in ("pi", "pll") and self.limits.voltage is not None and self.rig.voltage_slew is None
+        )
 
     def control(self, bandwidth: float, lead: bool = False) -> DQ | Adaptive:
-        """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those of G, tau and T;
-        `lead`: with feed-forward."""
+        """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those
+        of G, tau and T; `lead`: with feed-forward."""
         if self.method == "adaptive":
             return self._adaptive(bandwidth)
         plate, T = self.plate, self.T
@@ -136,19 +165,30 @@ class Asked(NamedTuple):
         """The lowest and the highest."""
         limit = self.limits.voltage
         free = PI(1.0, 1.0)
-        return (free.lowest if self.rig.bipolar else 0.0, free.highest) if limit is None else (-limit * self.rig.bipolar, limit)
+        return (
+            (free.lowest if self.rig.bipolar else 0.0, free.highest)
+            if limit is None
+            else (-limit * self.rig.bipolar, limit)
+        )
 
     def _tracker(self, f0: float) -> Tracker | SignTracker | PLL:
         window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
         if self.method == "paper":
-            return SignTracker(f0, float(max(1, round(self.rig.tracker_period / self.T))), lowest=window[0], highest=window[1])
+            return SignTracker(
+                f0,
+                float(max(1, round(self.rig.tracker_period / self.T))),
+                lowest=window[0],
+                highest=window[1],
+            )
         half_bandwidth = 1 / (2 * math.pi * self.plate.tau)
         if self.method == "pll":
             kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
             # Between the steps of a coarse source only a quiet estimate decides: its noise goes with kp.
             kp *= 1.0 if self.rig.source(f0) is None else 0.1
             lead = kp / (2 * math.pi)
-            return PLL(lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency())
+            return PLL(
+                lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency()
+            )
         every = float(max(1, round(self.period / self.T)))
         return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
@@ -157,25 +197,37 @@ class Asked(NamedTuple):
         source = self.rig.source(self.plate.f0)
         k_T = self.plate.k_T if self.rig.thermometer else None
         if self.rig.thermometer and k_T is None:
-            raise ValueError("no temperature feed-forward: k_T is not determined; record a sweep at another temperature")
+            raise ValueError(
+                "no temperature feed-forward: k_T is not determined; record a sweep at another temperature"
+            )
         at = self.reference_temperature
         step = 0.0 if source is None else source.step
-        # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within the window.
+        # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within
+        # the window.
         given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step}
         return given | {"source": source, "dead_band": dead * step, "k_T": k_T, "temperature": at}
 
     def _adaptive(self, bandwidth: float) -> Adaptive:
         plate, T = self.plate, self.T
         if plate.f0 is None:
-            raise ValueError(f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without")
+            raise ValueError(
+                f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without"
+            )
         lowest, highest = self.voltages()
         late = self.clock.late / T
-        heard, fast = OBSERVER[0], max(OBSERVER[1], self.delay)  # a damping seen before its answer comes eats the margin
+        heard, fast = (
+            OBSERVER[0],
+            max(OBSERVER[1], self.delay),
+        )  # a damping seen before its answer comes eats the margin
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
-        slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast))
+        slow, fast = (
+            math.exp(-T / max(t, 2 * T))
+            for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast)
+        )
         return Adaptive(
-            plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0, -math.expm1(-2 * math.pi * bandwidth * T),
-            (fast, slow), (0.0,) * round(self.latency / T), (0.0,) * int(late), late % 1.0,
+            plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0,
+            -math.expm1(-2 * math.pi * bandwidth * T), (fast, slow), (0.0,) * round(self.latency / T),
+            (0.0,) * int(late), late % 1.0,
             lowest, highest, self.rig.slew(T), **self._frequency(),
         )  # fmt: skip
 
@@ -203,8 +255,10 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     decay = -math.expm1(-T / plate.tau)
     adc, gain = asked.rig.adc, 1.0 if asked.rig.sensor is None else asked.rig.sensor.gain
     return Guard(
-        control, limit, abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING, CEILING * BEGIN * asked.amplitude,
-        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *window, asked.patience, repeats,
+        control, limit, abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING,
+        CEILING * BEGIN * asked.amplitude,
+        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *window,
+        asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
         doubts=float(math.ceil(DOUBTS * period / T)),
@@ -216,7 +270,9 @@ def switched(control: Guard, asked: Asked) -> Machine:
     plate, T, amplitude, samples = asked.plate, asked.T, asked.amplitude, asked.plate.tau / asked.T
     tracks = plate.f0 is not None
     limit = float(math.ceil(max(WAIT / T, 100 * samples, TRIES * asked.patience)))
-    ratio = abs(plate.G) * asked.plants.rate / np.abs(asked.plants.push)  # voltage over that of the plate of the design
+    ratio = (
+        abs(plate.G) * asked.plants.rate / np.abs(asked.plants.push)
+    )  # voltage over that of the plate of the design
     most, law = float(np.max(ratio)), control.control
     follower = law if isinstance(law, Adaptive) else law.tracker
     half_bandwidth = 1 / (2 * math.pi * plate.tau)
@@ -239,7 +295,8 @@ def switched(control: Guard, asked: Asked) -> Machine:
 
 
 def _temperatures(asked: Asked) -> tuple[float, float]:
-    """What a thermometer may say: the range of the design, else those whose resonance lies in the frequency window."""
+    """What a thermometer may say: the range of the design, else those whose resonance lies in the frequency
+    window."""
     at, k_T, window = asked.reference_temperature, asked.plate.k_T, asked.limits.frequency
     low, high = asked.ranged.warming
     if (low, high) != (0.0, 0.0):

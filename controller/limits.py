@@ -13,12 +13,14 @@ from controller.rig import Rig
 if TYPE_CHECKING:
     from sysid.logs.log import Log
 
-HEADROOM = 1.6  # voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
+# voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not
+# stated
+HEADROOM = 1.6
 
 
 class Limits(NamedTuple):
-    """Largest |V| (drive unit; None: no limit), the window of the drive frequency (Hz; None: no window), and where they come
-    from."""
+    """Largest |V| (drive unit; None: no limit), the window of the drive frequency (Hz; None: no window), and
+    where they come from."""
 
     voltage: float | None
     frequency: tuple[float, float] | None
@@ -26,8 +28,9 @@ class Limits(NamedTuple):
 
 
 class Range(NamedTuple):
-    """The range that a promise covers: the largest damping added by a finger, in units of the plate's own, and the `force` at
-    which it occurs (N; None: not known); temperatures in degC above the reference, from and to."""
+    """The range that a promise covers: the largest damping added by a finger, in units of the plate's own,
+    and the `force` at which it occurs (N; None: not known); temperatures in degC above the reference, from
+    and to."""
 
     finger: float
     force: float | None
@@ -44,7 +47,8 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
         raise ValueError(f"found finger = {finger:g}, expected the damping that a finger adds, zero or more")
     if (low, high) != (0.0, 0.0) and plate.k_T is None:
         raise ValueError(
-            f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep at another temperature,"
+            f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep"
+            f" at another temperature,"
             f" or design for one temperature"
         )
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
@@ -57,7 +61,9 @@ def _pair(name: str, given: tuple[float, float]) -> tuple[float, float]:
     except (TypeError, ValueError):
         low = high = math.nan
     if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-        raise ValueError(f"found {name} = {given}, expected two numbers, from and to, the first no larger than the second")
+        raise ValueError(
+            f"found {name} = {given}, expected two numbers, from and to, the first no larger than the second"
+        )
     return low, high
 
 
@@ -65,7 +71,10 @@ def _damping(plate: Plate, force: float) -> float:
     from sysid.rows.hold import contact
 
     if plate.finger.value is None:
-        raise ValueError(f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping itself")
+        raise ValueError(
+            f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping"
+            f" itself"
+        )
     return plate.finger.value * float(contact(force, xp=np))
 
 
@@ -74,14 +83,16 @@ def _warming(plate: Plate, rig: Rig) -> tuple[float, float]:
     if rig.coldest is None and rig.warmest is None:
         return 0.0, 0.0
     if reference is None:
-        raise ValueError("found coldest or warmest, expected logs whose temperature was recorded: there is no reference")
+        raise ValueError(
+            "found coldest or warmest, expected logs whose temperature was recorded: there is no reference"
+        )
     low, high = (reference if end is None else end for end in (rig.coldest, rig.warmest))
     return low - reference, high - reference
 
 
 def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: float, plants: Ensemble) -> float:
-    """The amplitude of the promise. Refused if the voltage does not suffice for it under the finger; if none is asked for, one
-    that leaves HEADROOM to the weakest of the plants."""
+    """The amplitude of the promise. Refused if the voltage does not suffice for it under the finger; if none
+    is asked for, one that leaves HEADROOM to the weakest of the plants."""
     if limits.voltage is None:
         return abs(plate.G) if asked is None else positive("amplitude", asked)
     if asked is None:
@@ -90,14 +101,19 @@ def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: floa
     if positive("amplitude", asked) > most * (1 + 1e-9):
         under = f" under a finger of {finger:g}" if finger else ""
         raise ValueError(
-            f"amplitude = {asked:g} cannot be had: it needs {asked * (1 + finger) / abs(plate.G):.4g}{under}, and the voltage"
+            f"amplitude = {asked:g} cannot be had: it needs"
+            f" {asked * (1 + finger) / abs(plate.G):.4g}{under}, and the voltage"
             f" limit is {limits.voltage:g} ({limits.said}); the nearest that can be had is {most:.4g}"
         )
     return float(asked)
 
 
 def limits_of(
-    plate: Plate, rig: Rig, voltage: float | None, window: tuple[float, float] | None, warming: tuple[float, float]
+    plate: Plate,
+    rig: Rig,
+    voltage: float | None,
+    window: tuple[float, float] | None,
+    warming: tuple[float, float],
 ) -> Limits:
     """The stated limits, else the rig's, but no further than the logs have seen."""
     logs = [fitted.log for fitted in getattr(plate.fit, "logs", ())]
@@ -108,7 +124,9 @@ def limits_of(
         voltage = min(seen, default=None)
         said = "the rig's" if voltage is not None and voltage == rig.voltage_limit else said
     elif rig.voltage_limit is not None and voltage > rig.voltage_limit:
-        raise ValueError(f"found voltage_limit = {voltage:g}, expected the rig's {rig.voltage_limit:g} at most")
+        raise ValueError(
+            f"found voltage_limit = {voltage:g}, expected the rig's {rig.voltage_limit:g} at most"
+        )
     if voltage is not None:
         positive("voltage_limit", voltage)
     if plate.f0 is None:
@@ -117,7 +135,8 @@ def limits_of(
     reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
     if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
         raise ValueError(
-            f"the tracker cannot follow: over the stated temperatures the resonance goes from {reached[0]:.6g} to"
+            f"the tracker cannot follow: over the stated temperatures the resonance goes from"
+            f" {reached[0]:.6g} to"
             f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
             " (frequency_window, or a rig's lowest_frequency and highest_frequency, state another)"
             f"{_coolest(plate, window, warming)}"
@@ -126,7 +145,8 @@ def limits_of(
 
 
 def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float] | None:
-    """The rig's frequency window; an end that it does not state lies half a bandwidth beyond what the logs were driven at."""
+    """The rig's frequency window; an end that it does not state lies half a bandwidth beyond what the logs
+    were driven at."""
     swept = [log.frequency for log in logs if log.frequency is not None]
     low, high = rig.lowest_frequency, rig.highest_frequency
     if swept:
@@ -134,7 +154,10 @@ def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float
         seen = [plate.f0, *(float(v) for f in swept for v in (f.min(), f.max()))]
         return (min(seen) - half if low is None else low, max(seen) + half if high is None else high)
     if (low is None) != (high is None):
-        raise ValueError("found one end of the frequency window, expected both: no log says at which frequencies it was driven")
+        raise ValueError(
+            "found one end of the frequency window, expected both: no log says at which frequencies it was"
+            " driven"
+        )
     return None if low is None or high is None else (low, high)
 
 

@@ -1,10 +1,10 @@
 """The closed loop: a sampled controller against the continuous plate of a scene, in one compiled scan.
 
-Time is cut where something happens: where the sensor is sampled, a command takes effect, or an input of the scene changes. Over
-each piece the plate moves exactly as it does in an open-loop scene of the same effects (`sysid.scene.engine`). The controller
-runs every `sample_time`; what it is told is the sensor's reading of then (or of the sensor's delay before), what it asks for
-takes effect `latency` later, and holds. The loop's own demodulator makes its readings late besides: they lie on straight lines
-between those of two samples.
+Time is cut where something happens: where the sensor is sampled, a command takes effect, or an input of the
+scene changes. Over each piece the plate moves exactly as it does in an open-loop scene of the same effects
+(`sysid.scene.engine`). The controller runs every `sample_time`; what it is told is the sensor's reading of
+then (or of the sensor's delay before), what it asks for takes effect `latency` later, and holds. The loop's
+own demodulator makes its readings late besides: they lie on straight lines between those of two samples.
 """
 
 import os
@@ -21,7 +21,15 @@ import numpy as np
 from controller.dq import Command
 from sysid.precision import jitted
 from sysid.scene import engine
-from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset, Quantisation, Saturation
+from sysid.scene.effects import (
+    Delay,
+    FrequencyResolution,
+    Inputs,
+    Inverter,
+    PhaseReset,
+    Quantisation,
+    Saturation,
+)
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 from sysid.scene.timeline import inputs_at
@@ -34,9 +42,9 @@ RECORDER = (Saturation, Quantisation)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trace(Shown):
-    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and what the
-    controller was told, `measured`, in the `response_unit`; the command V (`drive_unit`) and f (Hz); the `reference` that was
-    asked for. Units are None when nobody stated them."""
+    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and
+    what the controller was told, `measured`, in the `response_unit`; the command V (`drive_unit`) and f (Hz);
+    the `reference` that was asked for. Units are None when nobody stated them."""
 
     time: np.ndarray
     Wd: np.ndarray
@@ -60,7 +68,8 @@ class Trace(Shown):
         return trace_frame(self)
 
     def plot(self) -> Any:
-        """A figure of matplotlib: the amplitude beside what was asked for, Wd and Wq, the voltage, the frequency."""
+        """A figure of matplotlib: the amplitude beside what was asked for, Wd and Wq, the voltage, the
+        frequency."""
         from controller.shown import trace_figure
 
         return trace_figure(self)
@@ -74,34 +83,51 @@ class Trace(Shown):
 def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
     """The scene with `loop` (a `Loop`) in place of its drive and its frequency.
 
-    `reference`: the amplitude that is asked for; by default what the scene's drive makes of the plate of the design, G V, so that
-    one scene serves both open and closed. A loop without a tracker takes the frequency of the scene. The same seed gives the same
-    noise, one value for each sample of the controller. Raises SceneError for a scene that has no time of its own.
+    `reference`: the amplitude that is asked for; by default what the scene's drive makes of the plate of the
+    design, G V, so that one scene serves both open and closed. A loop without a tracker takes the frequency
+    of the scene. The same seed gives the same noise, one value for each sample of the controller. Raises
+    SceneError for a scene that has no time of its own.
     """
     return closed_loops(loop, [scene], reference, [seed])[0]
 
 
 def closed_loops(
-    loop: Any, scenes: Sequence[Scene], reference: Profile | float | None = None, seeds: Sequence[int] | None = None
+    loop: Any,
+    scenes: Sequence[Scene],
+    reference: Profile | float | None = None,
+    seeds: Sequence[int] | None = None,
 ) -> list[Trace]:
-    """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects; numbers, profiles and
-    lengths may differ. `loop` may be one, or one for each scene, of one kind."""
+    """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects;
+    numbers, profiles and lengths may differ. `loop` may be one, or one for each scene, of one kind."""
     playable = {id(scene): _playable(scene) for scene in scenes}
     scenes = [playable[id(scene)] for scene in scenes]
     if len(found := {scene.fidelity for scene in scenes}) > 1:
-        raise SceneError(f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all")
+        raise SceneError(
+            f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all"
+        )
     loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
-    cut = {(id(one), id(scene)): (one, scene) for one, scene in zip(loops, scenes, strict=True)}  # one scene may have many seeds
+    cut = {
+        (id(one), id(scene)): (one, scene) for one, scene in zip(loops, scenes, strict=True)
+    }  # one scene may have many seeds
     first = {key: _Run.of(*pair, reference) for key, pair in cut.items()}
-    runs = [replace(first[id(one), id(scene)], seed=seed) for one, scene, seed in zip(loops, scenes, seeds, strict=True)]
+    runs = [
+        replace(first[id(one), id(scene)], seed=seed)
+        for one, scene, seed in zip(loops, scenes, seeds, strict=True)
+    ]
     count = _rounded(max(len(r.knots) for r in runs))
-    readings, commands, samples = (max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True))
+    readings, commands, samples = (
+        max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True)
+    )
     shape = _Shape(readings, commands, _rounded(samples), scenes[0].fidelity)
     size = min(len(runs), LANES)
     groups = [runs[k : k + size] for k in range(0, len(runs), size)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [trace for traces in pool.map(lambda group: _side_by_side(group, size, count, shape), groups) for trace in traces]
+        return [
+            trace
+            for traces in pool.map(lambda group: _side_by_side(group, size, count, shape), groups)
+            for trace in traces
+        ]
 
 
 def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") -> list[Trace]:
@@ -109,11 +135,17 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
     filled = runs + runs[:1] * (size - len(runs))
     with jax.enable_x64(True):
         given = [
-            (r.loop.control, r.scene.plant, r.scene.effects, r.scene.reference, r.loop.sample_time, r.lag[1]) for r in filled
+            (r.loop.control, r.scene.plant, r.scene.effects, r.scene.reference, r.loop.sample_time, r.lag[1])
+            for r in filled
         ]
         if len({jax.tree.structure(g) for g in given}) > 1:
-            raise SceneError(f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects in all")
-        numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)  # an integer would be another program
+            raise SceneError(
+                f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects"
+                f" in all"
+            )
+        numbers = jax.tree.map(
+            lambda *leaves: np.stack(leaves).astype(float), *given
+        )  # an integer would be another program
         once = {id(r.knots): r for r in filled}
         pieces = {key: r.schedule(count) for key, r in once.items()}
         schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(pieces[id(r.knots)] for r in filled))
@@ -122,9 +154,9 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
 
 
 class Schedule(NamedTuple):
-    """What happens at the beginning of each piece (M,), and what holds over it. `reads`: the sensor is sampled; `runs`: the
-    controller runs, with the reading of `reading` samples before and the scene's numbers; `acting`: which command holds,
-    counted back from the latest."""
+    """What happens at the beginning of each piece (M,), and what holds over it. `reads`: the sensor is
+    sampled; `runs`: the controller runs, with the reading of `reading` samples before and the scene's
+    numbers; `acting`: which command holds, counted back from the latest."""
 
     duration: Any
     reads: Any
@@ -159,7 +191,9 @@ class _Run:
     time: np.ndarray
     knots: np.ndarray
     sample: np.ndarray  # index of the knot of each sample
-    marks: tuple[np.ndarray, np.ndarray, np.ndarray]  # samples run, readings taken, commands in force, counted up to each knot
+    marks: tuple[
+        np.ndarray, np.ndarray, np.ndarray
+    ]  # samples run, readings taken, commands in force, counted up to each knot
     early: int  # readings from before the scene began
     depths: tuple[int, int]  # readings and commands that are on their way at most
     lag: tuple[int, float]  # whole samples, and the rest of one, by which the demodulator is late
@@ -173,10 +207,16 @@ class _Run:
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
         end = time[-1] if len(time) else 0.0
         events = [time, time - late, time + loop.latency]
-        events += [p.edges(0.0, end) for name, p in scene.inputs.items() if name in ("temperature", "force", "contact")]
+        events += [
+            p.edges(0.0, end)
+            for name, p in scene.inputs.items()
+            if name in ("temperature", "force", "contact")
+        ]
         at = np.concatenate(events) / Ts
         whole = np.round(at)
-        at = np.where(np.abs(at - whole) < NEAR, whole, at)  # a shared instant is one, whatever rounding made of it
+        at = np.where(
+            np.abs(at - whole) < NEAR, whole, at
+        )  # a shared instant is one, whatever rounding made of it
         knots = np.unique(at[(at >= 0) & (at <= end / Ts * (1 + 1e-15))])
         if scene.substeps > 1 and len(knots) > 1:
             share = np.arange(scene.substeps) / scene.substeps
@@ -190,7 +230,18 @@ class _Run:
         depths = int(np.max(read - ran)) + int(back) + 2, int(np.max(ran - acted)) + 1
         sample = np.searchsorted(knots, instants[0])
         early = int(np.searchsorted(instants[1], 0.0))
-        return cls(loop, scene, reference, time, knots * Ts, sample, (ran, read, acted), early, depths, (int(back), between))
+        return cls(
+            loop,
+            scene,
+            reference,
+            time,
+            knots * Ts,
+            sample,
+            (ran, read, acted),
+            early,
+            depths,
+            (int(back), between),
+        )
 
     def schedule(self, count: int) -> Schedule:
         """The pieces, filled up to `count` with some in which nothing happens."""
@@ -230,18 +281,26 @@ class _Run:
         """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
         reference = self._asked(inputs_at(self.scene, self.time)["drive"])
-        units = (getattr(self.loop, name, None) for name in ("response_unit", "drive_unit"))  # of a law alone nobody says
+        units = (
+            getattr(self.loop, name, None) for name in ("response_unit", "drive_unit")
+        )  # of a law alone nobody says
         return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured, *units)
 
 
 def _playable(scene: Scene) -> Scene:
     if scene.kind == "steady" or scene.fidelity == "steady":
-        raise SceneError(f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time")
+        raise SceneError(
+            f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time"
+        )
     if scene.fidelity == "carrier":
         known = ", ".join(engine.RUNGS[1:])
-        raise SceneError(f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here")
+        raise SceneError(
+            f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here"
+        )
     if scene.find(Inverter):
-        raise SceneError(f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit")
+        raise SceneError(
+            f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit"
+        )
     # What is cheap enough for the scene's own drive says nothing of what a controller does.
     return replace(scene, fidelity="exact") if scene.fidelity == "auto" else scene
 
@@ -272,13 +331,16 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
 
     def body(carry, now):
         """One piece, of all runs side by side."""
-        return jax.vmap(partial(_piece, rung=shape.rung))(carry, now, control, plant, effects, reference, between)
+        return jax.vmap(partial(_piece, rung=shape.rung))(
+            carry, now, control, plant, effects, reference, between
+        )
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
 
 
 def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[Any, Any] | None:
-    """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear in it."""
+    """What noise adds to each reading, and the share of the reading that it leaves: those effects are linear
+    in it."""
     drawn = tuple(e for e in effects if e.kind == "noise" and not isinstance(e, RECORDER))
     if not drawn:
         return None
@@ -293,7 +355,9 @@ def _noise(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[A
     return offset, jnp.round((made(1.0) - offset).real)
 
 
-def _begin(control: Any, plant: Any, effects: tuple, reference: Any, first: Schedule, shape: _Shape) -> _Carry:
+def _begin(
+    control: Any, plant: Any, effects: tuple, reference: Any, first: Schedule, shape: _Shape
+) -> _Carry:
     state = jax.tree.map(lambda v: jnp.asarray(v, float), control.init())
     start = control.rest().frequency
     frequency = _made(effects, first.frequency if start is None else jnp.asarray(start, float))
@@ -310,10 +374,18 @@ def _at_rest(plant: Any, effects: tuple) -> engine.State:
 
 
 def _piece(
-    carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, between: Any, *, rung: str
+    carry: _Carry,
+    happening: tuple,
+    control: Any,
+    plant: Any,
+    effects: tuple,
+    reference: Any,
+    between: Any,
+    *,
+    rung: str,
 ) -> tuple:
-    """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a command takes
-    effect; then the piece."""
+    """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a
+    command takes effect; then the piece."""
     now, noise = happening
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
     told, before = readings[now.reading], readings[now.reading + 1]
@@ -338,7 +410,9 @@ def _pushed(happens: Any, line: Any, value: Any) -> Any:
 
 def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
     offset = 2 * jnp.pi * (reference - command.frequency)
-    inputs = Inputs(command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force, now.contact)
+    inputs = Inputs(
+        command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force, now.contact
+    )
     for e in effects:
         if hasattr(e, "drive"):
             inputs = e.drive(inputs)
@@ -360,7 +434,8 @@ def _recorded(effects: tuple, response: Any, noise: Any) -> Any:
 
 
 def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple[Any, Any]:
-    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles since then."""
+    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles
+    since then."""
     if not any(isinstance(e, PhaseReset) for e in effects):
         return None, carry.cycles
     changed = inputs.omega != carry.before.omega
@@ -370,7 +445,8 @@ def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple
 
 
 def settling_time(time: np.ndarray, W: np.ndarray, target: float, tolerance: float = 0.05) -> float:
-    """The first time, s from `time[0]`, after which W stays within `tolerance` of `target`; inf when the last row is not."""
+    """The first time, s from `time[0]`, after which W stays within `tolerance` of `target`; inf when the last
+    row is not."""
     outside = np.flatnonzero(~(np.abs(W - target) <= tolerance * abs(target)))
     if not len(outside):
         return 0.0

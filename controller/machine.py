@@ -1,24 +1,31 @@
-"""Switching a controller on: off, find the resonance, soft start, lock, run, and a fault that stays until it is reset.
+"""Switching a controller on: off, find the resonance, soft start, lock, run, and a fault that stays until it
+is reset.
 
     off    no voltage; when enabled, with an amplitude asked for: find
-    find   a small amplitude, until the tracker has brought Wq below half of Wd and the amplitude is within a half of it
+    find   a small amplitude, until the tracker has brought Wq below half of Wd and the amplitude is within a
+           half of it
     soft   the amplitude asked of the loop rises to the wanted one
-    lock   until the amplitude is within a tenth, Wq/Wd within a fifth, and the voltage what the plate needs, for a while
+    lock   until the amplitude is within a tenth, Wq/Wd within a fifth, and the voltage what the plate needs,
+           for a while
     run    the loop alone
     fault  no voltage, whatever is asked; only a reset while enable is low leads to off
 
-Until it runs the voltage stays below `headroom` times what is needed for what is asked: in find by a plate under the heaviest
-finger of the design, then by the plate as find has seen it. These conditions are judged by means of the latest readings and
-commands, as half of a single reading of the small amplitude may be noise. Beside the faults of the guard there are
+Until it runs the voltage stays below `headroom` times what is needed for what is asked: in find by a plate
+under the heaviest finger of the design, then by the plate as find has seen it. These conditions are judged by
+means of the latest readings and commands, as half of a single reading of the small amplitude may be noise.
+Beside the faults of the guard there are
 
     7 lost         the resonance was not found, or the loop did not lock, in time
-    9 follow       in run the amplitude is off by a tenth, or |W| by as much more than Wd, for `follows` samples more than it is
-                   right: a swing passes through what is right
-   10 model        the voltage is not the one that the plate needs: in lock until it is lost, in run for `follows` samples, where
-                   it is less than for the plate alone, or more than for a heavy finger
-   11 oscillates   the voltage turned `swings` times about its mean by `swing` of its limit, within `swing_time` samples each
+    9 follow       in run the amplitude is off by a tenth, or |W| by as much more than Wd, for `follows`
+                   samples more than it is right: a swing passes through what is right
+   10 model        the voltage is not the one that the plate needs: in lock until it is lost, in run for
+                   `follows` samples, where it is less than for the plate alone, or more than for a heavy
+                   finger
+   11 oscillates   the voltage turned `swings` times about its mean by `swing` of its limit, within
+                   `swing_time` samples each
 
-For commissioning there are tasks: the amplitude loop without its tracker, a stated voltage and frequency, and a sweep.
+For commissioning there are tasks: the amplitude loop without its tracker, a stated voltage and frequency, and
+a sweep.
 """
 
 from typing import Any, NamedTuple
@@ -31,7 +38,10 @@ from controller.scalar import NO_LIMIT, clip, either, seen
 OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
 MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
 TASKS = ("regulate", "amplitude", "open loop", "sweep")  # as dq_task in C
-ROUGH, NEAR = 0.5, 0.1  # of the amplitude that is asked, by which it may be off to leave find; to leave lock, and in run
+ROUGH, NEAR = (
+    0.5,
+    0.1,
+)  # of the amplitude that is asked, by which it may be off to leave find; to leave lock, and in run
 ANY = 1e3  # |Wq|/Wd, or a ratio of voltages, that is no condition
 
 
@@ -57,8 +67,8 @@ class Means(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Samples for which it has been `near` (in find less those for which not), has `waited` in this mode, has been `off` in
-    run; how often the voltage has `swung`, how long ago last (`since`), and to which `side`."""
+    """Samples for which it has been `near` (in find less those for which not), has `waited` in this mode, has
+    been `off` in run; how often the voltage has `swung`, how long ago last (`since`), and to which `side`."""
 
     near: Any
     waited: Any
@@ -69,9 +79,9 @@ class Counts(NamedTuple):
 
 
 class MachineState(NamedTuple):
-    """The loop's own state; the `mode`, a number of MODES; the latched `fault`; inputs that are `held`, `means` and `counts`; the
-    amplitude that was last `asked` of the loop; the voltage that a unit of it `needs`, as find has seen it; the resonance as it
-    was `learned`, and how far a sweep is, Hz above f0."""
+    """The loop's own state; the `mode`, a number of MODES; the latched `fault`; inputs that are `held`,
+    `means` and `counts`; the amplitude that was last `asked` of the loop; the voltage that a unit of it
+    `needs`, as find has seen it; the resonance as it was `learned`, and how far a sweep is, Hz above f0."""
 
     control: Any
     mode: Any
@@ -94,12 +104,13 @@ class MachineInfo(NamedTuple):
 
 
 class Machine(NamedTuple):
-    """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the amplitude to begin
-    with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must be near before it goes on; `limit`:
-    samples after which it is lost. `memory`: weight of the latest in a mean. `beside`: the largest |Wq|/Wd to leave find, to
-    leave lock, and in run; ANY where there is no tracker. `gain`, `f0`: of the plate; `heaviest`: its voltage over what
-    `gain` says under the heaviest finger of the design; `fits`: the same, from and to, and to in run. `voltages`, `window` (Hz)
-    and `temperatures` (degC; None: no thermometer): ranges of inputs."""
+    """A guarded loop that is switched on in steps. `amplitude` is the most that is asked of it, `find` the
+    amplitude to begin with, `ramp` its rise per sample in a soft start. `patience`: samples for which it must
+    be near before it goes on; `limit`: samples after which it is lost. `memory`: weight of the latest in a
+    mean. `beside`: the largest |Wq|/Wd to leave find, to leave lock, and in run; ANY where there is no
+    tracker. `gain`, `f0`: of the plate; `heaviest`: its voltage over what `gain` says under the heaviest
+    finger of the design; `fits`: the same, from and to, and to in run. `voltages`, `window` (Hz) and
+    `temperatures` (degC; None: no thermometer): ranges of inputs."""
 
     control: Any
     amplitude: float
@@ -135,12 +146,14 @@ class Machine(NamedTuple):
         return self.control.rest()
 
     def step(
-        self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar, share: Any = 1.0,
-        enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0, clipped: Any = False,
+        self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
+        share: Any = 1.0,
+        enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0,
+        clipped: Any = False,
     ) -> tuple[MachineState, Command, MachineInfo]:  # fmt: skip
-        """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of the bandwidth;
-        `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS; the `voltage` of an open loop, and
-        its `offset` from f0, Hz, which is also where a tracker begins."""
+        """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of
+        the bandwidth; `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS;
+        the `voltage` of an open loop, and its `offset` from f0, Hz, which is also where a tracker begins."""
         was = state.mode
         held = self._held(state, (reference, share, temperature, voltage, offset), task, xp)
         opened = (was == OPEN) | (was == SWEEP)
@@ -148,12 +161,14 @@ class Machine(NamedTuple):
         frozen = held.task > 0.0
         asked = self._asked(state, held, opened, xp)
         least = 1.0 / abs(self.gain)
-        needed = xp.where(was == FIND, self.heaviest * least, clip(state.needs, least, self.heaviest * least, xp))
+        needed = xp.where(
+            was == FIND, self.heaviest * least, clip(state.needs, least, self.heaviest * least, xp)
+        )
         most = xp.where((was >= FIND) & (was <= LOCK), self.headroom * asked * needed, NO_LIMIT)
         stated, swept = self._stated(state, held, xp)
         control, command, said = self.control.step(
-            state.control, asked, W, held.temperature if self.temperatures is not None else None, xp, held.share, most, frozen,
-            clipped, (opened, *stated),
+            state.control, asked, W, held.temperature if self.temperatures is not None else None, xp,
+            held.share, most, frozen, clipped, (opened, *stated),
         )  # fmt: skip
         means = self._means(state.means, W, xp.where(on, asked, 0.0), xp.where(on, command.voltage, 0.0), xp)
         shown = on & (was == FIND) & (means.d > 0.0)
@@ -208,7 +223,8 @@ class Machine(NamedTuple):
         return xp.where(opened, xp.where(drives < 0.0, -drives, drives), asked)
 
     def _stated(self, state: MachineState, held: Held, xp: Any) -> tuple[tuple[Any, Any], Any]:
-        """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far it is afterwards."""
+        """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far
+        it is afterwards."""
         upwards, end = held.offset < 0.0, -held.offset
         over = xp.where(upwards, state.swept > end, state.swept < end)
         sweeps = state.mode == SWEEP
@@ -242,7 +258,8 @@ class Machine(NamedTuple):
         return Counts(near, waited, off, swung, since, side), xp.where(waited >= self.limit, late, found)
 
     def _near(self, mode: Any, held: Held, means: Means, asked: Any, xp: Any) -> Any:
-        """Whether the mean reading is near to what is asked; half as strict while the resonance is looked for."""
+        """Whether the mean reading is near to what is asked; half as strict while the resonance is looked
+        for."""
         rough = mode == FIND
         off = asked * xp.where(rough, ROUGH, NEAR)
         turned, error = means.d * xp.where(rough, *self.beside[:2]), means.d - asked
@@ -250,15 +267,15 @@ class Machine(NamedTuple):
         return (asked > 0.0) & (error < off) & (error > -off) & beside
 
     def _fits(self, mode: Any, held: Held, means: Means, xp: Any) -> Any:
-        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows. Beside its resonance
-        W = G V / (1 - j q/d), so that G V d = d^2 + q^2."""
+        """Whether the mean voltage is the one that the identified plate needs for what the sensor shows.
+        Beside its resonance W = G V / (1 - j q/d), so that G V d = d^2 + q^2."""
         least, most, _ = self.fits
         makes, size = self.gain * means.voltage * means.d, means.d * means.d + means.q * means.q
         return ((mode == FIND) | (makes > least * size)) & ((makes < most * size) | (held.task > 0.0))
 
     def _off(self, state: MachineState, held: Held, means: Means, xp: Any) -> tuple[Any, Any]:
-        """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate needs for it,
-        less those for which both were right; and the fault that this is."""
+        """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate
+        needs for it, less those for which both were right; and the fault that this is."""
         slip, room, turned = means.asked - means.d, NEAR * means.asked, self.beside[2] * means.d
         beside = ((means.q > turned) | (means.q < -turned)) & (held.task == 0.0)
         slips = (slip > room) | (slip < -room) | beside
@@ -270,7 +287,9 @@ class Machine(NamedTuple):
         off = xp.where(judged, off, 0.0)
         return off, xp.where(slips, CODES["follow"], CODES["model"])
 
-    def _swung(self, state: MachineState, means: Means, voltage: Any, most: Any, xp: Any) -> tuple[Any, Any, Any]:
+    def _swung(
+        self, state: MachineState, means: Means, voltage: Any, most: Any, xp: Any
+    ) -> tuple[Any, Any, Any]:
         """Turns of the voltage about its mean, one soon after the other."""
         was, highest = state.counts, self.voltages[1]
         far, beside = self.swing * xp.where(most < highest, most, highest), voltage - means.voltage
@@ -281,11 +300,15 @@ class Machine(NamedTuple):
         since = xp.where(turned, 0.0, xp.where(was.since < self.swing_time, was.since + 1.0, was.since))
         return xp.where(judged, swung, 0.0), since, xp.where(side == 0.0, was.side, side)
 
-    def _mode(self, state: MachineState, held: Held, counts: Counts, asked: Any, enable: Any, reset: Any, xp: Any) -> Any:
+    def _mode(
+        self, state: MachineState, held: Held, counts: Counts, asked: Any, enable: Any, reset: Any, xp: Any
+    ) -> Any:
         """What comes after this mode, without a fault."""
         was, wanted = state.mode, held.reference
         done = counts.near >= self.patience
-        begun = xp.where(held.task > 1.0, xp.where(held.task > 2.0, SWEEP, OPEN), xp.where(wanted > 0.0, FIND, OFF))
+        begun = xp.where(
+            held.task > 1.0, xp.where(held.task > 2.0, SWEEP, OPEN), xp.where(wanted > 0.0, FIND, OFF)
+        )
         mode = xp.where(was == OFF, begun, was)
         mode = xp.where((was == FIND) & done, SOFT, mode)
         mode = xp.where((was == SOFT) & (asked >= wanted), LOCK, mode)

@@ -1,13 +1,15 @@
 """Stability margins of a sampled amplitude loop, with its delay, for many plants at once.
 
-A plant at resonance under a held voltage that takes effect `delay` s after its sample, with delay = (d + x) T and 0 <= x < 1:
+A plant at resonance under a held voltage that takes effect `delay` s after its sample, with delay = (d + x) T
+and 0 <= x < 1:
 
     P(z) = (g0 + g1/z) z^-d / (z - alpha),   alpha = e^{-T rate},
     g0 = push (1 - e^{-rate (1-x) T})/rate,   g1 = push (e^{-rate (1-x) T} - alpha)/rate.
 
-The controller is linearised by differences of its own step, about the state that it settles in: what is examined is what runs.
-An observer of the pole takes a plate of k times the gain for one of 1/k of the damping, so that its loop at a gain k is another
-loop, not k times the one at gain one: its gain margin is the smallest k at which that loop is unstable.
+The controller is linearised by differences of its own step, about the state that it settles in: what is
+examined is what runs. An observer of the pole takes a plate of k times the gain for one of 1/k of the
+damping, so that its loop at a gain k is another loop, not k times the one at gain one: its gain margin is the
+smallest k at which that loop is unstable.
 """
 
 from typing import Any, NamedTuple
@@ -22,12 +24,15 @@ from controller.scalar import NO_LIMIT
 
 POINTS = 400  # frequencies
 SHOWN = 40  # of a picture
-MOST, TRIED = 40.0, 24  # gains that are tried, up to this one, for an observer; between two of them by bisection to 0.1 %
+MOST, TRIED = (
+    40.0,
+    24,
+)  # gains that are tried, up to this one, for an observer; between two of them by bisection to 0.1 %
 
 
 class Margins(NamedTuple):
-    """Each (n,), of L = C P: `gain` (largest factor), `phase` (rad), `disk` (symmetric disk margin, 2 / max |(1-L)/(1+L)|) and
-    `delay` (s); all zero where the closed loop is unstable."""
+    """Each (n,), of L = C P: `gain` (largest factor), `phase` (rad), `disk` (symmetric disk margin, 2 / max
+    |(1-L)/(1+L)|) and `delay` (s); all zero where the closed loop is unstable."""
 
     gain: np.ndarray
     phase: np.ndarray
@@ -48,7 +53,8 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
 
 
 def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.ndarray) -> np.ndarray:
-    """Gain margin (n,) of an observer, which learns another damping at another gain; zero where it is not stable at gain one."""
+    """Gain margin (n,) of an observer, which learns another damping at another gain; zero where it is not
+    stable at gain one."""
 
     def unstable(gain: np.ndarray) -> np.ndarray:
         """Whether a pole of the loop lies outside of the unit circle."""
@@ -67,7 +73,8 @@ def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.
 
 
 def _closed(control: Any, plants: Ensemble, T: float, delay: float, gain: np.ndarray) -> np.ndarray:
-    """What a sample makes (n, s, s) of the controller's state, Wd, and the voltages of the last d + 1 samples."""
+    """What a sample makes (n, s, s) of the controller's state, Wd, and the voltages of the last d + 1
+    samples."""
     A, B, C, D = linearised(control, plants.rate * T, gain)
     n, s = B.shape
     g0, g1, alpha, d = held(plants, T, delay)
@@ -81,8 +88,8 @@ def _closed(control: Any, plants: Ensemble, T: float, delay: float, gain: np.nda
 
 
 class Bode(NamedTuple):
-    """`frequency` (m,) Hz; the 5, 50 and 95 % quantiles (3, m) over the plants of |L|, of the phase of L in degrees, and of the
-    `sensitivity` |1 / (1 + L)|."""
+    """`frequency` (m,) Hz; the 5, 50 and 95 % quantiles (3, m) over the plants of |L|, of the phase of L in
+    degrees, and of the `sensitivity` |1 / (1 + L)|."""
 
     frequency: np.ndarray
     size: np.ndarray
@@ -121,20 +128,25 @@ def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.
     values, vectors = np.linalg.eig(A)
     # Modes, unless two coincide: then the resolvent itself.
     if np.all(np.linalg.cond(vectors) < 1e8):
-        weights = (C[:, None, :] @ vectors)[:, 0] * np.linalg.solve(vectors, B[..., None].astype(complex))[..., 0]
+        weights = (C[:, None, :] @ vectors)[:, 0] * np.linalg.solve(vectors, B[..., None].astype(complex))[
+            ..., 0
+        ]
         return -(np.einsum("ni,nmi->nm", weights, 1 / (z[None, :, None] - values[:, None, :])) + D[:, None])
     n = A.shape[-1]
-    solved = np.linalg.solve(z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex))[..., 0]
+    solved = np.linalg.solve(
+        z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex)
+    )[..., 0]
     return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
 
 
 def linearised(
     control: Any, damping: np.ndarray, gain: np.ndarray | float = 1.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A (n, s, s), B (n, s), C (n, s), D (n,) of Wd -> V about a settled amplitude of one, without limits, at resonance.
+    """A (n, s, s), B (n, s), C (n, s), D (n,) of Wd -> V about a settled amplitude of one, without limits, at
+    resonance.
 
-    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,) and `gain` over that of
-    the design: it has learnt damping / gain, or the nearest that it believes.
+    One n for a `DQ`, whose PI is linear; for an `Adaptive` one for each plant's `damping` T/tau (n,) and
+    `gain` over that of the design: it has learnt damping / gain, or the nearest that it believes.
     """
     if isinstance(control, DQ):
         pi = control.amplitude._replace(lowest=-NO_LIMIT, highest=NO_LIMIT, slew=NO_LIMIT, model=None)
@@ -153,7 +165,9 @@ def linearised(
         """One step of the observer and its law, without limits."""
         d, now, *rest = state
         past = tuple((v, zero) for v in rest[sent:])
-        before = AdaptiveState(d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past)
+        before = AdaptiveState(
+            d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past
+        )
         after, command, _ = free.step(before, 1.0, W, None, np)
         return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
@@ -164,7 +178,8 @@ def linearised(
 
 def _read(L: np.ndarray, angle: np.ndarray, T: float) -> Margins:
     size, phase = np.abs(L), np.unwrap(np.angle(L), axis=1)
-    # Where the phase passes -180 degrees (and the Nyquist point, where L is real), and where the size passes one.
+    # Where the phase passes -180 degrees (and the Nyquist point, where L is real), and where the size passes
+    # one.
     turned = phase - np.round((phase[:, :1] + np.pi / 2) / (2 * np.pi)) * 2 * np.pi
     gain = np.full(len(L), np.inf)
     lead, late = np.full(len(L), np.inf), np.full(len(L), np.inf)
@@ -191,11 +206,13 @@ def _crossings(values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
     return of[i] + share * (of[i + 1] - of[i])
 
 
-def differences(step: Any, state: tuple, W: Any, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def differences(
+    step: Any, state: tuple, W: Any, size: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A (n, s, s), B (n, s), C (n, s), D (n,) of (state, Wd) -> (state, V) by central differences.
 
-    `step` takes a tuple of (n,) and W to a tuple and V. The step is smooth about its settled state, so that the error is that
-    of the square of `size`, relative.
+    `step` takes a tuple of (n,) and W to a tuple and V. The step is smooth about its settled state, so that
+    the error is that of the square of `size`, relative.
     """
     count = len(state)
     scale = [np.maximum(np.abs(s), 1e-3) * size for s in state]
@@ -205,7 +222,9 @@ def differences(step: Any, state: tuple, W: Any, size: float) -> tuple[np.ndarra
         where = tuple(s + sign * scale[k] if i == k else s for i, s in enumerate(state))
         seen = W + sign * size if k == count else W
         after, V = step(where, seen)
-        return np.stack([np.broadcast_to(a, state[0].shape) for a in after]), np.broadcast_to(V, state[0].shape)
+        return np.stack([np.broadcast_to(a, state[0].shape) for a in after]), np.broadcast_to(
+            V, state[0].shape
+        )
 
     columns, outputs = [], []
     for k in range(count + 1):

@@ -8,7 +8,8 @@ from controller.scalar import NO_LIMIT, clip, seen
 
 
 class PIState(NamedTuple):
-    """`integral` and the last `output`, both in the drive unit; the `model`'s amplitude, the latest first (response unit)."""
+    """`integral` and the last `output`, both in the drive unit; the `model`'s amplitude, the latest first
+    (response unit)."""
 
     integral: Any
     output: Any
@@ -16,7 +17,8 @@ class PIState(NamedTuple):
 
 
 class PIInfo(NamedTuple):
-    """For people: the measurement was `missing`; the output was `saturated` by the voltage limit or the slew limit."""
+    """For people: the measurement was `missing`; the output was `saturated` by the voltage limit or the slew
+    limit."""
 
     missing: Any
     saturated: Any
@@ -25,12 +27,13 @@ class PIInfo(NamedTuple):
 class Model(NamedTuple):
     """The plate as it was identified, brought to the reference in the time that the voltage allows:
 
-        U = clip((reference - keep M) / push),   M <- keep M + push U,   keep = e^{-T/tau},  push = G (1 - keep),
+        U = clip((reference - keep M) / push),   M <- keep M + push U,   keep = e^{-T/tau},  push = G (1 -
+        keep),
 
-    the clip being that of the voltage. U at its limit until it is there is the time-optimal course of a first-order plant.
-    `latest`: share of the younger of the last two amplitudes in `line` (zeros, as many as are remembered) that together are
-    the amplitude a delay ago.
-    Source: two degrees of freedom, Astrom and Hagglund, Advanced PID Control, 2006, section 5.3.
+    the clip being that of the voltage. U at its limit until it is there is the time-optimal course of a
+    first-order plant. `latest`: share of the younger of the last two amplitudes in `line` (zeros, as many as
+    are remembered) that together are the amplitude a delay ago. Source: two degrees of freedom, Astrom and
+    Hagglund, Advanced PID Control, 2006, section 5.3.
     """
 
     keep: float
@@ -54,11 +57,12 @@ class Model(NamedTuple):
 class PI(NamedTuple):
     """V = clip(U + Kp e + I),  I <- I + Ki_Ts e + (V - U - Kp e - I) Ki_Ts / Kp,  with e = M - Wd.
 
-    U and M are the voltage and the amplitude, a delay ago, of the `model`; without one U = 0 and M = reference. The loop, and so
-    its margins, are the same with and without. `Kp` and `Ki_Ts` are in drive unit per response unit. The output stays within
-    `lowest` to `highest` and changes by `slew` at most from one sample to the next, all in the drive unit. A negative V is the
-    voltage vector turned by half a carrier period, which brakes; an amplifier that cannot has `lowest` = 0. This step closes d
-    only, the tracker brings Wq to zero.
+    U and M are the voltage and the amplitude, a delay ago, of the `model`; without one U = 0 and M =
+    reference. The loop, and so its margins, are the same with and without. `Kp` and `Ki_Ts` are in drive unit
+    per response unit. The output stays within `lowest` to `highest` and changes by `slew` at most from one
+    sample to the next, all in the drive unit. A negative V is the voltage vector turned by half a carrier
+    period, which brakes; an amplifier that cannot has `lowest` = 0. This step closes d only, the tracker
+    brings Wq to zero.
     """
 
     Kp: float
@@ -70,7 +74,8 @@ class PI(NamedTuple):
 
     @property
     def anti_windup(self) -> float:
-        """What share of a clipped voltage is taken back from the integral in one sample: Ki_Ts / Kp, no unit."""
+        """What share of a clipped voltage is taken back from the integral in one sample: Ki_Ts / Kp, no
+        unit."""
         return self.Ki_Ts / self.Kp
 
     def init(self) -> PIState:
@@ -80,31 +85,43 @@ class PI(NamedTuple):
     def step(
         self, state: PIState, reference: Any, W: Any, xp: Any = scalar, share: Any = 1.0, most: Any = NO_LIMIT
     ) -> tuple[PIState, Any, PIInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive unit) out.
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the voltage V (peak, drive
+        unit) out.
 
-        `share` multiplies both gains: the closed loop is slower by as much, and so is the model, by the loop's own K. `most` is
-        a limit of the voltage for this sample, beside its own. A missing measurement (not finite) is not zero: output, integral
-        and model are held, and `info.missing` says so.
+        `share` multiplies both gains: the closed loop is slower by as much, and so is the model, by the
+        loop's own K. `most` is a limit of the voltage for this sample, beside its own. A missing measurement
+        (not finite) is not zero: output, integral and model are held, and `info.missing` says so.
         """
         there = seen(reference, W, xp)
         lowest, highest = within(self.lowest, self.highest, most, xp)
         aim, held, model = self._aimed(state, reference, share, lowest, highest, xp)
         error = share * (aim - W.real)
         wanted = self.Kp * error + held
-        output = clip(clip(wanted, state.output - self.slew, state.output + self.slew, xp), lowest, highest, xp)
+        output = clip(
+            clip(wanted, state.output - self.slew, state.output + self.slew, xp), lowest, highest, xp
+        )
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup
         model = tuple(xp.where(there, new, old) for new, old in zip(model, state.model, strict=True))
-        after = PIState(xp.where(there, integral, state.integral), xp.where(there, output, state.output), model)
+        after = PIState(
+            xp.where(there, integral, state.integral), xp.where(there, output, state.output), model
+        )
         return after, after.output, PIInfo(xp.logical_not(there), there & (output != wanted))
 
-    def _aimed(self, state: PIState, reference: Any, share: Any, lowest: Any, highest: Any, xp: Any) -> tuple[Any, Any, tuple]:
-        """The amplitude that Wd should have now, the voltage without an error of it, U + I, and the model a sample later."""
+    def _aimed(
+        self, state: PIState, reference: Any, share: Any, lowest: Any, highest: Any, xp: Any
+    ) -> tuple[Any, Any, tuple]:
+        """The amplitude that Wd should have now, the voltage without an error of it, U + I, and the model a
+        sample later."""
         if self.model is None:
             return reference, state.integral, ()
         keep, push, now = self.model.keep, self.model.push, state.model[0]
         part = xp.where(share < 1.0, share * (self.Kp * push), 1.0)
         driven = clip((part * (reference - now) + (1.0 - keep) * now) * (1.0 / push), lowest, highest, xp)
-        return self.model.expected(state.model), state.integral + driven, (keep * now + push * driven, *state.model[:-1])
+        return (
+            self.model.expected(state.model),
+            state.integral + driven,
+            (keep * now + push * driven, *state.model[:-1]),
+        )
 
 
 def within(lowest: Any, highest: Any, most: Any, xp: Any) -> tuple[Any, Any]:

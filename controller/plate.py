@@ -39,7 +39,8 @@ class Plate:
 
 
 def plate_of(source: Any) -> Plate:
-    """The plate of a posterior, a fit or a plant. Raises ValueError where it has no G or tau that a loop could be made for."""
+    """The plate of a posterior, a fit or a plant. Raises ValueError where it has no G or tau that a loop
+    could be made for."""
     parameters, fit = _read(source)
     G, tau = _needed(parameters, "G"), _needed(parameters, "tau")
     if G == 0.0 or tau <= 0.0:
@@ -62,7 +63,9 @@ def _read(source: Any) -> tuple[Mapping[str, Any], Any]:
     if hasattr(source, "parameters"):
         return source.parameters, source
     values = {name: getattr(source, name, None) for name in ("G", "tau", "f0", "k_T")}
-    return {name: Known(value, value is not None, f"the plant has no {name}") for name, value in values.items()}, source
+    return {
+        name: Known(value, value is not None, f"the plant has no {name}") for name, value in values.items()
+    }, source
 
 
 def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]:
@@ -76,7 +79,9 @@ def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]
 def _name(fit: Any) -> str | None:
     """The plate that the logs name, which is one."""
     named = (getattr(fitted.log, "metadata", {}).items() for fitted in getattr(fit, "logs", ()))
-    return next((value for items in named for key, value in items if key.casefold() == "plate" and value), None)
+    return next(
+        (value for items in named for key, value in items if key.casefold() == "plate" and value), None
+    )
 
 
 def _needed(parameters: Mapping[str, Any], name: str) -> float:
@@ -93,7 +98,8 @@ def units_of(fit: Any) -> tuple[str | None, str | None]:
 
 
 def positive(name: str, value: float) -> float:
-    """The value as a float. Raises ValueError, with the `name` it was given under, where it is not finite and above zero."""
+    """The value as a float. Raises ValueError, with the `name` it was given under, where it is not finite and
+    above zero."""
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"{name} = {value:g} must be a finite number above 0")
     return float(value)

@@ -1,4 +1,5 @@
-"""The promise of a design: margins and step responses over the plants that it must serve, with the controller that runs."""
+"""The promise of a design: margins and step responses over the plants that it must serve, with the controller
+that runs."""
 
 import cmath
 import math
@@ -23,7 +24,8 @@ STARTED = 50  # plants that are switched on
 
 
 class Clock(NamedTuple):
-    """Times in s: of a sample; from it to when its command takes effect, `latency`; by which its reading is `late`."""
+    """Times in s: of a sample; from it to when its command takes effect, `latency`; by which its reading is
+    `late`."""
 
     T: float
     latency: float
@@ -47,10 +49,11 @@ class Response(NamedTuple):
 
 
 class Promise(NamedTuple):
-    """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was asked for, or of a
-    tenth of it) at most; margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of each, the
-    5, 50 and 95 % quantiles over the plants; `response`: those of the amplitude itself, until twice the settling time.
-    `startup`: s from enabling what is exported to within 5 % for good; inf without a guard. `bode`: the loop over frequency."""
+    """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was
+    asked for, or of a tenth of it) at most; margins at least: `gain` as a factor, `phase` in degrees, `disk`,
+    `delay` in s. `spread`: of each, the 5, 50 and 95 % quantiles over the plants; `response`: those of the
+    amplitude itself, until twice the settling time. `startup`: s from enabling what is exported to within 5 %
+    for good; inf without a guard. `bode`: the loop over frequency."""
 
     settling: float
     overshoot: float
@@ -65,21 +68,32 @@ class Promise(NamedTuple):
 
 
 def promise(
-    law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, guard: Any = None, machine: Any = None
+    law: Any,
+    plants: Ensemble,
+    clock: Clock,
+    amplitude: float,
+    start: float | None,
+    guard: Any = None,
+    machine: Any = None,
 ) -> Promise:
-    """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without one. With the `guard`
-    of the law a plate whose drive it ends does not settle; the `machine` around it is what is switched on."""
+    """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without
+    one. With the `guard` of the law a plate whose drive it ends does not settle; the `machine` around it is
+    what is switched on."""
     found = margins(law, plants, clock.T, clock.delay)
     W, V = rises(law, plants, clock, amplitude, start, guard)
     settling, overshoot = judged(W, clock.T, amplitude)
     small = SMALL * amplitude
     overshoot = np.maximum(overshoot, judged(rises(law, plants, clock, small, start)[0], clock.T, small)[1])
     each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
-    worst = {name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()}
+    worst = {
+        name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()
+    }
     spread = {name: _quantiles(values) for name, values in each.items()}
     begun = math.inf if machine is None else startup(machine, law, plants, clock, amplitude, start)
     shown = _shown(W, V, clock.T, worst["settling"])
-    return Promise(**worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay))
+    return Promise(
+        **worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay)
+    )
 
 
 def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
@@ -87,8 +101,11 @@ def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, sta
     return _worst(steps(control, plants, clock, amplitude, start)[0], -1)
 
 
-def startup(machine: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
-    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not come to run."""
+def startup(
+    machine: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None
+) -> float:
+    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not
+    come to run."""
     few = plants.every(math.ceil(len(plants.rate) / STARTED))
     if amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
         return math.inf
@@ -115,18 +132,26 @@ def _worst(values: np.ndarray, sign: int) -> float:
 
 def _quantiles(values: np.ndarray) -> tuple[float, float, float]:
     ordered, last = np.sort(values), len(values) - 1
-    return float(ordered[round(0.05 * last)]), float(ordered[round(0.5 * last)]), float(ordered[round(0.95 * last)])
+    return (
+        float(ordered[round(0.05 * last)]),
+        float(ordered[round(0.5 * last)]),
+        float(ordered[round(0.95 * last)]),
+    )
 
 
-def steps(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to `amplitude`."""
+def steps(
+    control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to
+    `amplitude`."""
     return judged(rises(control, plants, clock, amplitude, start)[0], clock.T, amplitude)
 
 
 def rises(
     law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, guard: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """|W| and V (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the law."""
+    """|W| and V (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the
+    law."""
     count = min(samples(law, plants, clock.T), LONGEST)
     rows = np.empty((2, count, len(plants.rate)))
     for k, (W, V, _) in enumerate(played(guard or law, law, plants, clock, amplitude, start, count)):
@@ -137,8 +162,9 @@ def rises(
 def played(
     control: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, count: int
 ) -> Iterator[tuple[np.ndarray, Any, Any]]:
-    """|W|, V and what is said at each of `count` samples: the slow envelope of each plant, exact under held inputs. A command
-    takes effect a latency after its sample; between two samples a late reading lies on a straight line."""
+    """|W|, V and what is said at each of `count` samples: the slow envelope of each plant, exact under held
+    inputs. A command takes effect a latency after its sample; between two samples a late reading lies on a
+    straight line."""
     T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
     part = min(max(clock.latency - late * T, 0.0), T)
     back, between = divmod(clock.late / T, 1.0)
@@ -163,7 +189,9 @@ def played(
         for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
             pole = -rate + 2j * np.pi * (detuning - offset)
             settled = -push * voltage / pole
-            Z = settled + (Z - settled) * (np.exp(pole * duration) if xp is np else cmath.exp(pole * duration))
+            Z = settled + (Z - settled) * (
+                np.exp(pole * duration) if xp is np else cmath.exp(pole * duration)
+            )
         line.pop()
 
 
@@ -184,8 +212,8 @@ def judged(W: np.ndarray, T: float, amplitude: float) -> tuple[np.ndarray, np.nd
 
 
 def samples(control: Any, plants: Ensemble, T: float) -> int:
-    """After which every plate has come to rest: 14 time constants of the slowest, five of the loop, and what the rule of fixed
-    steps needs to reach the furthest resonance."""
+    """After which every plate has come to rest: 14 time constants of the slowest, five of the loop, and what
+    the rule of fixed steps needs to reach the furthest resonance."""
     share = control.amplitude.Kp * np.min(np.abs(plants.push)) * T if isinstance(control, DQ) else control.K
     rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(abs(share), 1.0)
     if isinstance(control, DQ) and isinstance(control.tracker, SignTracker):

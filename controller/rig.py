@@ -2,22 +2,26 @@
 
 sample_time_us = 100
 latency_us = 100             # from a sample to when its command takes effect; one sample unless stated
-voltage_limit_V = 350        # the logs' largest drive is a limit as well, of what the plate is known for: the smaller holds
+voltage_limit_V = 350        # the logs' largest drive is a limit as well, of what the plate is known for: the
+                             # smaller holds
 bipolar = true               # false: an amplifier that cannot turn its voltage round
 voltage_slew_V_per_s = 1e6   # abrupt changes are heard
 tracker_period_ms = 1        # the shortest time between two updates of the frequency
-timer_MHz = 100              # what makes it: a timer that counts whole ticks; or dds_MHz, the clock of an accumulator of 32 bits;
-                             # or frequency_step_Hz, multiples of it
+timer_MHz = 100              # what makes it: a timer that counts whole ticks; or dds_MHz, the clock of an
+                             # accumulator of 32 bits; or frequency_step_Hz, multiples of it
 thermometer = true           # the loop is told the plate's temperature
-coldest_degC = 14            # the plate's temperatures that the promise has to hold for; unless stated the logs' reference alone
+coldest_degC = 14            # the plate's temperatures that the promise has to hold for; unless stated the
+                             # logs' reference alone
 warmest_degC = 39
-lowest_frequency_kHz = 31.8  # the tracker's window; unless stated, half a bandwidth beyond what the logs were driven at
+lowest_frequency_kHz = 31.8  # the tracker's window; unless stated, half a bandwidth beyond what the logs were
+                             # driven at
 highest_frequency_kHz = 32.6
-force_N = 1.5                # the hardest press, by the fit's finger_damping; or finger = 1, what it adds to the damping, in
-                             # units of the plate's own; unless stated none
+force_N = 1.5                # the hardest press, by the fit's finger_damping; or finger = 1, what it adds to
+                             # the damping, in units of the plate's own; unless stated none
 arithmetic = "single"        # of the exported C: single, or double
-drive_update_MHz = 0.5       # how often the drive's own samples are put out: held in between it is late by half of that time,
-                             # 11 degrees of 32 kHz at 0.5 MHz; unless stated it is as fine as if it were continuous
+drive_update_MHz = 0.5       # how often the drive's own samples are put out: held in between it is late by
+                             # half of that time, 11 degrees of 32 kHz at 0.5 MHz; unless stated it is as fine
+                             # as if it were continuous
 method = "pi"                # pi, paper, pll or adaptive
 amplitude_um = 2             # the largest that will be asked for
 settling_ms = 1.5            # to 5 %, to be kept by 99 % of the plates that the logs allow
@@ -41,7 +45,8 @@ rotation_deg = 3
 delay_us = 1
 gain_error = 0.01            # standard deviations: of the gain, and of the whole angle at the carrier
 angle_error_deg = 0.5
-calibration = "both.csv"     # or instead of these a log of both sensors at once: see controller/calibration.py
+calibration = "both.csv"     # or instead of these a log of both sensors at once: see
+                             # controller/calibration.py
 """
 
 import cmath
@@ -65,7 +70,16 @@ TABLES: dict[str, tuple[Any, dict[str, str]]] = {
     "inverter": (lambda supply, law="linear": Inverter(supply, law == "sine"), {"supply": ""}),
 }
 ABOVE_ZERO = (
-    *("sample_time", "voltage_limit", "voltage_slew", "frequency_step", "tracker_period", "timer", "dds", "drive_update"),
+    *(
+        "sample_time",
+        "voltage_limit",
+        "voltage_slew",
+        "frequency_step",
+        "tracker_period",
+        "timer",
+        "dds",
+        "drive_update",
+    ),
     *("amplitude", "settling", "lowest_frequency", "highest_frequency"),
 )
 METHODS = ("pi", "paper", "pll", "adaptive")
@@ -76,10 +90,11 @@ class RigError(ValueError):
 
 
 class Sensor(NamedTuple):
-    """The loop's sensor beside that of the logs: it shows `gain` e^{j rotation} W of `delay` s before. `rotation` in degrees.
+    """The loop's sensor beside that of the logs: it shows `gain` e^{j rotation} W of `delay` s before.
+    `rotation` in degrees.
 
-    Standard deviations: `gain_error`, and `angle_error`, degrees, of the whole angle at the carrier, in which errors of rotation
-    and delay make up for each other."""
+    Standard deviations: `gain_error`, and `angle_error`, degrees, of the whole angle at the carrier, in which
+    errors of rotation and delay make up for each other."""
 
     gain: float = 1.0
     rotation: float = 0.0
@@ -88,9 +103,12 @@ class Sensor(NamedTuple):
     angle_error: float = 0.0
 
     def correction(self, frequency: float, hold: float = 0.0) -> complex:
-        """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay degrees, and so does
-        the drive's, `hold` s."""
-        return cmath.exp(1j * (2 * math.pi * frequency * (self.delay + hold) - math.radians(self.rotation))) / self.gain
+        """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay
+        degrees, and so does the drive's, `hold` s."""
+        return (
+            cmath.exp(1j * (2 * math.pi * frequency * (self.delay + hold) - math.radians(self.rotation)))
+            / self.gain
+        )
 
 
 class Vector(NamedTuple):
@@ -124,8 +142,8 @@ class Calibrated(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """Times in s, the voltage in the drive unit, None: not known, or no limit. `sensor` None: that of the logs. Of
-    `frequency_step` (Hz), `timer` and `dds` (clocks, Hz) one at most."""
+    """Times in s, the voltage in the drive unit, None: not known, or no limit. `sensor` None: that of the
+    logs. Of `frequency_step` (Hz), `timer` and `dds` (clocks, Hz) one at most."""
 
     sample_time: float = 1e-4
     latency: float | None = None
@@ -163,9 +181,17 @@ class Rig(NamedTuple):
         read = _Reader(Path(path))
         tables = {name: read.subtable(document, name) for name in ("sensor", *TABLES)}
         times = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
-        sources = dict.fromkeys(("frequency_step", "timer", "dds", "drive_update", "lowest_frequency", "highest_frequency"), "Hz")
+        sources = dict.fromkeys(
+            ("frequency_step", "timer", "dds", "drive_update", "lowest_frequency", "highest_frequency"), "Hz"
+        )
         units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
-        units |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1", "amplitude": response_unit}
+        units |= {
+            "coldest": "degC",
+            "warmest": "degC",
+            "force": "N",
+            "finger": "1",
+            "amplitude": response_unit,
+        }
         words = {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC, "method": METHODS}
         values = read.table("", document, units, words)
         if tables["sensor"] is not None:
@@ -173,18 +199,22 @@ class Rig(NamedTuple):
         for name, (make, units) in TABLES.items():
             if (table := tables[name]) is not None:
                 units = {key: unit or drive_unit for key, unit in units.items()}
-                found = read.table(f"{name}.", table, units, {"law": ("linear", "sine")} if name == "inverter" else {})
+                found = read.table(
+                    f"{name}.", table, units, {"law": ("linear", "sine")} if name == "inverter" else {}
+                )
                 values[name] = make(**read.whole(f"{name}.", found, units))
         return read.checked(cls(**values))
 
     def source(self, start: float) -> Source | None:
-        """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to matter."""
+        """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to
+        matter."""
         if self.timer is not None:
             return Timer.of(self.timer, start)
         return None if self.frequency_step is None else Multiples.of(self.frequency_step, start)
 
     def delay(self, f0: float | None) -> float:
-        """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's filters."""
+        """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's
+        filters."""
         late = self.hold + (0.0 if self.sensor is None else self.sensor.delay)
         return late if f0 is None else late + self.demodulator(f0, 1.0).delay
 
@@ -194,7 +224,8 @@ class Rig(NamedTuple):
         return 0.0 if self.drive_update is None else 0.5 / self.drive_update
 
     def demodulator(self, f0: float, sample_time: float) -> Demodulator:
-        """What gives Wd and Wq; they are missing when all samples of a controller step are. Raises ValueError."""
+        """What gives Wd and Wq; they are missing when all samples of a controller step are. Raises
+        ValueError."""
         adc = self.adc
         rate = SAMPLES * f0 if adc is None else adc.rate
         patience = max(1.0, math.ceil(rate * sample_time))
@@ -235,15 +266,26 @@ class _Reader:
         except (ValueError, OSError) as error:
             raise RigError(f"{self.path}: sensor.calibration: {error}") from None
         if found.delay < 0 and -found.delay > 3 * found.delay_error:
-            self.refuse("sensor.calibration", f"a delay of {found.delay:.3g} s", "a sensor that is no earlier than the logs'")
+            self.refuse(
+                "sensor.calibration",
+                f"a delay of {found.delay:.3g} s",
+                "a sensor that is no earlier than the logs'",
+            )
         if found.delay < 0:  # within its error none; the whole angle is what counts
             found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
-        return Sensor(found.gain, (found.rotation + 180) % 360 - 180, found.delay, found.gain_error, found.angle_error)
+        return Sensor(
+            found.gain, (found.rotation + 180) % 360 - 180, found.delay, found.gain_error, found.angle_error
+        )
 
     def table(
-        self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, tuple[str, ...] | None]
+        self,
+        prefix: str,
+        values: dict[str, Any],
+        units: dict[str, str],
+        words: dict[str, tuple[str, ...] | None],
     ) -> dict[str, Any]:
-        """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true or false."""
+        """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true
+        or false."""
         from sysid.logs.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}
@@ -255,25 +297,35 @@ class _Reader:
             if name in words:
                 choices = words[name]
                 if (not isinstance(value, bool)) if choices is None else (value not in choices):
-                    self.refuse(prefix + key, value, "true or false" if choices is None else f"one of {', '.join(choices)}")
+                    self.refuse(
+                        prefix + key,
+                        value,
+                        "true or false" if choices is None else f"one of {', '.join(choices)}",
+                    )
                 found[name] = value
                 continue
             if name not in units:
                 known = (*units, *words)
-                self.refuse(prefix + key, "an unknown key", f"one of {', '.join(known)}{did_you_mean(key, known)}")
+                self.refuse(
+                    prefix + key, "an unknown key", f"one of {', '.join(known)}{did_you_mean(key, known)}"
+                )
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 self.refuse(prefix + key, value, f"a number in {units[name]}")
             unit = key[len(name) + 1 :].replace("_per_", "/") or units[name]
             if unit != units[name] and not same_kind(unit, units[name]):
                 self.refuse(prefix + key, f"the unit {unit!r}", f"{units[name]} or another of its kind")
-            found[name] = float(value) if unit == units[name] else float(convert(float(value), unit, units[name]))
+            found[name] = (
+                float(value) if unit == units[name] else float(convert(float(value), unit, units[name]))
+            )
         return found
 
     def whole(self, prefix: str, found: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
         """The same; refused where one of all names that belong there is missing or not above zero."""
         for name in names:
             if not found.get(name, 0.0) > 0 or (name == "bits" and found[name] not in range(4, 25)):
-                self.refuse(prefix + name, found.get(name), "4 to 24" if name == "bits" else "a number above zero")
+                self.refuse(
+                    prefix + name, found.get(name), "4 to 24" if name == "bits" else "a number above zero"
+                )
         return found
 
     def checked(self, rig: Rig) -> Rig:

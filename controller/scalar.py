@@ -1,7 +1,8 @@
 """Plain floats under the names that numpy and JAX have for arrays.
 
-A step is written once in Python, in `+ - * /`, comparisons and the functions below, and takes what it computes with as `xp`: this
-module, `numpy` or `jax.numpy`. All run the same operations in the same order, and so does the C (`controller/c/dq.c`).
+A step is written once in Python, in `+ - * /`, comparisons and the functions below, and takes what it
+computes with as `xp`: this module, `numpy` or `jax.numpy`. All run the same operations in the same order, and
+so does the C (`controller/c/dq.c`).
 """
 
 import math
@@ -38,8 +39,8 @@ def clip(x: Any, low: Any, high: Any, xp: Any) -> Any:
 
 
 def seen(reference: Any, W: Any, xp: Any) -> Any:
-    """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose fourth power
-    overflows is none either: nothing that is computed from it would be finite."""
+    """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose
+    fourth power overflows is none either: nothing that is computed from it would be finite."""
     size = W.real * W.real + W.imag * W.imag
     return xp.isfinite(reference) & xp.isfinite(size * size)
 
@@ -55,7 +56,8 @@ def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
 
 
 def typed(control: Any, kind: Any) -> Any:
-    """A controller, or a state, with every float in another type of number: its steps then compute in that type."""
+    """A controller, or a state, with every float in another type of number: its steps then compute in that
+    type."""
     if isinstance(control, tuple):
         items = [typed(item, kind) for item in control]
         return type(control)(*items) if hasattr(control, "_fields") else tuple(items)

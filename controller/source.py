@@ -1,9 +1,11 @@
-"""The frequencies that a source can make, as offsets from the frequency at which the tracker starts, all in Hz."""
+"""The frequencies that a source can make, as offsets from the frequency at which the tracker starts, all in
+Hz."""
 
 import math
 from typing import Any, NamedTuple
 
-NEAR = 0.05  # of its frequency, within which a timer's series is used: it is right to NEAR^4 of the frequency, 6e-6
+# of its frequency, within which a timer's series is used: it is right to NEAR^4 of the frequency, 6e-6
+NEAR = 0.05
 
 
 def begun(source: "Source | None", offset: Any, xp: Any) -> Any:
@@ -32,8 +34,8 @@ class Multiples(NamedTuple):
 class Timer(NamedTuple):
     """A timer that counts `periods` + n ticks for one period of the carrier:  f = centre / (1 + n / periods).
 
-    With y = n / periods, f = centre (1 - y + y^2 - y^3), and likewise for n: without a division, right to y^4. `first` is
-    centre less the start; `step` the distance between two frequencies there.
+    With y = n / periods, f = centre (1 - y + y^2 - y^3), and likewise for n: without a division, right to
+    y^4. `first` is centre less the start; `step` the distance between two frequencies there.
     """
 
     periods: float

@@ -1,4 +1,5 @@
-"""Whether a rig can do what a design asks of it, as a whole: each refusal has its own cause, and the nearest that can be had."""
+"""Whether a rig can do what a design asks of it, as a whole: each refusal has its own cause, and the nearest
+that can be had."""
 
 import math
 from typing import Any
@@ -7,13 +8,18 @@ from controller.limits import Limits
 from controller.plate import Plate
 from controller.rig import Rig
 
-CREST = 1.35  # of the amplitude, up to which a reading may go before it is a fault, and a converter must show it
-FINE = 0.02  # of the amplitude, a count of the converter at most: two tenths of what a loop in lock may be off
+CREST = (
+    1.35  # of the amplitude, up to which a reading may go before it is a fault, and a converter must show it
+)
+FINE = (
+    0.02  # of the amplitude, a count of the converter at most: two tenths of what a loop in lock may be off
+)
 OFTEN = 4.0  # updates of the drive in a period of the carrier
 
 
 def checked(plate: Plate, rig: Rig, limits: Limits, amplitude: float) -> None:
-    """Raises ValueError for the first of the rig's parts that cannot work with this plate, limit and amplitude."""
+    """Raises ValueError for the first of the rig's parts that cannot work with this plate, limit and
+    amplitude."""
     _sensor(rig, amplitude)
     _drive(rig, limits)
     if plate.f0 is not None:
@@ -32,8 +38,10 @@ def _sensor(rig: Rig, amplitude: float) -> None:
     if rig.adc.full_scale < CREST * shown:
         _refuse(
             f"adc.full_scale = {rig.adc.full_scale:g}",
-            f"an amplitude of {amplitude:g} shows as {shown:g}, and up to {CREST:g} times as much has to be seen",
-            f"full_scale = {CREST * shown:.4g}, or amplitude = {rig.adc.full_scale / CREST * amplitude / shown:.4g}",
+            f"an amplitude of {amplitude:g} shows as {shown:g}, and up to {CREST:g} times as much has to be"
+            f" seen",
+            f"full_scale = {CREST * shown:.4g}, or amplitude ="
+            f" {rig.adc.full_scale / CREST * amplitude / shown:.4g}",
         )
     if rig.adc.unit > FINE * shown:
         least = math.ceil(math.log2(rig.adc.full_scale / (FINE * shown)) + 1)
@@ -53,14 +61,22 @@ def _drive(rig: Rig, limits: Limits) -> None:
         ("inverter.supply", rig.inverter and rig.inverter.most),
     ):
         if most is not None and most < limit * (1 - 1e-9):
-            _refuse(f"{name}", f"it makes {most:.4g} at most, and the voltage limit is {limit:g}", f"voltage_limit = {most:.4g}")
+            _refuse(
+                f"{name}",
+                f"it makes {most:.4g} at most, and the voltage limit is {limit:g}",
+                f"voltage_limit = {most:.4g}",
+            )
 
 
 def _source(rig: Rig, f0: float, half_bandwidth: float) -> None:
     for name, clock in (("timer", rig.timer), ("dds", rig.dds)):
         least = 2.5 * f0 if name == "dds" else 2 * f0
         if clock is not None and clock < least:
-            _refuse(f"{name} = {clock:g} Hz", f"it cannot make a carrier of {f0:.6g} Hz", f"{name} = {least:.4g} Hz")
+            _refuse(
+                f"{name} = {clock:g} Hz",
+                f"it cannot make a carrier of {f0:.6g} Hz",
+                f"{name} = {least:.4g} Hz",
+            )
     source: Any = rig.source(f0)
     if source is not None and 0.5 * source.step > half_bandwidth:
         if rig.timer is not None:
@@ -69,7 +85,8 @@ def _source(rig: Rig, f0: float, half_bandwidth: float) -> None:
             needed = f"frequency_step = {2 * half_bandwidth:.3g} Hz"
         _refuse(
             f"frequencies {source.step:.4g} Hz apart",
-            f"half of the plate's bandwidth is {half_bandwidth:.3g} Hz, so that the resonance may lie beside all of them",
+            f"half of the plate's bandwidth is {half_bandwidth:.3g} Hz, so that the resonance may lie"
+            f" beside all of them",
             needed,
         )
 

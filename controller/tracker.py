@@ -1,5 +1,5 @@
-"""Resonance trackers, which set the drive frequency from Wq/Wd: the paper's sign rule, one that knows the fitted tau, and a
-PLL."""
+"""Resonance trackers, which set the drive frequency from Wq/Wd: the paper's sign rule, one that knows the
+fitted tau, and a PLL."""
 
 from typing import Any, NamedTuple
 
@@ -10,8 +10,9 @@ from controller.source import begun as first
 
 
 class TrackerState(NamedTuple):
-    """Drive frequency, `offset`, and `estimate` of the resonance in Hz above the start (absolute ones would lose digits in single
-    precision), `count` of samples since the last update; last `temperature` and `ratio` Wq / Wd, None where nobody asks."""
+    """Drive frequency, `offset`, and `estimate` of the resonance in Hz above the start (absolute ones would
+    lose digits in single precision), `count` of samples since the last update; last `temperature` and `ratio`
+    Wq / Wd, None where nobody asks."""
 
     offset: Any
     estimate: Any
@@ -21,30 +22,37 @@ class TrackerState(NamedTuple):
 
 
 class TrackerInfo(NamedTuple):
-    """For people: the measurement was `missing`; an update was due and the frequency was `held`; the `step` in Hz."""
+    """For people: the measurement was `missing`; an update was due and the frequency was `held`; the `step`
+    in Hz."""
 
     missing: Any
     held: Any
     step: Any
 
 
-def _due(tracker: Any, state: TrackerState, reference: Any, W: Any, braked: Any, xp: Any) -> tuple[Any, Any, Any, Any]:
-    """Whether the measurement is there, whether an update is due, whether it may be made, and the count after it."""
+def _due(
+    tracker: Any, state: TrackerState, reference: Any, W: Any, braked: Any, xp: Any
+) -> tuple[Any, Any, Any, Any]:
+    """Whether the measurement is there, whether an update is due, whether it may be made, and the count after
+    it."""
     there = seen(reference, W, xp)
     count = state.count + 1.0
     due = count >= tracker.every
     # Squares instead of a root or hypot: the same bits in C on every machine.
     threshold = tracker.gate * reference
-    vibrates = (reference > 0.0) & (W.real > 0.0) & (W.real * W.real + W.imag * W.imag > threshold * threshold)
+    vibrates = (
+        (reference > 0.0) & (W.real > 0.0) & (W.real * W.real + W.imag * W.imag > threshold * threshold)
+    )
     return there, due, due & there & vibrates & xp.logical_not(braked), xp.where(due, 0.0, count)
 
 
 class SignTracker(NamedTuple):
-    """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f holds at Wq = 0.
+    """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f
+    holds at Wq = 0.
 
-    Held unless reference > 0, Wd > 0 and |W| > gate * reference, and while the voltage brakes: without vibration the sign of Wq
-    is noise, and under a negative voltage it is the other one. `start` is the first frequency. All in Hz.
-    Source: Ben Messaoud et al., ACTUATOR 2014: steps of 10 Hz, one each millisecond.
+    Held unless reference > 0, Wd > 0 and |W| > gate * reference, and while the voltage brakes: without
+    vibration the sign of Wq is noise, and under a negative voltage it is the other one. `start` is the first
+    frequency. All in Hz. Source: Ben Messaoud et al., ACTUATOR 2014: steps of 10 Hz, one each millisecond.
     """
 
     start: float
@@ -63,15 +71,26 @@ class SignTracker(NamedTuple):
         return state.estimate
 
     def step(
-        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
+        self,
+        state: TrackerState,
+        reference: Any,
+        W: Any,
+        temperature: Any = None,
+        braked: Any = False,
+        xp: Any = scalar,
     ) -> tuple[TrackerState, Any, TrackerInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out."""
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz
+        out."""
         there, due, moves, count = _due(self, state, reference, W, braked, xp)
         step = xp.where(W.imag > 0.0, self.size, xp.where(W.imag < 0.0, -self.size, 0.0))
         step = xp.where(moves, step, 0.0)
         offset = clip(state.offset + step, self.lowest - self.start, self.highest - self.start, xp)
         after = TrackerState(offset, offset, count)
-        return after, self.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+        return (
+            after,
+            self.start + offset,
+            TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step),
+        )
 
 
 def _begun(tracker: Any, begun: Any, ratio: float | None, xp: Any) -> TrackerState:
@@ -82,12 +101,17 @@ def _begun(tracker: Any, begun: Any, ratio: float | None, xp: Any) -> TrackerSta
 
 def _learned(tracker: Any, state: TrackerState) -> Any:
     """The resonance, Hz above the start, at the temperature of the start."""
-    return state.estimate if tracker.k_T is None else state.estimate - tracker.k_T * (state.temperature - tracker.temperature)
+    return (
+        state.estimate
+        if tracker.k_T is None
+        else state.estimate - tracker.k_T * (state.temperature - tracker.temperature)
+    )
 
 
 def _moved(tracker: Any, state: TrackerState, step: Any, temperature: Any, xp: Any) -> tuple[Any, Any, Any]:
-    """Offset, estimate and temperature: the estimate moves by `step` and with the temperature, within the window; the offset is
-    what the source makes of it, left only where that is further off than half a step and the dead band."""
+    """Offset, estimate and temperature: the estimate moves by `step` and with the temperature, within the
+    window; the offset is what the source makes of it, left only where that is further off than half a step
+    and the dead band."""
     estimate, known = state.estimate, state.temperature
     if tracker.k_T is not None and temperature is not None:
         known = xp.where(xp.isfinite(temperature), temperature, known)
@@ -103,7 +127,8 @@ def _moved(tracker: Any, state: TrackerState, step: Any, temperature: Any, xp: A
 def _followed(
     tracker: Any, state: TrackerState, reference: Any, W: Any, temperature: Any, braked: Any, xp: Any
 ) -> tuple[TrackerState, Any, TrackerInfo]:
-    """One sample of a tracker that says what is `wanted` of the ratio Wq / Wd; without vibration that is nothing."""
+    """One sample of a tracker that says what is `wanted` of the ratio Wq / Wd; without vibration that is
+    nothing."""
     there, due, moves, count = _due(tracker, state, reference, W, braked, xp)
     # Without vibration no division by what may be zero.
     ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -tracker.most, tracker.most, xp)
@@ -111,21 +136,27 @@ def _followed(
     step = xp.where(moves, clip(wanted, -tracker.max_step, tracker.max_step, xp), 0.0)
     offset, estimate, known = _moved(tracker, state, step, temperature, xp)
     after = TrackerState(offset, estimate, count, known, ratio)
-    return after, tracker.start + offset, TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+    return (
+        after,
+        tracker.start + offset,
+        TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step),
+    )
 
 
 class Tracker(NamedTuple):
-    """Where the resonance is, f + (Wq / Wd) / (2 pi tau), followed by the share `share` on every `every`-th sample.
+    """Where the resonance is, f + (Wq / Wd) / (2 pi tau), followed by the share `share` on every `every`-th
+    sample.
 
     Settled, Wq / Wd = 2 pi (f0 - f) tau, so that an update of the estimate e,
 
         e <- e + clip(gain Wq / Wd + share (f - e), +-max_step),    gain = share / (2 pi tau) in Hz,
 
-    removes that share of the detuning: Wq > 0 means below resonance, and f rises. The drive frequency f is the estimate; where
-    the `source` has only steps it is the one nearest to it, and is left only when the estimate is further off than half a step
-    and `dead_band` Hz: noise does not make it chatter. Without vibration Wq / Wd is noise: the estimate is
-    held unless reference > 0, Wd > 0 and |W| > gate * reference, and while the voltage brakes. `lowest` to `highest` is the
-    window of the frequency. With `k_T` (Hz/degC) the estimate moves on every sample as the plate's temperature does.
+    removes that share of the detuning: Wq > 0 means below resonance, and f rises. The drive frequency f is
+    the estimate; where the `source` has only steps it is the one nearest to it, and is left only when the
+    estimate is further off than half a step and `dead_band` Hz: noise does not make it chatter. Without
+    vibration Wq / Wd is noise: the estimate is held unless reference > 0, Wd > 0 and |W| > gate * reference,
+    and while the voltage brakes. `lowest` to `highest` is the window of the frequency. With `k_T` (Hz/degC)
+    the estimate moves on every sample as the plate's temperature does.
 
     Called on every sample, as the PI is: one clock for both. `start` is the first frequency in Hz.
     """
@@ -158,7 +189,13 @@ class Tracker(NamedTuple):
         return _learned(self, state)
 
     def step(
-        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
+        self,
+        state: TrackerState,
+        reference: Any,
+        W: Any,
+        temperature: Any = None,
+        braked: Any = False,
+        xp: Any = scalar,
     ) -> tuple[TrackerState, Any, TrackerInfo]:
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out.
 
@@ -174,14 +211,14 @@ class Tracker(NamedTuple):
 class PLL(NamedTuple):
     """A phase-locked loop: a PI on the phase of W, whose zero cancels the plate's pole.
 
-    With r = Wq / Wd the plate obeys r' = -r / tau + delta, delta = 2 pi (f0 - f), and the detuning obeys delta' = -kp r' - ki r.
-    With ki = kp / tau it settles as e^{-kp t} and passes by nothing. On every sample
+    With r = Wq / Wd the plate obeys r' = -r / tau + delta, delta = 2 pi (f0 - f), and the detuning obeys
+    delta' = -kp r' - ki r. With ki = kp / tau it settles as e^{-kp t} and passes by nothing. On every sample
 
-        e <- e + clip(lead (r - r_before) + gain (r + (f - e) / half_bandwidth), +-max_step),   lead = kp / (2 pi),
-                                                                                    gain = lead T / tau, in Hz,
+        e <- e + clip(lead (r - r_before) + gain (r + (f - e) / half_bandwidth), +-max_step),
+        lead = kp / (2 pi),  gain = lead T / tau, in Hz,
 
-    where (f - e) / half_bandwidth takes away what a source with steps leaves of r. Gate, window, source and temperature as in
-    `Tracker`; while it is held, r_before follows.
+    where (f - e) / half_bandwidth takes away what a source with steps leaves of r. Gate, window, source and
+    temperature as in `Tracker`; while it is held, r_before follows.
     """
 
     lead: float
@@ -208,9 +245,16 @@ class PLL(NamedTuple):
         return _learned(self, state)
 
     def step(
-        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False, xp: Any = scalar
+        self,
+        state: TrackerState,
+        reference: Any,
+        W: Any,
+        temperature: Any = None,
+        braked: Any = False,
+        xp: Any = scalar,
     ) -> tuple[TrackerState, Any, TrackerInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out."""
+        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz
+        out."""
         return _followed(self, state, reference, W, temperature, braked, xp)
 
     def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, Any]:

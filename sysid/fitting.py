@@ -58,7 +58,7 @@ def fit(
     the logs alone do not determine stays undetermined. `start`: a plant to begin from instead of the data.
     `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its offsets, before the fit looks
     for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or for a prior
-    that is none. """
+    that is none."""
     logs = [logs] if isinstance(logs, Log) else logs
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
@@ -86,7 +86,12 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
     outcome = tried(minimiser, best, judged.found, names)
     if (told := outcome.adopted) is not None:
         fitted = told.findings("fitted", "which is fitted")
-        again = replace(question, trials=told.state.trials, dispersion=question.dispersion + told.dispersion, effects=fitted)
+        again = replace(
+            question,
+            trials=told.state.trials,
+            dispersion=question.dispersion + told.dispersion,
+            effects=fitted,
+        )
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful:
             return again, anew
@@ -95,7 +100,10 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without
-        named, wider = most.findings("refused", "which explains most of it"), question.dispersion + most.dispersion
+        named, wider = (
+            most.findings("refused", "which explains most of it"),
+            question.dispersion + most.dispersion,
+        )
         states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
     return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
@@ -115,7 +123,11 @@ def _together(question: Question, found: Fit) -> Fit:
     more = more + question.dispersion
     if not np.any(more):
         return found
-    again = conclude(question, [replace(s, dispersion=more) for s in found.modes], hangs(best, found.reference, found.names))
+    again = conclude(
+        question,
+        [replace(s, dispersion=more) for s in found.modes],
+        hangs(best, found.reference, found.names),
+    )
     spanned = again.result is Result.successful or not said
     told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
     alarms = [x.told(spanned) for x in said if x.rare or not spanned]
@@ -145,7 +157,9 @@ def _concluded(question: Question, states: list[State]) -> Fit:
     names = hangs(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
-    tight = minimiser.imaged([minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)])
+    tight = minimiser.imaged(
+        [minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)]
+    )
     tight = [unfolded(minimiser, s) for s in tight]
     narrow = conclude(question, tight, hangs(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit:
@@ -173,7 +187,10 @@ def _asked(
     reference, free = reading.reference(trials), reading.free(trials)
     stated = {name: given for name, given in checked(priors or {}).items() if name in free}
     unused = [name for name in priors or {} if name not in stated]
-    warnings += [f"{name}: what is stated of it beforehand is not used: these logs say nothing of it" for name in unused]
+    warnings += [
+        f"{name}: what is stated of it beforehand is not used: these logs say nothing of it"
+        for name in unused
+    ]
     warm = any(t.log.temperature is not None for t in trials)
     prior = Prior.of(stated, reference, reference_temperature - reference[1] if warm else 0.0)
     minimiser = Minimiser(reference, free, prior)
@@ -197,13 +214,21 @@ def _asked(
     return Question(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
 
 
-def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence[Log]) -> tuple[list[State], list[str]]:
+def _with_thermometers(
+    minimiser: Minimiser, states: list[State], logs: Sequence[Log]
+) -> tuple[list[State], list[str]]:
     """The minima with the errors of the thermometers where these matter, and sentences on what depends on
     them."""
     spread = [np.sqrt(np.diag(s.covariance)) for s in states]
-    found = [with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)]
+    found = [
+        with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)
+    ]
     states = _anew(minimiser, states, [trials for trials, _ in found])
-    unstated = [t.log for t, log in zip(states[0].trials, logs, strict=True) if "temperature_std_degC" not in log.bench]
+    unstated = [
+        t.log
+        for t, log in zip(states[0].trials, logs, strict=True)
+        if "temperature_std_degC" not in log.bench
+    ]
     errors = np.sqrt(np.diag(states[0].covariance))
     return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
 
@@ -211,9 +236,15 @@ def _with_thermometers(minimiser: Minimiser, states: list[State], logs: Sequence
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
     """The trials as they were read, with the nuisances and priors that were found."""
     pairs = zip(trials, found, strict=True)
-    return tuple(replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing, offset=f.offset) for t, f in pairs)
+    return tuple(
+        replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing, offset=f.offset)
+        for t, f in pairs
+    )
 
 
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:
     """The minima with the trials found at each, refined again where these differ from its own."""
-    return [s if t == s.trials else minimiser.refine(t, s.theta, known=1) for s, t in zip(states, found, strict=True)]
+    return [
+        s if t == s.trials else minimiser.refine(t, s.theta, known=1)
+        for s, t in zip(states, found, strict=True)
+    ]

@@ -1,4 +1,5 @@
-"""Compiled programs on disk: found by name, checked before they are loaded, written whole, the longest unused dropped.
+"""Compiled programs on disk: found by name, checked before they are loaded, written whole, the longest unused
+dropped.
 
 They are of this machine, this JAX and this code alone; whoever may write into the folder may run code here.
 """
@@ -30,7 +31,8 @@ def user_cache() -> Path:
 
 
 def choose(where: Path) -> None:
-    """Keep this process's programs in the folder `where`, whatever folder the environment names; its `off` goes before it."""
+    """Keep this process's programs in the folder `where`, whatever folder the environment names; its `off`
+    goes before it."""
     _folder[:] = [where]
 
 
@@ -43,8 +45,8 @@ def folder() -> Path | None:
 
 
 def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
-    """The compiled program of `function` that `make()` gives, or the one of that `identity` that is kept. One that is broken, cut
-    off or of another kind is made anew; a folder that cannot be used is done without."""
+    """The compiled program of `function` that `make()` gives, or the one of that `identity` that is kept. One
+    that is broken, cut off or of another kind is made anew; a folder that cannot be used is done without."""
     where, package = folder(), function.__module__.partition(".")[0]
     if where is None or not (ROOT / package / "__init__.py").exists():  # code whose text is not known
         return make()
@@ -54,7 +56,9 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     def anew() -> Any:
         log.info("compiling %s, for later runs too", function.__name__.strip("_").replace("_", " "))
         made = make()
-        if not _cached_by_jax():  # what JAX loads from a cache of its own is not whole when it is written again
+        if (
+            not _cached_by_jax()
+        ):  # what JAX loads from a cache of its own is not whole when it is written again
             _write(path, made)
         return made
 
@@ -62,7 +66,8 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
 
 
 class _Loaded:
-    """A program from disk. That a part of it is missing JAX may find out only as it runs: it is then made `anew`."""
+    """A program from disk. That a part of it is missing JAX may find out only as it runs: it is then made
+    `anew`."""
 
     def __init__(self, found: Callable, anew: Callable[[], Callable]):
         self.found, self.anew, self.ran = found, anew, False
@@ -101,7 +106,8 @@ def _read(path: Path) -> Any:
 
         if sha256(content[32:]).digest() != content[:32]:
             return None
-        # JAX looks LAPACK's functions up as it lowers a call of one; a loaded program would call what is not there.
+        # JAX looks LAPACK's functions up as it lowers a call of one; a loaded program would call what is not
+        # there.
         prepare_lapack_call("potrf", np.dtype(float))
         payload, takes, gives = pickle.loads(content[32:])
         found = deserialize_and_load(payload, takes, gives, execution_devices=jax.devices()[:1])
@@ -143,7 +149,8 @@ def _drop(where: Path) -> None:
 
 @cache
 def _machine(package: str) -> str:
-    """What a program depends on beside what it computes: the text of this package and of its own, JAX, the processor."""
+    """What a program depends on beside what it computes: the text of this package and of its own, JAX, the
+    processor."""
     import jax
     import jaxlib
 
@@ -156,8 +163,12 @@ def _machine(package: str) -> str:
 def _processor() -> str:
     """The processor with the instructions that it has, as far as the system tells."""
     with suppress(OSError):
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0].splitlines()
-        return " ".join(line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part")))
+        lines = (
+            Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0].splitlines()
+        )
+        return " ".join(
+            line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))
+        )
     return f"{platform.machine()} {platform.processor()}"
 
 
@@ -166,4 +177,6 @@ def _flags() -> str:
     import jax
 
     silent = ("cache", "log", "traceback", "dump")
-    return str(sorted((k, str(v)) for k, v in jax.config.values.items() if not any(word in k for word in silent)))
+    return str(
+        sorted((k, str(v)) for k, v in jax.config.values.items() if not any(word in k for word in silent))
+    )

@@ -32,21 +32,25 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _options(seldom: bool, largest: int) -> dict[str, Any]:
-    """Compiler options, by whether a program is seldom called and the numbers of its largest array. Without fusion emitters the
-    fit compiles in two thirds of the time. At level 1 of 3 a program is as fast and compiles in three quarters of the time; at 0
-    it takes twice the time and compiles in a third. Sums in stages, which keep the rounding of long ones small, are half of what
-    there is to compile. The optimization barriers of a program, which the CPU's compiler drops by itself, halve the time of the
-    density."""
+    """Compiler options, by whether a program is seldom called and the numbers of its largest array. Without
+    fusion emitters the fit compiles in two thirds of the time. At level 1 of 3 a program is as fast and
+    compiles in three quarters of the time; at 0 it takes twice the time and compiles in a third. Sums in
+    stages, which keep the rounding of long ones small, are half of what there is to compile. The optimization
+    barriers of a program, which the CPU's compiler drops by itself, halve the time of the density."""
     large = largest >= LARGE
     return {
         "xla_cpu_use_fusion_emitters": False,
         "xla_cpu_parallel_codegen_split_count": min(os.cpu_count() or 1, 32),
         "xla_backend_optimization_level": 0 if seldom and not large else 1,
-        "xla_disable_hlo_passes": "cse_barrier_expander" if large else "cse_barrier_expander,tree_reduction_rewriter",
+        "xla_disable_hlo_passes": "cse_barrier_expander"
+        if large
+        else "cse_barrier_expander,tree_reduction_rewriter",
     }
 
 
-LARGE = 1 << 16  # numbers in the largest array, from which on sums are long, and what is seldom called is worth optimising
+LARGE = (
+    1 << 16
+)  # numbers in the largest array, from which on sums are long, and what is seldom called is worth optimising
 _all: list[Any] = []  # whatever keeps programs
 _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a process of one's own
 
@@ -57,8 +61,8 @@ def keep_programs(folder: Path) -> None:
 
 
 def make_beside() -> None:
-    """Let programs be made by threads, as compilers and loaders leave the interpreter to others. For a process of one's own, that
-    does not fork: a host program's threads are its own business."""
+    """Let programs be made by threads, as compilers and loaders leave the interpreter to others. For a
+    process of one's own, that does not fork: a host program's threads are its own business."""
     if not _beside:
         _beside.append(ThreadPoolExecutor(2, "compiler"))
 
@@ -71,8 +75,8 @@ def forget_programs() -> None:
 
 
 class compiled:
-    """`function(*arrays, layouts, groups)` compiled once for each layout, and kept on disk (`sysid.kept`). The arrays, and those
-    in the groups, are of 64 bits.
+    """`function(*arrays, layouts, groups)` compiled once for each layout, and kept on disk (`sysid.kept`).
+    The arrays, and those in the groups, are of 64 bits.
 
     `seldom`: called so few times that compiling it well costs more than it saves.
     """
@@ -87,7 +91,8 @@ class compiled:
         return self._made(args).result()(*arrays, groups)
 
     def prepare(self, arguments: Callable[[], Sequence]) -> None:
-        """Begin to make the program of such arguments beside what goes on here, where `make_beside` has allowed it."""
+        """Begin to make the program of such arguments beside what goes on here, where `make_beside` has
+        allowed it."""
         if _beside:
             self._made(arguments(), _beside[0].submit)
 
@@ -106,7 +111,9 @@ class compiled:
             return self.function(*args[:-1], layouts, args[-1])
 
         identity = f"{options} {layouts} {shapes}"
-        return kept.program(self.function, identity, lambda: _compiled(jax.jit(program).lower(*shapes), options))
+        return kept.program(
+            self.function, identity, lambda: _compiled(jax.jit(program).lower(*shapes), options)
+        )
 
 
 def _compiled(lowered: Any, options: dict[str, Any]) -> Callable[..., Any]:
@@ -126,7 +133,8 @@ seldom = partial(compiled, seldom=True)
 
 
 class jitted:
-    """`jax.jit(function, static_argnames=static)`, its programs kept on disk; within another program it is a part of that."""
+    """`jax.jit(function, static_argnames=static)`, its programs kept on disk; within another program it is a
+    part of that."""
 
     def __init__(self, function: Callable[..., Any], static: str):
         self.function, self.static = function, static

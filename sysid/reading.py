@@ -1,4 +1,5 @@
-"""How each log is read at first, what is assumed for it, and which parameters logs read in this way could determine."""
+"""How each log is read at first, what is assumed for it, and which parameters logs read in this way could
+determine."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,22 +19,36 @@ from sysid.verdict import wording
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
     """How each log is read at first, and sentences on what was assumed."""
-    readings = thermometer.of_plates([log.temperature for log in logs], [log.temperature_digit for log in logs])
+    readings = thermometer.of_plates(
+        [log.temperature for log in logs], [log.temperature_digit for log in logs]
+    )
     recorded = [r.temperature.mean() for r in readings if r is not None]
     found, warnings = [], list(dict.fromkeys(said for log in logs for said in log.warnings))
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
-            log = replace(log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench})
+            log = replace(
+                log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench}
+            )
         if log.kind != "steady" and log.time is not None and (found_even := even(log.time)):
             log = replace(log, time=found_even[0])
             warnings.append(f"{log.name}: {wording.rounded_stamps(log.time, found_even[1])}")
-        if log.frequency is not None and not np.any(log.frequency) and (log.time is not None or log.drive is not None):
+        if (
+            log.frequency is not None
+            and not np.any(log.frequency)
+            and (log.time is not None or log.drive is not None)
+        ):
             log = replace(log, frequency=None)
-            warnings.append(f"{log.name}: its frequency is 0 in every row, as of a source that was not read back; not used")
+            warnings.append(
+                f"{log.name}: its frequency is 0 in every row, as of a source that was not read back; not"
+                f" used"
+            )
         if log.temperature is None and recorded and log.frequency is not None:
             mean = float(np.mean(recorded))
             log = replace(log, temperature=np.full(len(log), mean))
-            warnings.append(f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other logs")
+            warnings.append(
+                f"{log.name}: no temperature is recorded; taken as {mean:.4g} degC, the mean of the other"
+                f" logs"
+            )
         trial = Trial.of(log, log.kind or "steady", nuisances)
         if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
             trial = read_as(trial, log.sampling, candidates(trial)[0][0])
@@ -48,7 +63,8 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
 
 
 def reference(trials: Sequence[Trial]) -> tuple[float, float]:
-    """Frequency (Hz) and temperature (degC) from which offsets are taken; NaN frequency where none is recorded."""
+    """Frequency (Hz) and temperature (degC) from which offsets are taken; NaN frequency where none is
+    recorded."""
     frequencies = [np.median(t.log.frequency) for t in trials if t.resonant]
     warm = [t.log.temperature.mean() for t in trials if t.log.temperature is not None]
     return (float(np.median(frequencies)) if frequencies else np.nan, float(np.mean(warm)) if warm else 0.0)
@@ -72,8 +88,9 @@ def free(trials: Sequence[Trial]) -> tuple[str, ...]:
 
 
 def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
-    """How a timed sweep is read where its kind or `sampling` is not stated. Its rows are settled points if each dwells long
-    enough for `tau`; if its frequency also stays or returns, it is a transient, whose rows may belong to their own inputs."""
+    """How a timed sweep is read where its kind or `sampling` is not stated. Its rows are settled points if
+    each dwells long enough for `tau`; if its frequency also stays or returns, it is a transient, whose rows
+    may belong to their own inputs."""
     log, kind = trial.whole or (undelayed(trial.log, -1.0) if trial.steady else trial.log), trial.kind
     if log.kind is None:
         kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
@@ -94,6 +111,7 @@ def check_units(logs: Sequence[Log]) -> None:
         drive = log.drive_unit if log.drive is not None and logs[0].drive is not None else logs[0].drive_unit
         if (log.response_unit, drive) != (logs[0].response_unit, logs[0].drive_unit):
             raise ValueError(
-                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected {logs[0].response_unit} and"
+                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected"
+                f" {logs[0].response_unit} and"
                 f" {logs[0].drive_unit} as in {logs[0].name}; logs that are read together by read_logs agree"
             )

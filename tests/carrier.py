@@ -2,9 +2,10 @@
 
     w'' + ds w' + w0^2 w = N v,   v = jV e^{j theta},  theta' = omega,  Z = w e^{-j theta}      (m = 1, N = G ds w0)
 
-The drive is complex, and so is w: its real part is what a plate does under Re v, and Z is then unique. G is the response per
-drive at resonance wherever the resonance is, as everywhere in the package. `by_expm` exponentiates the matrix of the equation in
-the frame that turns; `by_carrier` integrates it as it stands. Both take a scene's numbers and none of its equations.
+The drive is complex, and so is w: its real part is what a plate does under Re v, and Z is then unique. G is
+the response per drive at resonance wherever the resonance is, as everywhere in the package. `by_expm`
+exponentiates the matrix of the equation in the frame that turns; `by_carrier` integrates it as it stands.
+Both take a scene's numbers and none of its equations.
 """
 
 import math
@@ -30,7 +31,8 @@ def named(scene):
 
 
 def edges(scene, end):
-    """Times within (0, end) at which an input steps or bends, or a ramp's frequency is rounded to the next step."""
+    """Times within (0, end) at which an input steps or bends, or a ramp's frequency is rounded to the next
+    step."""
     bends = {float(t) for p in scene.inputs.values() for t in p.times if 0 < t < end}
     profile, resolution = scene.inputs["frequency"], named(scene).get("frequency_resolution")
     if resolution and not profile.held:
@@ -46,16 +48,23 @@ def value(profile, time):
     """A profile at one time that is not that of a step."""
     if not profile.held:
         return float(np.interp(time, profile.times, profile.values))
-    return float([v for t, v in zip(profile.times, profile.values, strict=True) if t < time or t == profile.times[0]][-1])
+    return float(
+        [v for t, v in zip(profile.times, profile.values, strict=True) if t < time or t == profile.times[0]][
+            -1
+        ]
+    )
 
 
 def conditions(scene, time):
-    """V, omega and, for each resonance, G, w0, ds and its weight in what the sensor sees, at a time between steps."""
+    """V, omega and, for each resonance, G, w0, ds and its weight in what the sensor sees, at a time between
+    steps."""
     e, plant = named(scene), scene.plant
     given = {name: value(profile, time) for name, profile in scene.inputs.items()}
     V, f = given["drive"], given["frequency"]
     if "inverter" in e:
-        V = e["inverter"].supply * (V if e["inverter"].law == "linear" else 4 / math.pi * math.sin(math.pi * V / 2))
+        V = e["inverter"].supply * (
+            V if e["inverter"].law == "linear" else 4 / math.pi * math.sin(math.pi * V / 2)
+        )
     if "amplifier_limit" in e:
         V = min(max(V, -e["amplifier_limit"].limit), e["amplifier_limit"].limit)
     if "frequency_resolution" in e:
@@ -68,11 +77,20 @@ def conditions(scene, time):
         modes.append((m.G, m.tau, m.f0, m.k_T, weight))
     found = []
     for G, tau, f0, k_T, weight in modes:
-        w0 = 2 * math.pi * (f0 + k_T * (given.get("temperature", plant.reference_temperature) - plant.reference_temperature))
+        w0 = (
+            2
+            * math.pi
+            * (
+                f0
+                + k_T * (given.get("temperature", plant.reference_temperature) - plant.reference_temperature)
+            )
+        )
         if "finger_detuning" in e:
             w0 -= e["finger_detuning"].ratio * rho / tau
         # the force N does not change when a finger adds to ds
-        found.append(SimpleNamespace(N=G * (2 / tau) * w0, w0=w0, ds=2 / tau * (1 + rho), weight=weight, k_T=k_T))
+        found.append(
+            SimpleNamespace(N=G * (2 / tau) * w0, w0=w0, ds=2 / tau * (1 + rho), weight=weight, k_T=k_T)
+        )
     return SimpleNamespace(V=V, omega=2 * math.pi * f, f=f, modes=found)
 
 
@@ -91,7 +109,9 @@ def sensor(scene, c):
     """(gain, leak): the demodulator's input is gain Z + leak."""
     e, gain, leak = named(scene), 1.0 + 0j, 0j
     if "two_ceramics" in e:
-        gain = np.exp(1j * math.atan2(1, c.omega * e["two_ceramics"].resistance * e["two_ceramics"].capacitance))
+        gain = np.exp(
+            1j * math.atan2(1, c.omega * e["two_ceramics"].resistance * e["two_ceramics"].capacitance)
+        )
     if "feedthrough" in e:
         leak = (e["feedthrough"].d + 1j * e["feedthrough"].q) * c.V
     turn = np.exp(1j * math.pi * e["rotation"].angle / 180) if "rotation" in e else 1.0
@@ -113,12 +133,15 @@ def finish(scene, rows):
 
 
 def by_expm(scene):
-    """Rows of a scene of held inputs. State: (Z, w' e^{-j theta}/w0) of each resonance, the stages of the filter, and 1."""
+    """Rows of a scene of held inputs. State: (Z, w' e^{-j theta}/w0) of each resonance, the stages of the
+    filter, and 1."""
     lock_in = named(scene).get("lock_in")
     order = lock_in.order if lock_in else 0
     rows = np.zeros(scene.rows, complex)
     count = len(conditions(scene, 0.0).modes)
-    scale = [m.w0 for m in conditions(scene, 0.0).modes]  # one for all stretches: the velocity is continuous, not its ratio
+    scale = [
+        m.w0 for m in conditions(scene, 0.0).modes
+    ]  # one for all stretches: the velocity is continuous, not its ratio
     state = np.zeros(2 * count + order + 1, complex)
     state[-1] = 1
     since, f_before = 0.0, None
@@ -148,12 +171,15 @@ def by_expm(scene):
 
 
 def by_carrier(scene, rtol=1e-12):
-    """Rows of a scene, also of ramps, of softening and of self-heating (which the amplitude |w| decides); no filter."""
+    """Rows of a scene, also of ramps, of softening and of self-heating (which the amplitude |w| decides); no
+    filter."""
     e = named(scene)
     heat, duffing = e.get("self_heating"), e.get("duffing")
     rows = np.zeros(scene.rows, complex)
     count = len(conditions(scene, 0.0).modes)
-    unit = [m.w0 for m in conditions(scene, 0.0).modes]  # of velocity, so that one absolute tolerance serves all
+    unit = [
+        m.w0 for m in conditions(scene, 0.0).modes
+    ]  # of velocity, so that one absolute tolerance serves all
     state, theta, f_before = np.zeros(2 * count + 1, complex), 0.0, None
     size = 1e-30
     held = all(p.held for p in scene.inputs.values())
@@ -191,7 +217,9 @@ def by_carrier(scene, rtol=1e-12):
         assert done.success, done.message
         state, span = done.y[:, -1], end - begin
         theta += (omega0 + slope * span / 2) * span
-        seen = sum(m.weight * state[2 * k] for k, m in enumerate(conditions(scene, inside(begin, end)[1]).modes))
+        seen = sum(
+            m.weight * state[2 * k] for k, m in enumerate(conditions(scene, inside(begin, end)[1]).modes)
+        )
         gain, leak = sensor(scene, conditions(scene, inside(begin, end)[1]))
         rows[reading] = gain * seen * np.exp(-1j * theta) + leak
     return finish(scene, rows)
@@ -203,7 +231,8 @@ def inside(begin, end):
     return begin + tiny, end - tiny
 
 
-# --- random scenes --------------------------------------------------------------------------------------------------------
+# --- random scenes
+# --------------------------------------------------------------------------------------------------------
 
 PLATE = Plant(G=0.02, tau=5e-3 / math.log(20), f0=32300.0, k_T=-10.16)
 ROWS = 60  # one length for all random scenes: one program for each set of effects
@@ -219,16 +248,26 @@ def random_profile(rng, duration, kind, level, spread):
 
 
 def random_scene(seed, effects=(), *, plant=None, kinds=("steps",), spacing=(0.02, 0.5), rows=ROWS, **more):
-    """A scene of `rows` rows, `spacing` time constants apart; each input of one of `kinds`. `plant` None: one of its own."""
+    """A scene of `rows` rows, `spacing` time constants apart; each input of one of `kinds`. `plant` None: one
+    of its own."""
     rng = np.random.default_rng(seed)
     if plant is None:
         Q = math.exp(rng.uniform(math.log(8), math.log(2000)))
-        plant = Plant(G=math.exp(rng.normal()), tau=Q / (math.pi * 32300), f0=32300.0, k_T=rng.normal(0, 3e3 / Q))
+        plant = Plant(
+            G=math.exp(rng.normal()), tau=Q / (math.pi * 32300), f0=32300.0, k_T=rng.normal(0, 3e3 / Q)
+        )
     rate = 1 / (plant.tau * math.exp(rng.uniform(*np.log(spacing))))
     duration, half_bandwidth = (rows - 1) / rate, 1 / (2 * math.pi * plant.tau)
     warm = 0.5 * half_bandwidth / abs(plant.k_T or 1.0)
-    levels = {"drive": (50.0, 50.0), "frequency": (plant.f0, half_bandwidth), "temperature": (24.0, warm), "force": (1.0, 0.3)}
-    inputs = {name: random_profile(rng, duration, rng.choice(kinds), *level) for name, level in levels.items()}
+    levels = {
+        "drive": (50.0, 50.0),
+        "frequency": (plant.f0, half_bandwidth),
+        "temperature": (24.0, warm),
+        "force": (1.0, 0.3),
+    }
+    inputs = {
+        name: random_profile(rng, duration, rng.choice(kinds), *level) for name, level in levels.items()
+    }
     force = inputs["force"]
     inputs["force"] = Profile(force.times, np.abs(force.values), force.held)
     return Scene(plant, inputs, rows, rate, effects, **more)

@@ -1,6 +1,8 @@
-"""Shared by all tests: compiled programs that the session keeps, flags that must not leak, the bundled logs and their fits.
+"""Shared by all tests: compiled programs that the session keeps, flags that must not leak, the bundled logs
+and their fits.
 
-A fit compiles for some ten seconds, so every fit that more than one test looks at is a fixture of the session.
+A fit compiles for some ten seconds, so every fit that more than one test looks at is a fixture of the
+session.
 """
 
 import os
@@ -9,14 +11,16 @@ import warnings
 from functools import cache, partial
 from pathlib import Path
 
-# Before numpy is imported. Workers take all cores: threads that wait for one another take many times as long as one.
+# Before numpy is imported. Workers take all cores: threads that wait for one another take many times as long
+# as one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
 import reference
 
-# The tests compile many programs and run each a few times. The fit's and the sampler's say themselves how they are compiled.
+# The tests compile many programs and run each a few times. The fit's and the sampler's say themselves how
+# they are compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 FOLDERS = ("plate", "quartz", "low_q")
@@ -30,7 +34,9 @@ def programs_are_kept(tmp_path_factory):
     os.environ.setdefault("SYSID_PROGRAMS", str(folder))
 
 
-study = partial(pytest.param, marks=pytest.mark.study)  # a value of a parameter that the default run leaves to the study
+study = partial(
+    pytest.param, marks=pytest.mark.study
+)  # a value of a parameter that the default run leaves to the study
 
 
 def tiers(few, every):
@@ -44,12 +50,15 @@ def seeds(few, every):
 
 
 def most(seeds, sure=3.5):
-    """What the root mean square of that many standard normal scores may be: it is 1, known to 1/sqrt(2 n); `sure` of these."""
+    """What the root mean square of that many standard normal scores may be: it is 1, known to 1/sqrt(2 n);
+    `sure` of these."""
     return 1 + sure / np.sqrt(2 * len(seeds))
 
 
 MAPS = Path("/proc/self/maps")
-MOST = 30_000  # pieces of memory that a process may have mapped, of the 65 530 that Linux allows: a compiled program has several
+# pieces of memory that a process may have mapped, of the 65 530 that Linux allows: a compiled program has
+# several
+MOST = 30_000
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -92,7 +101,10 @@ def folder_of(name):
 @pytest.fixture(scope="session")
 def truths():
     """{folder: the [plant] table of its truth.toml}."""
-    return {name: tomllib.loads((folder_of(name) / "truth.toml").read_text(encoding="utf-8"))["plant"] for name in FOLDERS}
+    return {
+        name: tomllib.loads((folder_of(name) / "truth.toml").read_text(encoding="utf-8"))["plant"]
+        for name in FOLDERS
+    }
 
 
 @pytest.fixture(scope="session")
@@ -118,20 +130,29 @@ def joint_fit(bundled):
     return of
 
 
-# --- simulated logs: physics and noise are those of tests/reference.py, which shares no code with the package -------------
+# --- simulated logs: physics and noise are those of tests/reference.py, which shares no code with the package
+# -------------
 
 PLATE = {"G": 0.02, "tau": 5e-3 / np.log(20), "f0": 32300.0, "k_T": -10.16}
 
 
 class Bench:
-    """Logs of one plate: 240 rows of a transient or 101 of a sweep, sizes for which the bundled logs compile programs too."""
+    """Logs of one plate: 240 rows of a transient or 101 of a sweep, sizes for which the bundled logs compile
+    programs too."""
 
     def __init__(self):
         self.plant = reference.Plant(**PLATE)
 
     def transient(self, seed=0, **changes):
-        """A step by 10 Hz below resonance; what is given replaces it: volts, dt, frequency, amplitude, noise, noise_time."""
-        given = {"volts": np.repeat([0.0, 100.0], [20, 220]), "dt": 1e-4, "frequency": 32290.0, "amplitude": False, "noise": 0.01}
+        """A step by 10 Hz below resonance; what is given replaces it: volts, dt, frequency, amplitude, noise,
+        noise_time."""
+        given = {
+            "volts": np.repeat([0.0, 100.0], [20, 220]),
+            "dt": 1e-4,
+            "frequency": 32290.0,
+            "amplitude": False,
+            "noise": 0.01,
+        }
         given |= {"noise_time": 0.0, "drive": True, "temperature": 24.0} | changes
         rows = len(given["volts"])
         time = given["dt"] * np.arange(rows)
@@ -140,7 +161,15 @@ class Bench:
         clean = reference.ringing(self.plant, time, given["volts"], frequency, temperature)
         felt = np.append(0.0, given["volts"][:-1])
         return self._log(
-            "step", seed, given, clean, felt, time=time, frequency=frequency, temperature=temperature, sampling="instant"
+            "step",
+            seed,
+            given,
+            clean,
+            felt,
+            time=time,
+            frequency=frequency,
+            temperature=temperature,
+            sampling="instant",
         )
 
     def sweep(self, seed=0, **changes):

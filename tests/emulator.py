@@ -18,7 +18,9 @@ def missing() -> str | None:
     for tool in TOOLS:
         if shutil.which(tool) is None:
             return f"{tool} is not installed"
-    said = subprocess.run([TOOLS[0], "-print-file-name=nano.specs"], capture_output=True, text=True, check=True)
+    said = subprocess.run(
+        [TOOLS[0], "-print-file-name=nano.specs"], capture_output=True, text=True, check=True
+    )
     return None if Path(said.stdout.strip()).is_absolute() else "newlib for arm-none-eabi is not installed"
 
 

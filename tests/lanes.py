@@ -1,4 +1,5 @@
-"""What is exported, in Python, at many simulated plates side by side: each is wired as it should be, or not."""
+"""What is exported, in Python, at many simulated plates side by side: each is wired as it should be, or
+not."""
 
 import numpy as np
 from replay import array_of, full
@@ -8,16 +9,25 @@ AT = 1500  # the sample at which what is wrong in run begins
 
 
 class Lane:
-    """A plate and its wiring: `polarity` and `gain` of the sensor, its `rotation` in degrees; the plate's `G` and `f0` over, and
-    beside, those of the design; `clip`: largest |W| that the sensor shows; `spoil` changes the reading of sample k. `at`: the
-    sample from which on it is so."""
+    """A plate and its wiring: `polarity` and `gain` of the sensor, its `rotation` in degrees; the plate's `G`
+    and `f0` over, and beside, those of the design; `clip`: largest |W| that the sensor shows; `spoil` changes
+    the reading of sample k. `at`: the sample from which on it is so."""
 
     def __init__(self, gain=1.0, rotation=0.0, G=1.0, f0=0.0, clip=np.inf, spoil=None, at=0):
-        self.gain, self.rotation, self.G, self.f0, self.clip, self.spoil, self.at = gain, rotation, G, f0, clip, spoil, at
+        self.gain, self.rotation, self.G, self.f0, self.clip, self.spoil, self.at = (
+            gain,
+            rotation,
+            G,
+            f0,
+            clip,
+            spoil,
+            at,
+        )
 
 
 def play(loop, lanes, samples, asked, noise=0.004, late=0.52, **knobs):
-    """Records (samples, lanes) of V, f, mode, fault, |W|, by name. A command takes effect a sample later; a reading is `late`."""
+    """Records (samples, lanes) of V, f, mode, fault, |W|, by name. A command takes effect a sample later; a
+    reading is `late`."""
     rng, count, xp = np.random.default_rng(0), len(lanes), array_of(np.float64)
     machine, state = loop.machine, full(loop.machine.init(), len(lanes), float)
     Z, before = np.zeros(count, complex), np.zeros(count, complex)
@@ -28,7 +38,9 @@ def play(loop, lanes, samples, asked, noise=0.004, late=0.52, **knobs):
     for k in range(samples):
         there = np.array([k >= lane.at for lane in lanes])
         turn = np.where(there, [lane.gain * np.exp(1j * np.deg2rad(lane.rotation)) for lane in lanes], 1.0)
-        told = (Z + late * (before - Z) + noise * (rng.standard_normal(count) + 1j * rng.standard_normal(count))) * turn
+        told = (
+            Z + late * (before - Z) + noise * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
+        ) * turn
         size = np.abs(told)
         most = np.where(there, [lane.clip for lane in lanes], np.inf)
         told = told * np.minimum(most / np.maximum(size, 1e-12), 1.0)

@@ -1,9 +1,11 @@
 """The physics of scenes a second time, in closed form and plain numpy: it shares no code with the package.
 
-    v = Re[jV e^{j theta}],  w = Re[Z e^{j theta}],  Z = Wd + j Wq (peak),  theta' = omega = 2 pi f,  theta continuous
+    v = Re[jV e^{j theta}],  w = Re[Z e^{j theta}],  Z = Wd + j Wq (peak),  theta' = omega = 2 pi f,  theta
+    continuous
 
-Each response is the exact one of a resonator  m w'' + ds w' + c w = N v(t)  to inputs that hold from row to row. Lengths are in
-um, times in s, frequencies in Hz, voltages in V (peak), temperatures in degC, forces in N.
+Each response is the exact one of a resonator  m w'' + ds w' + c w = N v(t)  to inputs that hold from row to
+row. Lengths are in um, times in s, frequencies in Hz, voltages in V (peak), temperatures in degC, forces in
+N.
 """
 
 from dataclasses import dataclass
@@ -30,20 +32,23 @@ def resonance(plant: Plant, temperature):
 
 
 def touched(plant: Plant, force, rho=1.0, scale=0.6, exponent=2 / 3):
-    """G and tau under a finger: both fall by 1 + r(F), r = rho (1 - e^{-(F/scale)^n}) / (1 - e^{-(1.5 N/scale)^n})."""
+    """G and tau under a finger: both fall by 1 + r(F), r = rho (1 - e^{-(F/scale)^n}) / (1 - e^{-(1.5
+    N/scale)^n})."""
     added = rho * (1 - np.exp(-((force / scale) ** exponent))) / (1 - np.exp(-((1.5 / scale) ** exponent)))
     return plant.G / (1 + added), plant.tau / (1 + added)
 
 
 def steady(plant: Plant, voltage, frequency, temperature, G=None, tau=None):
-    """Z = G V (w0/omega) / (1 - j (w0^2 - omega^2) tau / (2 omega)), exact; G and tau: those under a finger."""
+    """Z = G V (w0/omega) / (1 - j (w0^2 - omega^2) tau / (2 omega)), exact; G and tau: those under a
+    finger."""
     w0, omega = resonance(plant, temperature), 2 * np.pi * frequency
     G, tau = (plant.G, plant.tau) if G is None else (G, tau)
     return G * voltage * (w0 / omega) / (1 - 1j * (w0**2 - omega**2) * tau / (2 * omega))
 
 
 def modes(plant: Plant, frequency: float, temperature: float, tau: float) -> tuple[complex, complex, float]:
-    """Poles s1 (slow), s2 (fast) in the rotating frame and the gain b:  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V."""
+    """Poles s1 (slow), s2 (fast) in the rotating frame and the gain b:  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b
+    V."""
     w0, omega = resonance(plant, temperature), 2 * np.pi * frequency
     wd = np.sqrt(w0**2 - tau**-2)
     return -1 / tau + 1j * (wd - omega), -1 / tau - 1j * (wd + omega), plant.G * w0 / (plant.tau * wd)
@@ -56,7 +61,8 @@ def advance(state: complex, pole: complex, push: complex, duration: float) -> co
 
 
 def ringing(plant: Plant, time, voltage, frequency, temperature, tau=None) -> np.ndarray:
-    """Z just before each row's inputs act, from rest; `tau` row by row, where a finger changes it (b = G/tau stays).
+    """Z just before each row's inputs act, from rest; `tau` row by row, where a finger changes it (b = G/tau
+    stays).
 
     With the ripple, w and w' are continuous whatever changes; without it, the slow mode is.
     """

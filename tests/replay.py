@@ -15,7 +15,16 @@ import controller
 from controller.scalar import typed
 
 KIND = {"double": np.float64, "single": np.float32}
-WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Wfloat-equal", "-Werror"]
+WARNINGS = [
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wdouble-promotion",
+    "-Wshadow",
+    "-Wfloat-equal",
+    "-Werror",
+]
 PLAIN = ["-std=c99", "-ffp-contract=off"]
 SANITIZERS = ["-O1", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
 
@@ -113,7 +122,9 @@ def given(inputs):
 def in_c(loop, folder, inputs, precision, *flags):
     """(sequences, samples) of records of the compiled step, for inputs by name (sequences, samples)."""
     shape = inputs["wd"].shape
-    rows = np.zeros(shape, np.dtype([*((n, KIND[precision]) for n in REALS), *((n, np.int32) for n in WHOLE)], align=True))
+    rows = np.zeros(
+        shape, np.dtype([*((n, KIND[precision]) for n in REALS), *((n, np.int32) for n in WHOLE)], align=True)
+    )
     for name, values in given(inputs).items():
         rows[name] = values
     program = compiled(loop, folder, precision, STEP_C, *flags, f"-DSAMPLES={shape[1]}")
@@ -127,7 +138,9 @@ def array_of(kind):
         found = np.where(condition, yes, no)
         return found if found.dtype == bool else found.astype(kind)
 
-    return SimpleNamespace(where=where, isfinite=np.isfinite, logical_not=np.logical_not, floor=np.floor, nan=kind(np.nan))
+    return SimpleNamespace(
+        where=where, isfinite=np.isfinite, logical_not=np.logical_not, floor=np.floor, nan=kind(np.nan)
+    )
 
 
 def in_arrays(loop, inputs, precision):
@@ -143,7 +156,12 @@ def in_arrays(loop, inputs, precision):
             knobs = {name: now[name] for name in ("share", "voltage", "offset", "task")}
             knobs |= {name: now[name] != 0 for name in ("enable", "reset", "clipped")}
             state, command, said = machine.step(state, now["reference"], W, now["temperature"], xp, **knobs)
-            found = {"voltage": command.voltage, "fault": said.fault, "mode": said.mode, "held": state.held.count}
+            found = {
+                "voltage": command.voltage,
+                "fault": said.fault,
+                "mode": said.mode,
+                "held": state.held.count,
+            }
             if command.frequency is not None:
                 found |= {"frequency": command.frequency}
             for name, value in found.items():

@@ -1,4 +1,5 @@
-"""The house: imports run one way, every module says what it is, what is imported is declared, importing is quick."""
+"""The house: imports run one way, every module says what it is, what is imported is declared, importing is
+quick."""
 
 import ast
 import re
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-# What stands above may be imported: folders and modules from the top, and the modules of a folder from its left.
+# What stands above may be imported: folders and modules from the top, and the modules of a folder from its
+# left.
 HOUSE = """
 kept
 precision
@@ -73,7 +75,22 @@ PACKAGES = ("sysid", "controller", "stimulator")
 MODULES = sorted(p for folder in PACKAGES for p in (ROOT / folder).rglob("*.py"))
 SOURCES = sorted((ROOT / "sysid").rglob("*.py"))
 STIMULATOR = sorted((ROOT / "stimulator").rglob("*.py"))
-TEXTS = {".py", ".md", ".toml", ".csv", ".j2", ".css", ".ipynb", ".h", ".c", ".txt", ".yml", ".yaml", ".cfg", ""}
+TEXTS = {
+    ".py",
+    ".md",
+    ".toml",
+    ".csv",
+    ".j2",
+    ".css",
+    ".ipynb",
+    ".h",
+    ".c",
+    ".txt",
+    ".yml",
+    ".yaml",
+    ".cfg",
+    "",
+}
 HOSTS = ("pypi" + ".org", "pythonhosted" + ".org", "conda" + ".anaconda", "npmjs" + ".")
 FORBIDDEN = ("/wo" + "rk/", "/t" + "mp/", "uv" + ".lock", *HOSTS)
 LOOKS_FOR_THEM = {"tests/test_notebooks.py"}  # refuses such folders itself
@@ -93,7 +110,9 @@ def imported(path):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{relative(path)}: relative import"
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names if node.module.startswith("sysid")}
+            found |= {node.module} | {
+                f"{node.module}.{alias.name}" for alias in node.names if node.module.startswith("sysid")
+            }
     return found
 
 
@@ -114,7 +133,12 @@ def test_imports_run_one_way(path):
     for name in imported(path):
         parts = name.removeprefix("sysid.").split(".")
         theirs = ".".join(parts[:2]) if ".".join(parts[:2]) in ORDER else parts[0]
-        if name.startswith("sysid.") and theirs in ORDER and theirs != mine.split(".")[0] and theirs not in WITHIN.get(mine, ()):
+        if (
+            name.startswith("sysid.")
+            and theirs in ORDER
+            and theirs != mine.split(".")[0]
+            and theirs not in WITHIN.get(mine, ())
+        ):
             assert ORDER.index(theirs) < ORDER.index(mine), f"{relative(path)} imports {name}"
 
 
@@ -147,7 +171,12 @@ def test_every_module_says_what_it_is(path):
 
 def test_what_is_imported_is_declared():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = [d for name, of in project["optional-dependencies"].items() if name not in ("test", "bench") for d in of]
+    extras = [
+        d
+        for name, of in project["optional-dependencies"].items()
+        if name not in ("test", "bench")
+        for d in of
+    ]
     declared = {re.split(r"[<>=\[ ]", d)[0].lower() for d in (*project["dependencies"], *extras)}
     used = {name.split(".")[0] for path in MODULES for name in imported(path)} - set(PACKAGES)
     foreign = {NAMES.get(name, name).lower() for name in used - sys.stdlib_module_names}
@@ -158,7 +187,9 @@ def test_the_import_is_quick():
     slow = "{'jax', 'pandas', 'matplotlib', 'scipy', 'pint', 'optimistix', 'skfem'}"
     script = "import sys, sysid, stimulator; dir(sysid); dir(stimulator); "
     script += f"print(sorted({slow} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert done.stdout.strip() == "[]"
 
 
@@ -176,7 +207,11 @@ def texts():
     listed = subprocess.run(["git", "ls-files"], capture_output=True, text=True, cwd=ROOT)
     if listed.returncode:  # not a checkout: the files of an archive
         return [p for p in ROOT.rglob("*") if p.is_file() and p.suffix in TEXTS and ".git" not in p.parts]
-    return [ROOT / name for name in listed.stdout.splitlines() if Path(name).suffix in TEXTS and (ROOT / name).is_file()]
+    return [
+        ROOT / name
+        for name in listed.stdout.splitlines()
+        if Path(name).suffix in TEXTS and (ROOT / name).is_file()
+    ]
 
 
 def test_no_file_names_a_machine_s_folder_or_a_registry():

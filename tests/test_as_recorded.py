@@ -1,5 +1,5 @@
-"""Columns as instruments write them: frequencies in whole hertz, a drive that was measured, a thermometer of tenths of a degree,
-an amplitude whose noise has no sign. What they leave is noise, and no misfit."""
+"""Columns as instruments write them: frequencies in whole hertz, a drive that was measured, a thermometer of
+tenths of a degree, an amplitude whose noise has no sign. What they leave is noise, and no misfit."""
 
 from dataclasses import replace
 
@@ -22,7 +22,9 @@ def scores(bench, seeds, made, names=("G", "tau", "f0"), **given):
     for seed in seeds:
         fit = sysid.fit(made(np.random.default_rng(seed)), **given)
         assert fit.result is sysid.Result.successful, fit.warnings
-        found.append([(fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std for n in names])
+        found.append(
+            [(fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std for n in names]
+        )
     return np.array(found)
 
 
@@ -31,14 +33,17 @@ def rms(values):
 
 
 def swept(bench, rng, drive=None, frequency=None, temperature=24.0, level=0.01, **given):
-    """A sweep of settled points over six half bandwidths at 100 V; recorded are a drive and a frequency of their own."""
+    """A sweep of settled points over six half bandwidths at 100 V; recorded are a drive and a frequency of
+    their own."""
     true = 32300.0 + bench.plant.k_T * (np.mean(temperature) - 24.0) + np.linspace(-285, 285, 81)
     warm = np.broadcast_to(temperature, 81)
     clean = reference.steady(bench.plant, np.full(81, 100.0), true, warm)
     response = np.exp(0.3j) * clean + level * (rng.standard_normal(81) + 1j * rng.standard_normal(81))
     given = {"temperature": warm, "kind": "steady"} | given
     drive = np.full(81, 100.0) if drive is None else drive
-    return sysid.Log("sweep", response, drive=drive, frequency=true if frequency is None else frequency(true), **given)
+    return sysid.Log(
+        "sweep", response, drive=drive, frequency=true if frequency is None else frequency(true), **given
+    )
 
 
 @pytest.mark.parametrize("digit", [study(0.5), 1.0, study(2.0)])
@@ -78,17 +83,21 @@ def test_a_drive_that_is_made_to_vary_about_its_level_is_not_a_meters_noise(benc
 
     def made(rng):
         beside = np.sign(rng.standard_normal(4000)) if kind == "of two values" else rng.standard_normal(4000)
-        return [bench.transient(seed=int(rng.integers(1000)), volts=100 + beside, noise=1e-4, frequency=32300.0)]
+        return [
+            bench.transient(seed=int(rng.integers(1000)), volts=100 + beside, noise=1e-4, frequency=32300.0)
+        ]
 
     z = scores(bench, seeds, made, ("tau", "f0"))
     assert np.all(rms(z) < most(seeds))
 
 
 @pytest.mark.parametrize(
-    ("digit", "flicker", "ramp"), [study(0.1, 0.0, 3.0), (0.25, 0.0, 3.0), study(0.0, 0.4, 0.0), (0.1, 0.3, 0.0)]
+    ("digit", "flicker", "ramp"),
+    [study(0.1, 0.0, 3.0), (0.25, 0.0, 3.0), study(0.0, 0.4, 0.0), (0.1, 0.3, 0.0)],
 )
 def test_temperatures_as_thermometers_tell_them(bench, seeds, digit, flicker, ramp):
-    """Creeping and read to a tenth of a degree; constant and read with noise. Of this k_T took nothing, and was zero."""
+    """Creeping and read to a tenth of a degree; constant and read with noise. Of this k_T took nothing, and
+    was zero."""
 
     def made(rng):
         logs = []
@@ -151,7 +160,8 @@ def test_a_frequency_of_zero_throughout_is_none(bench):
 
 
 def test_a_force_that_steps_is_held_from_row_to_row(bench, seeds):
-    """Rows a twelfth of tau apart: with half of the press in the row before, G was 6 % low, 7 of its standard deviations."""
+    """Rows a twelfth of tau apart: with half of the press in the row before, G was 6 % low, 7 of its standard
+    deviations."""
     force = np.repeat([0.0, 1.5, 0.5], [80, 80, 80])
     time, frequency = bench.plant.tau / 12 * np.arange(240), np.full(240, bench.plant.f0)
     drive = np.where(np.arange(240) < 20, 0.0, 100.0)
@@ -169,7 +179,8 @@ def test_a_force_that_steps_is_held_from_row_to_row(bench, seeds):
 
 @pytest.mark.parametrize("dwell", [5.0, study(20.0)])
 def test_rows_of_the_inputs_before_are_that_however_long_they_dwell(bench, seeds, dwell):
-    """A timed sweep says sampling: instant, and not its kind; taken for points of their own inputs, f0 is a point of it off."""
+    """A timed sweep says sampling: instant, and not its kind; taken for points of their own inputs, f0 is a
+    point of it off."""
     frequency = bench.plant.f0 + np.linspace(-300, 300, 61)
     time, drive = dwell * bench.plant.tau * np.arange(61), np.full(61, 100.0)
     clean = reference.ringing(bench.plant, time, drive, frequency, np.full(61, 24.0))
@@ -183,13 +194,15 @@ def test_rows_of_the_inputs_before_are_that_however_long_they_dwell(bench, seeds
 
 def test_a_timed_sweep_that_does_not_say_to_which_inputs_its_rows_belong_is_told_what_was_taken(bench):
     log = swept(bench, np.random.default_rng(0), time=0.05 * np.arange(81), kind=None)
-    assert any("not stated and matters here; taken as sampling: settled" in w for w in sysid.fit([log]).warnings)
+    assert any(
+        "not stated and matters here; taken as sampling: settled" in w for w in sysid.fit([log]).warnings
+    )
     assert not any("taken as sampling" in w for w in sysid.fit([replace(log, sampling="settled")]).warnings)
 
 
 def test_a_drive_that_is_fed_back_from_the_response(bench, seeds):
-    """An amplitude controller's drive goes with the noise of its sensor. So would rows that show their own inputs, by another
-    number."""
+    """An amplitude controller's drive goes with the noise of its sensor. So would rows that show their own
+    inputs, by another number."""
     n, spacing, plant = 400, bench.plant.tau / 20, bench.plant
     pole = -1 / plant.tau + 2j * np.pi * -40.0  # driven 40 Hz above the resonance
     asked = np.repeat([0.0, 1.0, 1.6], [20, 180, 200])
@@ -218,7 +231,9 @@ def test_a_drive_of_one_size_that_was_measured_is_not_out_of_proportion(bench, s
     def made(rng):
         response = clean + 0.02 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
         given = {"frequency": np.full(n, bench.plant.f0 + 30.0), "drive": drive + rng.standard_normal(n)}
-        return [sysid.Log("random levels", response, time=time, kind="transient", sampling="instant", **given)]
+        return [
+            sysid.Log("random levels", response, time=time, kind="transient", sampling="instant", **given)
+        ]
 
     z = scores(bench, seeds, made)
     assert np.all(rms(z) < most(seeds))
@@ -236,5 +251,6 @@ def test_few_points_on_a_background_that_slopes(bench, seeds, points):
         return [sysid.Log("few", response, drive=np.full(points, 100.0), frequency=frequency, kind="steady")]
 
     z = scores(bench, seeds, made)
-    # Of nine points eight of eighteen numbers are taken: scores are Student's of ten degrees of freedom, rms 1.12.
+    # Of nine points eight of eighteen numbers are taken: scores are Student's of ten degrees of freedom, rms
+    # 1.12.
     assert np.all(rms(z) < 1.12 * most(seeds))

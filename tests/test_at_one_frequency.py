@@ -1,4 +1,5 @@
-"""Settled points at one frequency: beside logs that tell the plate, what they show of it, and what they do not."""
+"""Settled points at one frequency: beside logs that tell the plate, what they show of it, and what they do
+not."""
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ def seeds(request):
 
 
 def turned(rng, clean):
-    """As a demodulator of any phase shows it, in noise of a hundredth of the response at resonance in each channel."""
+    """As a demodulator of any phase shows it, in noise of a hundredth of the response at resonance in each
+    channel."""
     noise = LEVEL * PLANT.G * VOLTS * (rng.standard_normal(len(clean)) + 1j * rng.standard_normal(len(clean)))
     return clean * np.exp(2j * np.pi * rng.random()) + noise
 
@@ -58,8 +60,8 @@ def scores(seeds, made, name):
 
 
 def test_the_sign_of_a_temperature_coefficient_is_not_guessed(seeds):
-    """Driven at the resonance of 24 degC, and turned by any phase, +k_T and -k_T look alike: of 20 such benches 6 had the wrong
-    sign, by hundreds of standard deviations."""
+    """Driven at the resonance of 24 degC, and turned by any phase, +k_T and -k_T look alike: of 20 such
+    benches 6 had the wrong sign, by hundreds of standard deviations."""
     for seed in seeds:
         rng = np.random.default_rng(seed)
         fit = sysid.fit([sweep(rng), *(at_one(rng, degC) for degC in (20.0, 22.0, 26.0, 28.0))])
@@ -69,20 +71,29 @@ def test_the_sign_of_a_temperature_coefficient_is_not_guessed(seeds):
 
 @pytest.mark.parametrize("through", [study(0.0), 0.05])
 def test_a_feedthrough_that_a_step_does_not_tell_is_in_the_gain_that_levels_tell(seeds, through):
-    """Settled levels show G and the feedthrough as one; taken for G alone it was ten standard deviations off, by 5 %."""
+    """Settled levels show G and the feedthrough as one; taken for G alone it was ten standard deviations off,
+    by 5 %."""
     levels = np.repeat([0.0, 25.0, 50.0, 75.0, 100.0], 6)
-    z = scores(seeds, lambda rng: [step(rng, through), settled(rng, PLANT.f0 + 30.0, levels, 24.0, through, "levels")], "G")
+    z = scores(
+        seeds,
+        lambda rng: [step(rng, through), settled(rng, PLANT.f0 + 30.0, levels, 24.0, through, "levels")],
+        "G",
+    )
     assert len(z) > len(seeds) / 2
     assert np.sqrt(np.mean(z**2)) < most(seeds, 3)
 
 
 @pytest.mark.parametrize("through", [study(0.0), 0.05])
 def test_a_feedthrough_at_another_temperature_is_as_large_as_that_of_the_sweep(seeds, through):
-    """Driven 120 Hz above the resonance, the points tell k_T by their amplitude, to which the feedthrough adds."""
+    """Driven 120 Hz above the resonance, the points tell k_T by their amplitude, to which the feedthrough
+    adds."""
 
     def made(rng):
         c = through * np.exp(2j * np.pi * rng.random())
-        warm = [settled(rng, PLANT.f0 + 120.0, np.full(40, VOLTS), degC, c, f"{degC:g} degC") for degC in (20.0, 30.0)]
+        warm = [
+            settled(rng, PLANT.f0 + 120.0, np.full(40, VOLTS), degC, c, f"{degC:g} degC")
+            for degC in (20.0, 30.0)
+        ]
         return [sweep(rng, c), *warm]
 
     z = scores(seeds, made, "k_T")

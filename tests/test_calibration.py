@@ -1,4 +1,5 @@
-"""A short version of benchmarks/calibration.py: plates and lateness drawn from the stated priors, ranks among the draws."""
+"""A short version of benchmarks/calibration.py: plates and lateness drawn from the stated priors, ranks among
+the draws."""
 
 import runpy
 from pathlib import Path
@@ -25,12 +26,16 @@ def ranks(name, runs, **given):
 def test_the_truth_is_any_draw_of_its_posterior(name, runs):
     found, of = ranks(name, runs)
     assert all(r.bounded for r in found)
-    assert all(kstest(of(parameter), "uniform").pvalue > 1e-3 for parameter in CASES[name].box)  # of five: once in 200 runs
+    assert all(
+        kstest(of(parameter), "uniform").pvalue > 1e-3 for parameter in CASES[name].box
+    )  # of five: once in 200 runs
 
 
 def test_a_posterior_without_its_prior_s_width_is_found_out():
     """Lateness taken as known: G is then far from its draws, on either side, which the same ranks show."""
-    found, of = ranks("lone step", 24, nuisances=("rotation", "background", "offset", "start"), accuracy="quick")
+    found, of = ranks(
+        "lone step", 24, nuisances=("rotation", "background", "offset", "start"), accuracy="quick"
+    )
     assert sum(0.01 < r < 0.99 for r in of("G")) < 0.5 * len(found)
 
 

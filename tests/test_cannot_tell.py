@@ -1,4 +1,5 @@
-"""A short version of the study benchmarks/cannot_tell.py: the first seed of the causes whose logs share a few programs."""
+"""A short version of the study benchmarks/cannot_tell.py: the first seed of the causes whose logs share a few
+programs."""
 
 import importlib.util
 import sys
@@ -69,7 +70,8 @@ def test_the_record_that_a_sentence_asks_for_is_read(study, sentence, before, un
     assert found is None if expected is None else found == pytest.approx(expected, rel=1e-12)
 
 
-# --- nothing at all ---------------------------------------------------------------------------------------------------
+# --- nothing at all
+# ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("points", [2, 3, 4])
@@ -77,7 +79,9 @@ def test_as_many_unknowns_as_numbers_tell_nothing(bench, points):
     """Of d and q at four points two numbers are left beside G, tau, f0, a rotation and a feedthrough."""
     for seed in range(5):
         found = sysid.fit([bench.sweep(seed=seed, frequency=np.linspace(32200, 32400, points))])
-        assert found.result.name == "undetermined" and not any(p.determined for p in found.parameters.values())
+        assert found.result.name == "undetermined" and not any(
+            p.determined for p in found.parameters.values()
+        )
         assert "hardly more than the unknowns" in found.parameters["tau"].why
 
 
@@ -85,7 +89,9 @@ def test_as_many_unknowns_as_numbers_tell_nothing(bench, points):
 def test_few_points_that_tell_their_noise_are_fitted(bench, seeds):
     z = []
     for seed in seeds:
-        p = sysid.sample(sysid.fit([bench.sweep(seed=seed, frequency=np.linspace(32200, 32400, 8))])).summary()
+        p = sysid.sample(
+            sysid.fit([bench.sweep(seed=seed, frequency=np.linspace(32200, 32400, 8))])
+        ).summary()
         z += [p[n].ci95[0] < getattr(bench.plant, n) < p[n].ci95[1] for n in ("tau", "f0") if p[n].determined]
     # of 70 intervals 95 % +- 2.6 % hold the truth: less 3.5 of these
     assert np.mean(z) > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / len(z)) and len(z) > 1.5 * len(seeds)
@@ -116,8 +122,9 @@ def test_a_line_in_noise_is_no_resonance(bench, drive):
 
 @seeds(5, 20)
 def test_where_tau_is_not_told_f0_is_not_either_but_to_the_narrowest_half_bandwidth(bench, seeds):
-    """Five rows of a step, in noise: of a tau ten times too short the half bandwidth is ten times too wide, and f0 was determined
-    to hundreds of hertz; and of what the logs do not bound, the report's draws were never wider than 1 Hz."""
+    """Five rows of a step, in noise: of a tau ten times too short the half bandwidth is ten times too wide,
+    and f0 was determined to hundreds of hertz; and of what the logs do not bound, the report's draws were
+    never wider than 1 Hz."""
     for seed in seeds:
         fit = sysid.fit([bench.transient(seed=seed, volts=np.repeat([0.0, 100.0], [20, 5]))])
         f0 = sysid.sample(fit, seed=seed).summary()["f0"]

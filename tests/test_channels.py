@@ -1,4 +1,5 @@
-"""Noise that differs between d and q, and outliers on top of coloured noise: levels, intervals, words, against plain numpy."""
+"""Noise that differs between d and q, and outliers on top of coloured noise: levels, intervals, words,
+against plain numpy."""
 
 import numpy as np
 import pytest
@@ -36,7 +37,9 @@ def step(noise, rate=1e4):
     time = np.arange(n) / rate
     clean = reference.ringing(PLANT, time, drive, fixed, np.full(n, 24.0))
     response = np.exp(1j * TURN) * clean + noise
-    return sysid.Log("step", response, time=time, drive=drive, frequency=fixed, kind="transient", sampling="instant")
+    return sysid.Log(
+        "step", response, time=time, drive=drive, frequency=fixed, kind="transient", sampling="instant"
+    )
 
 
 def parted(d, q, seed, n=101):
@@ -45,7 +48,8 @@ def parted(d, q, seed, n=101):
 
 
 def weighted_least_squares(log, std_d, std_q):
-    """(log G, log tau, f0 - 32300) and standard deviations of a sweep whose noise is known, by scipy: eight real parameters."""
+    """(log G, log tau, f0 - 32300) and standard deviations of a sweep whose noise is known, by scipy: eight
+    real parameters."""
 
     def rows(p):
         w, w0 = 2 * np.pi * log.frequency, 2 * np.pi * (32300 + p[2])
@@ -68,10 +72,12 @@ def test_a_sweep_agrees_with_a_weighted_least_squares(d, q):
     assert [level.std for level in levels] == pytest.approx([d, q], rel=0.25)
     values, std = weighted_least_squares(fit.logs[0].log, *(level.std for level in levels))
     found = np.array([np.log(fit.plant.G), np.log(fit.plant.tau), fit.plant.f0 - 32300])
-    # 1e-3 of a standard deviation: the rounds stop when the noise moves by less than that of itself; and the nuisances' prior
+    # 1e-3 of a standard deviation: the rounds stop when the noise moves by less than that of itself; and the
+    # nuisances' prior
     np.testing.assert_array_less(np.abs(found - values) / std, 1e-3)
     told = np.sqrt(np.diag(fit.covariance)) / [fit.plant.G, fit.plant.tau, 1.0]
-    # each channel is given half of the degrees of freedom, of which the plant's three are taken in proportion: 2 %
+    # each channel is given half of the degrees of freedom, of which the plant's three are taken in
+    # proportion: 2 %
     np.testing.assert_allclose(told, std, rtol=0.03)
 
 
@@ -79,12 +85,16 @@ def scores(make):
     """(value - truth)/std of (tau, f0) over SEEDS logs, and the fits."""
     fits = [sysid.fit([make(seed)]) for seed in range(SEEDS)]
     assert all(f.result is sysid.Result.successful for f in fits)
-    found = [[(f.parameters[n].value - getattr(PLANT, n)) / f.parameters[n].std for n in ("tau", "f0")] for f in fits]
+    found = [
+        [(f.parameters[n].value - getattr(PLANT, n)) / f.parameters[n].std for n in ("tau", "f0")]
+        for f in fits
+    ]
     return np.array(found), fits
 
 
 def unit_normal(z):
-    """Mean and spread of all within three and a half of their own errors; the two of one seed count as one."""
+    """Mean and spread of all within three and a half of their own errors; the two of one seed count as
+    one."""
     return abs(z.mean()) < 3.5 / np.sqrt(SEEDS) and abs(z.std() - 1) < 3.5 / np.sqrt(2 * SEEDS)
 
 
@@ -96,12 +106,15 @@ def test_errors_with_one_bad_channel_are_those_of_the_estimates():
 def test_errors_with_outliers_on_coloured_noise_are_those_of_the_estimates():
     def make(seed):
         rng = np.random.default_rng([seed, 6])
-        v = coloured(rng, 420, 0.9) + np.where(rng.random(420) < 0.05, 10.0, 0.0) * rng.standard_normal((2, 420))
+        v = coloured(rng, 420, 0.9) + np.where(rng.random(420) < 0.05, 10.0, 0.0) * rng.standard_normal(
+            (2, 420)
+        )
         return step(0.02 * (v[0] + 1j * v[1]))
 
     z, fits = scores(make)
     assert unit_normal(z) and all("outliers left out" in f.logs[0].noise for f in fits)
-    # 21 of 420 rows on average, one in a hundred of which is within the noise; the level is not that of the outliers
+    # 21 of 420 rows on average, one in a hundred of which is within the noise; the level is not that of the
+    # outliers
     assert 17 < np.mean([int(f.logs[0].noise.split(", ")[-1].split()[0]) for f in fits]) < 24
     assert np.median([f.logs[0].noise_std for f in fits]) == pytest.approx(0.02, rel=0.15)
 
@@ -121,8 +134,13 @@ def test_what_was_found_is_told_and_sampled():
     log = sweep(parted(0.06, 0.02, 3))
     fit = sysid.fit([log, step(parted(0.02, 0.02, 4, 220))])
     told, other = nuisances(fit)
-    assert told["noise_d"].ci95[0] < 0.06 < told["noise_d"].ci95[1] and told["noise_q"].ci95[0] < 0.02 < told["noise_q"].ci95[1]
-    assert told["noise"].value == pytest.approx(np.sqrt((told["noise_d"].value ** 2 + told["noise_q"].value ** 2) / 2), rel=1e-12)
+    assert (
+        told["noise_d"].ci95[0] < 0.06 < told["noise_d"].ci95[1]
+        and told["noise_q"].ci95[0] < 0.02 < told["noise_q"].ci95[1]
+    )
+    assert told["noise"].value == pytest.approx(
+        np.sqrt((told["noise_d"].value ** 2 + told["noise_q"].value ** 2) / 2), rel=1e-12
+    )
     assert "noise_d" not in other and fit.logs[1].noise == "white"
     assert np.all(np.isfinite([c.difference for c in sysid.compare(fit)]))
     drawn = sysid.sample(fit, seed=0).summary()

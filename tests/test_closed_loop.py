@@ -1,4 +1,5 @@
-"""The closed loop against the carrier itself, against open-loop scenes, and against the numbers of the paper's figures."""
+"""The closed loop against the carrier itself, against open-loop scenes, and against the numbers of the
+paper's figures."""
 
 import dataclasses
 import math
@@ -11,7 +12,17 @@ import pytest
 import scipy.linalg
 
 import controller
-from controller import DQ, PI, Adaptive, Command, SignTracker, Tracker, closed_loop, closed_loops, settling_time
+from controller import (
+    DQ,
+    PI,
+    Adaptive,
+    Command,
+    SignTracker,
+    Tracker,
+    closed_loop,
+    closed_loops,
+    settling_time,
+)
 from sysid import Plant, Profile, Scene, SceneError
 from sysid.scene.effects import EFFECTS, Delay, FingerDamping, FrequencyResolution, WhiteNoise
 
@@ -22,11 +33,14 @@ FINGER = FingerDamping()  # halves the amplitude at 1.5 N
 
 
 def scene(effects=(), duration=0.08, rate=1e4, plate=PLATE, volts=100.0, fidelity="envelope", **inputs):
-    """What a lock-in shows of the plate; "exact" adds the ripple at twice the carrier. A finger that does not press is there
-    too, so that most tests share a compiled program."""
+    """What a lock-in shows of the plate; "exact" adds the ripple at twice the carrier. A finger that does not
+    press is there too, so that most tests share a compiled program."""
     if fidelity == "envelope" and FINGER not in effects:
         effects, inputs = (FINGER, *effects), {"force": 0.0} | inputs
-    given = {"drive": volts if isinstance(volts, Profile) else Profile.constant(volts), "frequency": Profile.constant(32300.0)}
+    given = {
+        "drive": volts if isinstance(volts, Profile) else Profile.constant(volts),
+        "frequency": Profile.constant(32300.0),
+    }
     given |= {name: p if isinstance(p, Profile) else Profile.constant(p) for name, p in inputs.items()}
     return Scene(plate, given, round(duration * rate) + 1, rate, tuple(effects), fidelity=fidelity)
 
@@ -35,11 +49,15 @@ def paper(limit=350.0, latency=T, late=0.0):
     """The paper's rules; gains of a closed loop of 0.5 ms; `late`: s, of a demodulator."""
     K = -math.expm1(-T / 0.5e-3)
     law = DQ(PI(K / (0.02 * -math.expm1(-T / TAU)), K / 0.02, 0.0, limit), SignTracker(32300.0, 10.0))
-    return SimpleNamespace(control=law, G=0.02, sample_time=T, latency=latency, demodulator=SimpleNamespace(delay=late))
+    return SimpleNamespace(
+        control=law, G=0.02, sample_time=T, latency=latency, demodulator=SimpleNamespace(delay=late)
+    )
 
 
 def ours(limit=350.0, method="adaptive", **changed):
-    loop = controller.design(PLATE, method=method, voltage_limit=limit, frequency_window=(31800, 32800), guard=False)
+    loop = controller.design(
+        PLATE, method=method, voltage_limit=limit, frequency_window=(31800, 32800), guard=False
+    )
     return dataclasses.replace(loop, control=loop.law._replace(**changed))
 
 
@@ -63,12 +81,14 @@ def played(voltage=100.0, frequency=32300.0, latency=0.0):
     return SimpleNamespace(control=Played(voltage, frequency), G=0.02, sample_time=T, latency=latency)
 
 
-# --- the simulation ---------------------------------------------------------------------------------------------------------
+# --- the simulation
+# ---------------------------------------------------------------------------------------------------------
 
 
 def carrier(law, samples, latency, force_at, reference):
-    """W, V, f (samples,) by the carrier's own equation  w'' + 2/tau (1 + rho) w' + omega0^2 w = (2 G omega0/tau) j V e^{j theta},
-    with exponentials of its matrix; the finger (rho = 1) comes at `force_at` s."""
+    """W, V, f (samples,) by the carrier's own equation  w'' + 2/tau (1 + rho) w' + omega0^2 w = (2 G
+    omega0/tau) j V e^{j theta}, with exponentials of its matrix; the finger (rho = 1) comes at `force_at`
+    s."""
     omega0 = 2 * np.pi * 32300.0
     state, w, theta, told = law.init(), np.zeros(2, complex), 0.0, []
     queue, command, rows = [], Command(0.0, 32300.0), []
@@ -79,7 +99,10 @@ def carrier(law, samples, latency, force_at, reference):
         rows.append((W, new.voltage, new.frequency))
         told.append(W)
         now = k * T
-        stops = sorted({t for t, _ in queue if now < t < now + T - 1e-12} | ({force_at} if now < force_at < now + T else set()))
+        stops = sorted(
+            {t for t, _ in queue if now < t < now + T - 1e-12}
+            | ({force_at} if now < force_at < now + T else set())
+        )
         for stop in [*stops, now + T]:
             while queue and queue[0][0] <= now + 1e-12:
                 command = queue.pop(0)[1]
@@ -95,13 +118,15 @@ def carrier(law, samples, latency, force_at, reference):
 
 @pytest.mark.parametrize("latency", [0.0, 0.37e-4, 2.5e-4])
 def test_a_loop_is_that_of_the_carrier(latency):
-    """Fractional latency, a finger between two samples, a tracker that moves: nothing of the package but the law's step."""
+    """Fractional latency, a finger between two samples, a tracker that moves: nothing of the package but the
+    law's step."""
     law = DQ(PI(100.0, 4.0, -300.0, 300.0), Tracker(28.6, 95.0, 32280.0, 5.0))
     loop = SimpleNamespace(control=law, G=0.02, sample_time=T, latency=latency)
     force = Profile(np.array([0.0, 0.010037]), np.array([0.0, 1.5]))
     trace = closed_loop(loop, scene([FINGER], 0.02, force=force, fidelity="exact"), reference=2.0)
     W, V, f = carrier(law, 201, latency, 0.010037, 2.0)
-    # the carrier's matrix has entries of 4e10 and its exponential is right to 1e-11 of them; the loop contracts errors
+    # the carrier's matrix has entries of 4e10 and its exponential is right to 1e-11 of them; the loop
+    # contracts errors
     np.testing.assert_allclose(trace.Wd + 1j * trace.Wq, W, rtol=0, atol=2e-8)
     np.testing.assert_allclose(trace.V, V, rtol=0, atol=2e-5)
     np.testing.assert_allclose(trace.f, f, rtol=0, atol=1e-4)
@@ -109,21 +134,36 @@ def test_a_loop_is_that_of_the_carrier(latency):
 
 
 SENSOR = ["second_mode", "two_ceramics", "feedthrough", "rotation", "offset"]
-ALONE = [["lock_in"], ["delay"], SENSOR, ["duffing"], ["self_heating"], ["amplifier_limit", "frequency_resolution"]]
+ALONE = [
+    ["lock_in"],
+    ["delay"],
+    SENSOR,
+    ["duffing"],
+    ["self_heating"],
+    ["amplifier_limit", "frequency_resolution"],
+]
 
 
 @pytest.mark.parametrize("names", ALONE, ids="-".join)
 def test_without_a_controller_it_is_the_open_loop_scene(names):
-    """Each effect, its state and its sensor, as the open-loop simulation has it: two ways through the same scene."""
+    """Each effect, its state and its sensor, as the open-loop simulation has it: two ways through the same
+    scene."""
     changed = {"delay": {"time": 2.3e-4}, "feedthrough": {"d": 1e-4, "q": 2e-4}, "offset": {"d": 0.1}}
-    changed |= {"rotation": {"angle": 20.0}, "amplifier_limit": {"limit": 80.0}, "frequency_resolution": {"step": 7.0}}
+    changed |= {
+        "rotation": {"angle": 20.0},
+        "amplifier_limit": {"limit": 80.0},
+        "frequency_resolution": {"step": 7.0},
+    }
     effects = [FINGER, *(EFFECTS[n](**changed.get(n, {})) for n in names)]
     force = Profile(np.array([0.0, 0.010037, 0.015]), np.array([0.0, 1.0, 0.0]))
     warm = Profile(np.array([0.0, 0.02]), np.array([24.0, 30.0]), held=False)
     said = scene(effects, 0.02, force=force, temperature=warm, frequency=32310.0, fidelity="exact")
     trace = closed_loop(played(frequency=32310.0), said)
-    # the same exact steps; a delay cuts time at other instants, and a ramp is held at the middle of each piece: second order
-    np.testing.assert_allclose(trace.measured, said.simulate().response, rtol=0, atol=5e-5 if names == ["delay"] else 1e-9)
+    # the same exact steps; a delay cuts time at other instants, and a ramp is held at the middle of each
+    # piece: second order
+    np.testing.assert_allclose(
+        trace.measured, said.simulate().response, rtol=0, atol=5e-5 if names == ["delay"] else 1e-9
+    )
 
 
 def test_noise_is_that_of_each_sample():
@@ -138,10 +178,14 @@ def test_noise_is_that_of_each_sample():
 
 
 def test_many_at_once_are_each_alone():
-    scenes = [scene([FINGER], 0.02 + 0.002 * k, force=Profile(np.array([0, 0.01]), np.array([0, 0.3 * k]))) for k in range(5)]
+    scenes = [
+        scene([FINGER], 0.02 + 0.002 * k, force=Profile(np.array([0, 0.01]), np.array([0, 0.3 * k])))
+        for k in range(5)
+    ]
     for one, said in zip(closed_loops(paper(), scenes), scenes, strict=True):
         alone = closed_loop(paper(), said)
-        # the same operations in vectors of another length, which may round differently; the tracker's steps are whole
+        # the same operations in vectors of another length, which may round differently; the tracker's steps
+        # are whole
         np.testing.assert_allclose(one.W, alone.W, rtol=0, atol=1e-9)
         np.testing.assert_array_equal(one.f, alone.f)
 
@@ -167,7 +211,8 @@ def test_settling_time():
     assert settling_time(time, np.ones(6), 1.0) == 0.0
 
 
-# --- the paper's figures, with the paper's controller -------------------------------------------------------------------------
+# --- the paper's figures, with the paper's controller
+# -------------------------------------------------------------------------
 
 SCENES = Path(__file__).parents[1] / "data" / "synthetic" / "scenes"
 PRESS = Profile(np.array([0.0, 0.03, 0.06]), np.array([0.0, 1.5, 0.0]))
@@ -202,7 +247,9 @@ def test_figure_8_needs_the_voltage():
     for limit in (120.0, 150.0):
         slow = closed_loop(paper(limit=limit), said)
         bound = TAU * math.log(limit / 100 / (limit / 100 - 0.95))
-        assert 0 <= settling_time(slow.time[free], slow.W[free], 2.0) - bound < 0.4e-3  # the study saw 0.04 and 0.29 ms
+        assert (
+            0 <= settling_time(slow.time[free], slow.W[free], 2.0) - bound < 0.4e-3
+        )  # the study saw 0.04 and 0.29 ms
 
 
 WARMING = Profile(np.array([0.0, 0.1, 1.9]), np.array([24.0, 24.0, 34.0]), held=False)
@@ -225,11 +272,14 @@ def test_temperature_run():
     assert tracked.Wd[late].min() / 2 > 0.9985 and tracked.Wd[late].max() / 2 < 1.0010
     assert tracked.W[late].min() / 2 > 0.999 and np.quantile(tracked.W[late], 0.99) / 2 < 1.0011
     assert tracked.V[late].min() > 99.8 and tracked.V[late].max() < 100.7
-    assert np.abs(tracked.f - (32300 - 10.16 * (WARMING.at(tracked.time) - 24)))[late].max() < 20  # two steps of the rule
+    assert (
+        np.abs(tracked.f - (32300 - 10.16 * (WARMING.at(tracked.time) - 24)))[late].max() < 20
+    )  # two steps of the rule
     assert tracked.f[-1] - 32300 == pytest.approx(-101.6, abs=13)
 
 
-# --- ours beside it -----------------------------------------------------------------------------------------------------------
+# --- ours beside it
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("r", [1.2, 1.5, 2.0, 3.0])
@@ -244,14 +294,18 @@ def test_settling_is_near_the_time_optimal_bound(method, r):
 
 @pytest.mark.parametrize("latency", [0.0, 0.37e-4, T, 2.5e-4])
 def test_the_pi_drives_a_plate_that_it_knows_with_the_whole_voltage_until_it_is_there(latency):
-    """There and back: at the limit for the whole samples of tau ln(r / (r - 1)), one sample between, and then the steady voltage,
-    with no error left to correct; down to rest with -V for those of tau ln((r + 1) / r)."""
+    """There and back: at the limit for the whole samples of tau ln(r / (r - 1)), one sample between, and then
+    the steady voltage, with no error left to correct; down to rest with -V for those of tau ln((r + 1) /
+    r)."""
     asked = Profile(np.array([0.0, 0.02]), np.array([2.0, 0.0]))
-    loop = controller.design(PLATE, voltage_limit=160.0, frequency_window=(31800, 32800), latency=latency, guard=False)
+    loop = controller.design(
+        PLATE, voltage_limit=160.0, frequency_window=(31800, 32800), latency=latency, guard=False
+    )
     trace = closed_loop(loop, scene((), 0.04), reference=asked)
     up, down = math.floor(TAU * math.log(1.6 / 0.6) / T), math.floor(TAU * math.log(2.6 / 1.6) / T)
-    # The model expects late readings on the plate's own curve; they come on straight lines, beside it by a quarter of what it
-    # rises by in a sample where the voltage's step lies within one (0.19 um, times a gain of 156), else by T/tau of that, halved.
+    # The model expects late readings on the plate's own curve; they come on straight lines, beside it by a
+    # quarter of what it rises by in a sample where the voltage's step lies within one (0.19 um, times a gain
+    # of 156), else by T/tau of that, halved.
     steps = 0.25 if latency % T else 0.5 * 0.06 * 0.25
     room = steps * 0.02 * 320 * -math.expm1(-T / TAU) * loop.law.amplitude.Kp
     np.testing.assert_allclose(trace.V[:up], 160.0, rtol=0, atol=room)
@@ -262,11 +316,14 @@ def test_the_pi_drives_a_plate_that_it_knows_with_the_whole_voltage_until_it_is_
 
 
 def test_the_pi_corrects_what_it_does_not_know():
-    """A plate of which G and tau are 5 % off, either way, and then a finger: at the amplitude, without windup."""
+    """A plate of which G and tau are 5 % off, either way, and then a finger: at the amplitude, without
+    windup."""
     for share in (0.95, 1.05):
         plate = Plant(0.02 * share, TAU / share, 32300.0, -10.16)
         trace = closed_loop(ours(method="pi"), scene([FINGER], 0.09, plate=plate, force=PRESS), reference=2.0)
-        assert settling_time(trace.time[:300], trace.W[:300], 2.0) < 2.5e-3  # the loop alone, of 0.3 tau, takes 1.5 ms
+        assert (
+            settling_time(trace.time[:300], trace.W[:300], 2.0) < 2.5e-3
+        )  # the loop alone, of 0.3 tau, takes 1.5 ms
         np.testing.assert_allclose(trace.W[[299, 599, 899]], 2.0, rtol=1e-3)
         assert trace.W.max() < 1.25 * 2  # the finger is lifted: as with the paper's loop, figure 8
 
@@ -283,8 +340,9 @@ def test_a_finger_is_felt_less_than_half():
 
 
 def dip(press, after):
-    """How deep the amplitude of 2 um falls under a press that takes `press` s, with a loop that drives at each time with what the
-    finger of `after` s before needs:  e' = -(1 + rho(t)) e/tau + 2 (rho(t) - rho(t - after))/tau, by Euler's rule."""
+    """How deep the amplitude of 2 um falls under a press that takes `press` s, with a loop that drives at
+    each time with what the finger of `after` s before needs:  e' = -(1 + rho(t)) e/tau + 2 (rho(t) - rho(t -
+    after))/tau, by Euler's rule."""
     t = np.arange(0.0, 0.03, 1e-6)
 
     def rho(time):
@@ -301,11 +359,17 @@ def dip(press, after):
 
 @pytest.mark.parametrize("press", [1.5e-3, 0.0])
 def test_a_fast_press_is_answered_as_soon_as_it_is_seen(press):
-    """A sample until one is taken, another until the command takes effect; behind the demodulator, late by half a sample, the
-    first reading shows half of it and the second the whole. So the dip lies between those of two samples and of three; that of
-    the paper's rules, with the same demodulator, is deeper."""
-    force = Profile(np.array([0.0, 0.03, 0.03 + press]), np.array([0.0, 0.0, 1.5]), held=False) if press else PRESS
-    theirs, mine = (closed_loop(loop, scene([FINGER], 0.06, force=force)) for loop in (paper(late=5e-5), ours()))
+    """A sample until one is taken, another until the command takes effect; behind the demodulator, late by
+    half a sample, the first reading shows half of it and the second the whole. So the dip lies between those
+    of two samples and of three; that of the paper's rules, with the same demodulator, is deeper."""
+    force = (
+        Profile(np.array([0.0, 0.03, 0.03 + press]), np.array([0.0, 0.0, 1.5]), held=False)
+        if press
+        else PRESS
+    )
+    theirs, mine = (
+        closed_loop(loop, scene([FINGER], 0.06, force=force)) for loop in (paper(late=5e-5), ours())
+    )
     dips = [2 - trace.W[300:600].min() for trace in (mine, theirs)]
     assert dip(press, 2 * T) < dips[0] < dip(press, 3 * T) < dips[1]
 
@@ -319,7 +383,9 @@ def test_lock_and_rest_of_the_tracker():
     assert max(locks) < 5e-3
     rms = [np.sqrt(np.mean((t.f[500:] - 32400) ** 2)) for t in mine]
     assert max(rms) < 1.0
-    assert np.mean([np.sqrt(np.mean((t.f[500:] - 32400) ** 2)) for t in theirs]) == pytest.approx(7.0, abs=1.5)  # published study
+    assert np.mean([np.sqrt(np.mean((t.f[500:] - 32400) ** 2)) for t in theirs]) == pytest.approx(
+        7.0, abs=1.5
+    )  # published study
 
 
 def test_a_coarse_timer_does_not_chatter():
@@ -332,7 +398,8 @@ def test_a_coarse_timer_does_not_chatter():
         late = trace.f[500:]
         assert np.count_nonzero(np.diff(late)) == 0
         assert abs(late[0] - plate.f0) <= 0.6 * step
-        # half a step is 0.15 % of |W| and the dead band another tenth of it; the noise that the loop passes on averages out
+        # half a step is 0.15 % of |W| and the dead band another tenth of it; the noise that the loop passes
+        # on averages out
         assert -0.0015 < np.mean(trace.W[500:]) / 2 - 1 < 0.0025
 
 
@@ -340,7 +407,9 @@ def test_the_sensor_of_the_loop_is_corrected():
     """1 us of delay is 11.6 degrees, 20 Hz of the tracker; known, it costs nothing."""
     said = scene([EFFECTS["rotation"](5.0), Delay(1e-6)], 0.1)
     loop = controller.design(PLATE, voltage_limit=350.0)
-    turned = math.radians(5.0) - 2 * math.pi * 32300e-6  # the envelope's delay turns nothing: the carrier's is added as rotation
+    turned = (
+        math.radians(5.0) - 2 * math.pi * 32300e-6
+    )  # the envelope's delay turns nothing: the carrier's is added as rotation
     said = dataclasses.replace(said, effects=(EFFECTS["rotation"](math.degrees(turned)), Delay(1e-6)))
     biased = closed_loop(loop, said).f[-1] - 32300
     assert biased == pytest.approx(math.tan(turned) / (2 * math.pi * TAU), rel=0.03)

@@ -1,4 +1,5 @@
-"""G of a step beside which nothing tells a feedthrough and a lateness from it: as sure as its plateau and its rise agree."""
+"""G of a step beside which nothing tells a feedthrough and a lateness from it: as sure as its plateau and its
+rise agree."""
 
 from dataclasses import replace
 
@@ -19,7 +20,8 @@ def fits(bench, change, seeds):
 
 
 def rise(bench, log):
-    """Standard deviation of A - B over the amplitude, for noise of 0.02 um: least squares with tau and f0 free."""
+    """Standard deviation of A - B over the amplitude, for noise of 0.02 um: least squares with tau and f0
+    free."""
     since = np.maximum(log.time - log.time[20], 0.0)
     pole = -1 / bench.plant.tau + 2j * np.pi * (bench.plant.f0 - 32290.0)
     decay = (since > 0) * np.exp(pole * since)
@@ -33,8 +35,8 @@ def rise(bench, log):
 @seeds(8, 16)
 def test_a_step_on_time_tells_its_gain(bench, seeds):
     scores, std = fits(bench, lambda log: log, seeds)
-    # the sum of squares of unit normals, above in one of a thousand cases; the intervals are meant to be too wide rather than too
-    # narrow, by no more than 2, which makes it four times smaller
+    # the sum of squares of unit normals, above in one of a thousand cases; the intervals are meant to be too
+    # wide rather than too narrow, by no more than 2, which makes it four times smaller
     assert chi2.ppf(1e-3, len(seeds)) / 4 < np.sum(scores**2) < chi2.ppf(0.999, len(seeds))
     # where a row's share of tau is 6 %
     assert np.median(std) < 2 * rise(bench, bench.transient(seed=300))
@@ -49,7 +51,9 @@ def test_a_feedthrough_is_allowed_for(bench, seeds, share):
         return replace(log, response=log.response + leak * np.append(0.0, log.drive[:-1]))
 
     scores, std = fits(bench, leaking, seeds)
-    assert np.max(np.abs(scores)) < 4  # the plate and the leak are the same in each: not the scores of independent draws
+    assert (
+        np.max(np.abs(scores)) < 4
+    )  # the plate and the leak are the same in each: not the scores of independent draws
     assert np.median(std) > 0.2 * share
 
 
@@ -67,7 +71,8 @@ def test_a_step_half_a_row_late_is_allowed_for(bench, seeds):
     assert np.median(std) > 0.005
 
 
-@pytest.mark.study  # such a step may be behind a filter: all are looked for. In every run test_misfit.py names a drive in mV
+# such a step may be behind a filter: all are looked for. In every run test_misfit.py names a drive in mV
+@pytest.mark.study
 @pytest.mark.parametrize("factor", [0.7071, 1.3])
 def test_a_gain_that_looks_like_what_cancels_is_named(bench, factor):
     log = bench.transient(seed=320)
@@ -76,14 +81,15 @@ def test_a_gain_that_looks_like_what_cancels_is_named(bench, factor):
     assert any("G contradicts the other logs" in said for said in fit.warnings), fit.warnings
 
 
-# --- logs without a frequency: tau w' = -w + G u, and a feedthrough share * G of u beside it ----------------------------------
+# --- logs without a frequency: tau w' = -w + G u, and a feedthrough share * G of u beside it
+# ----------------------------------
 
 G, TAU, ROW = 0.02, 1.67e-3, 8.35e-5
 
 
 def driven(levels, share, seed, *, late=0.0, phase=0.0, noise=0.01, **bench):
-    """A first-order log of inputs that hold for 50 rows each, `late` (rows) and of a noise of that share of the response; d/q,
-    turned by a demodulator of another phase, where the feedthrough has a `phase`."""
+    """A first-order log of inputs that hold for 50 rows each, `late` (rows) and of a noise of that share of
+    the response; d/q, turned by a demodulator of another phase, where the feedthrough has a `phase`."""
     drive = 100.0 * np.repeat([0.0, *levels], 50)
     k, w, rng = np.arange(len(drive)), np.zeros(len(drive)), np.random.default_rng(seed)
     before = np.append(0.0, drive[:-1])
@@ -93,7 +99,12 @@ def driven(levels, share, seed, *, late=0.0, phase=0.0, noise=0.01, **bench):
         w[i] = before[i] * G + (w[i] - before[i] * G) * np.exp(-(1 - late) * ROW / TAU)
     y = w + share * G * np.exp(1j * phase) * before
     y = y.real if phase == 0 else y * np.exp(0.4j)
-    spread = noise * 100.0 * G * (rng.standard_normal(len(k)) + (0 if phase == 0 else 1j * rng.standard_normal(len(k))))
+    spread = (
+        noise
+        * 100.0
+        * G
+        * (rng.standard_normal(len(k)) + (0 if phase == 0 else 1j * rng.standard_normal(len(k))))
+    )
     return sysid.Log("step", y + spread, time=ROW * k, drive=drive, sampling="instant", bench=bench)
 
 
@@ -129,13 +140,16 @@ def test_a_feedthrough_without_a_frequency_is_found_where_the_delay_is_stated(se
         size = np.median([[t[n].value for n in names] for t in through], axis=0)
         leak = share * G * np.exp(1j * (phase + 0.4))  # as the demodulator shows it
         expected = [share * G] if phase == 0 else [leak.real, leak.imag]
-        assert size == pytest.approx(expected, abs=0.1 * (1 + 2 / np.sqrt(len(seeds))) * abs(share) * G)  # of one log 0.1
+        assert size == pytest.approx(
+            expected, abs=0.1 * (1 + 2 / np.sqrt(len(seeds))) * abs(share) * G
+        )  # of one log 0.1
 
 
 @pytest.mark.parametrize("levels", SOME)
 @seeds(4, 16)
 def test_a_gain_without_a_frequency_is_as_sure_as_plateau_and_rise_agree(seeds, levels):
-    """Nothing is late and nothing leaks: worse than where the delay is stated by what a size told by one number is less sure."""
+    """Nothing is late and nothing leaks: worse than where the delay is stated by what a size told by one
+    number is less sure."""
     found = [sysid.fit([driven(levels, 0.0, seed)]).parameters["G"] for seed in seeds]
     stated = [sysid.fit([driven(levels, 0.0, seed, delay_s=0.0)]).parameters["G"] for seed in seeds]
     assert np.max(np.abs([(p.value - G) / p.std for p in found])) < 3
@@ -144,10 +158,14 @@ def test_a_gain_without_a_frequency_is_as_sure_as_plateau_and_rise_agree(seeds, 
 
 @seeds(4, 16)
 def test_logs_whose_feedthrough_and_lateness_nearly_cancel_in_one_do_not_hang_on_that_one(seeds):
-    """Each log late by another part of a row, of which one cancels the feedthrough, and alone would have had a narrow prior."""
+    """Each log late by another part of a row, of which one cancels the feedthrough, and alone would have had
+    a narrow prior."""
     scores = []
     for seed in seeds:
-        logs = [driven(levels, 0.05, seed, late=late) for levels, late in zip(STEPS, (0.1, 0.5, 0.97), strict=True)]
+        logs = [
+            driven(levels, 0.05, seed, late=late)
+            for levels, late in zip(STEPS, (0.1, 0.5, 0.97), strict=True)
+        ]
         p = sysid.fit(logs).parameters["G"]
         scores.append((p.value - G) / p.std)
     assert np.max(np.abs(scores)) < 4.5

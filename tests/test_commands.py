@@ -1,4 +1,5 @@
-"""All commands under one name, what a shell is offered of them, files that are only looked at, and the line of a long run."""
+"""All commands under one name, what a shell is offered of them, files that are only looked at, and the line
+of a long run."""
 
 import ast
 import io
@@ -29,7 +30,8 @@ HEAVY = {"numpy", "jax", "scipy", "pandas", "matplotlib", "emcee", "rich", "pint
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch):
-    """The commands that the project declares, whatever was installed before; the process's own line is left alone."""
+    """The commands that the project declares, whatever was installed before; the process's own line is left
+    alone."""
     entries = [EntryPoint(name, where, commands.GROUP) for name, where in DECLARED.items()]
     monkeypatch.setattr(commands, "entry_points", lambda group: entries if group == commands.GROUP else [])
     monkeypatch.setattr(sys, "argv", ["sysid"])
@@ -59,7 +61,11 @@ def test_each_command_is_also_its_own_and_says_what_it_is_for(capsys):
 @pytest.mark.parametrize("argv", [(), ("idntify",), ("--fast",)], ids=str)
 def test_no_command_and_one_that_is_none_are_bad_usage(argv, capsys):
     code, out, err = run(capsys, *argv)
-    assert code == 2 and out == "" and all(name in err for name in ("usage: sysid", *(DECLARED if argv != ("--fast",) else ())))
+    assert (
+        code == 2
+        and out == ""
+        and all(name in err for name in ("usage: sysid", *(DECLARED if argv != ("--fast",) else ())))
+    )
 
 
 def test_the_version_is_that_of_the_package(capsys):
@@ -86,7 +92,9 @@ sys.argv = ["sysid", *{words!r}]
 try: commands.main()
 except SystemExit: print("##", *sorted(sys.modules))
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert "usage: sysid" in done.stdout and not HEAVY & set(done.stdout.rpartition("##")[2].split())
 
 
@@ -103,9 +111,21 @@ sys.argv = {line.split()[:1]!r}
 """
     read, write = os.pipe()
     # as register-python-argcomplete does it, whose answer comes through a descriptor of its own
-    state = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
+    state = {
+        "_ARGCOMPLETE": "1",
+        "_ARGCOMPLETE_IFS": "\n",
+        "COMP_LINE": line,
+        "COMP_POINT": str(len(line)),
+        "COMP_TYPE": "9",
+    }
     script = f"import os; os.dup2({write}, 8); {script}" if write != 8 else script
-    done = subprocess.run([sys.executable, "-c", script], env=os.environ | state, cwd=ROOT, pass_fds=[write], capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | state,
+        cwd=ROOT,
+        pass_fds=[write],
+        capture_output=True,
+    )
     os.close(write)
     with open(read) as answer:
         return done.returncode, [word.strip() for word in answer.read().split("\n")]
@@ -139,9 +159,22 @@ def test_a_dry_run_says_what_each_file_is_taken_for(tmp_path, monkeypatch, capsy
     assert cli.main(["--dry-run", str(STEP), str(TIMED)]) == 0
     out, err = capsys.readouterr()
     assert out.startswith("readable: 2 logs of plate A7 in 2 files; nothing was fitted\n") and err == ""
-    for words in ("240 rows, transient", "voltage_V", "0 to 100 V", "metadata 'frequency_Hz'", "32290 Hz", "sampling  instant"):
+    for words in (
+        "240 rows, transient",
+        "voltage_V",
+        "0 to 100 V",
+        "metadata 'frequency_Hz'",
+        "32290 Hz",
+        "sampling  instant",
+    ):
         assert words in out, words
-    for words in ("201 rows, transient or steady", "the fit tells", "temperature_degC", "plate: A7", "Wd + j Wq"):
+    for words in (
+        "201 rows, transient or steady",
+        "the fit tells",
+        "temperature_degC",
+        "plate: A7",
+        "Wd + j Wq",
+    ):
         assert words in out, words
     assert max(map(len, out.splitlines())) <= 80 and not list(tmp_path.iterdir())
 
@@ -170,10 +203,14 @@ def test_a_dry_run_as_json_holds_roles_units_and_what_is_not_used(save, capsys):
     assert file["logs"] == [{"name": "log.csv", "kind": "steady", "sampling": None, "rows": 3}]
     assert (columns["x"]["unit"], columns["x"]["amplitude"], columns["x"]["scale"]) == ("mm/s", "rms", 2.0)
     assert columns["frequency"]["column"] == "f"
-    assert [columns["frequency"][end] for end in ("least", "most")] == pytest.approx([32100.0, 32300.0], rel=1e-12)
+    assert [columns["frequency"][end] for end in ("least", "most")] == pytest.approx(
+        [32100.0, 32300.0], rel=1e-12
+    )
     assert columns["voltage"]["constant"] and columns["voltage"]["most"] == 3.0
     # the lock-in's numbers as peak velocities over omega
-    largest = max(abs(complex(x, y)) / f for f, x, y in ((32.1, 0.1, 0.2), (32.2, 0.2, 0.5), (32.3, 0.4, 0.1)))
+    largest = max(
+        abs(complex(x, y)) / f for f, x, y in ((32.1, 0.1, 0.2), (32.2, 0.2, 0.5), (32.3, 0.4, 0.1))
+    )
     assert (file["response"]["what"], file["response"]["unit"]) == ("Wd + j Wq", "mm")
     assert file["response"]["most"] == pytest.approx(2 * 2**0.5 * largest / (2e3 * np.pi))
 
@@ -186,8 +223,15 @@ def test_a_dry_run_names_every_file_that_cannot_be_read_and_drafts_their_mapping
     out, err = capsys.readouterr()
     assert code == 2 and out.startswith("not readable: 4 of 5 files")
     out = "".join(out.split())  # long paths are folded
-    assert all(f"{name}:refused" in out for name in ("a.csv", "b.csv", "first.csv", "absent.csv")) and "240rows,transient" in out
-    assert "nosuchfile" in out and "[columns]" in err and err.count("[columns]") == err.count("# How to read") == 3
+    assert (
+        all(f"{name}:refused" in out for name in ("a.csv", "b.csv", "first.csv", "absent.csv"))
+        and "240rows,transient" in out
+    )
+    assert (
+        "nosuchfile" in out
+        and "[columns]" in err
+        and err.count("[columns]") == err.count("# How to read") == 3
+    )
 
 
 def test_a_dry_run_of_logs_that_do_not_belong_together_says_why(save, capsys):
@@ -199,17 +243,24 @@ def test_a_dry_run_of_logs_that_do_not_belong_together_says_why(save, capsys):
 
 def test_hostile_names_are_text_in_a_dry_run(save, capsys):
     hostile = "x\x1b[2J[bold]"
-    log = save(f"# plate: {hostile}\ntime_s,voltage_V,w_um,{hostile}\n0,0,0,1\n1,5,1,1\n2,5,2,1\n", "a\x1b[1m.csv")
+    log = save(
+        f"# plate: {hostile}\ntime_s,voltage_V,w_um,{hostile}\n0,0,0,1\n1,5,1,1\n2,5,2,1\n", "a\x1b[1m.csv"
+    )
     assert cli.main(["--dry-run", str(log)]) == 0
     out = capsys.readouterr().out
     assert "\x1b" not in out and "[bold]" in out and "\\u001b[2J" in out
 
 
-@pytest.mark.parametrize("idle", ["--rig=a.toml", "--accuracy=quick", "--advise=G", "--effects=none", "--compare=a", "--seed=1"])
+@pytest.mark.parametrize(
+    "idle", ["--rig=a.toml", "--accuracy=quick", "--advise=G", "--effects=none", "--compare=a", "--seed=1"]
+)
 def test_a_dry_run_refuses_what_it_does_nothing_with(idle, capsys):
     with pytest.raises(SystemExit) as refused:
         cli.main(["--dry-run", idle, str(STEP)])
-    assert refused.value.code == 2 and f"found {idle.partition('=')[0]} beside --dry-run" in capsys.readouterr().err
+    assert (
+        refused.value.code == 2
+        and f"found {idle.partition('=')[0]} beside --dry-run" in capsys.readouterr().err
+    )
 
 
 class Terminal(io.StringIO):

@@ -1,4 +1,5 @@
-"""The sheet's predictions against simulated stages; the check of a closed loop against loops that are as designed, or not."""
+"""The sheet's predictions against simulated stages; the check of a closed loop against loops that are as
+designed, or not."""
 
 import dataclasses
 import json
@@ -18,7 +19,9 @@ from sysid.scene.effects import EFFECTS
 TAU, T = 5e-3 / math.log(20), 1e-4
 PLATE = Plant(0.02, TAU, 32300.0, -10.16)
 LOOP = controller.design(PLATE, voltage_limit=160.0, amplitude=2.0, frequency_window=(31800.0, 32800.0))
-NOTE = json.loads(json.dumps(controller.as_dict(dataclasses.replace(LOOP, drive_unit="V", response_unit="um"))))
+NOTE = json.loads(
+    json.dumps(controller.as_dict(dataclasses.replace(LOOP, drive_unit="V", response_unit="um")))
+)
 STAGES = {stage.name: stage for stage in sheet(NOTE)}
 
 
@@ -31,9 +34,24 @@ def run(plant=PLATE, loop=LOOP, seed=0, std=0.01, **changes):
     """A record of the loop at a plate, asked for 2 um after 3 ms, with noise of 10 nm."""
     volts = Profile(np.array([0.0, 0.003]), np.array([0.0, 100.0]))
     given = {"drive": volts, "frequency": Profile.constant(32300.0)}
-    scene = Scene(plant, given, 501, 1e4, (EFFECTS["white_noise"](std=std), *changes.pop("effects", ())), fidelity="envelope")
-    trace = controller.closed_loop(loop, scene, reference=Profile(np.array([0.0, 0.003]), np.array([0.0, 2.0])), seed=seed)
-    columns = {"time": trace.time, "drive": trace.V, "frequency": trace.f, "kind": "transient", "sampling": "instant"}
+    scene = Scene(
+        plant,
+        given,
+        501,
+        1e4,
+        (EFFECTS["white_noise"](std=std), *changes.pop("effects", ())),
+        fidelity="envelope",
+    )
+    trace = controller.closed_loop(
+        loop, scene, reference=Profile(np.array([0.0, 0.003]), np.array([0.0, 2.0])), seed=seed
+    )
+    columns = {
+        "time": trace.time,
+        "drive": trace.V,
+        "frequency": trace.f,
+        "kind": "transient",
+        "sampling": "instant",
+    }
     return Log("loop.csv", trace.measured, **columns | changes)
 
 
@@ -53,7 +71,11 @@ def test_the_demodulator_s_stage_is_the_open_loop():
 def test_half_a_bandwidth_below_q_is_as_large_as_d_and_positive():
     frequency = float(STAGES["sign of q"].do.split(" Hz")[0].split()[-1])
     W = complex(PLATE.steady(16.0, frequency, 24.0))
-    assert W.real == pytest.approx(W.imag, rel=5e-3) == pytest.approx(number(STAGES["sign of q"].expect, " um"), rel=5e-3)
+    assert (
+        W.real
+        == pytest.approx(W.imag, rel=5e-3)
+        == pytest.approx(number(STAGES["sign of q"].expect, " um"), rel=5e-3)
+    )
 
 
 def test_the_slow_loop_takes_as_long_as_it_says():
@@ -86,7 +108,13 @@ def test_the_tracker_is_there_when_it_is_said_to_be():
 
 def test_without_f0_there_is_no_tracker_to_commission():
     loop = controller.design(Plant(0.02, TAU, None, None), voltage_limit=160.0, amplitude=2.0)
-    assert [s.name for s in sheet(controller.as_dict(loop))] == ["demodulator", "slow loop", "full", "touch", "fault"]
+    assert [s.name for s in sheet(controller.as_dict(loop))] == [
+        "demodulator",
+        "slow loop",
+        "full",
+        "touch",
+        "fault",
+    ]
 
 
 def test_a_loop_as_designed_is_called_that():
@@ -97,8 +125,9 @@ def test_a_loop_as_designed_is_called_that():
 @pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
 @pytest.mark.parametrize("std", [0.002, 0.02, 0.04])
 def test_noise_that_the_loop_amplifies_is_no_beginning(method, std):
-    """Up to 2 % of the amplitude, at which the voltage of a loop at rest flickers by up to 20 V of its 160 V. Each is within the
-    promise, and no quicker than the plate at full voltage to 5 %, less four deviations of the noise."""
+    """Up to 2 % of the amplitude, at which the voltage of a loop at rest flickers by up to 20 V of its 160 V.
+    Each is within the promise, and no quicker than the plate at full voltage to 5 %, less four deviations of
+    the noise."""
     given = {"voltage_limit": 160.0, "amplitude": 2.0, "frequency_window": (31800.0, 32800.0)}
     loop = controller.design(PLATE, method=method, **given)
     note = controller.as_dict(dataclasses.replace(loop, drive_unit="V", response_unit="um"))
@@ -110,17 +139,28 @@ def test_noise_that_the_loop_amplifies_is_no_beginning(method, std):
 
 
 def test_a_record_of_another_plate_is_refused():
-    named = json.loads(json.dumps(controller.as_dict(dataclasses.replace(LOOP, plate="A7", drive_unit="V", response_unit="um"))))
+    named = json.loads(
+        json.dumps(
+            controller.as_dict(dataclasses.replace(LOOP, plate="A7", drive_unit="V", response_unit="um"))
+        )
+    )
     assert check(named, run(metadata={"plate": "A7"})) and check(named, run())
     with pytest.raises(LogError, match="found the plate 'B8', expected 'A7'"):
         check(named, run(metadata={"Plate": "B8"}))
 
 
 def started(lane, seed=0, samples=900):
-    """A record of what is exported, switched on at a plate: what was driven while each reading was taken, as the header says."""
+    """A record of what is exported, switched on at a plate: what was driven while each reading was taken, as
+    the header says."""
     found = lanes.play(LOOP, [lane], samples, 2.0, noise=0.01)
     V, f = (np.append(first, found[name][:-1, 0]) for name, first in (("V", 0.0), ("f", 32300.0)))
-    columns = {"time": T * np.arange(samples), "drive": V, "frequency": f, "kind": "transient", "sampling": "instant"}
+    columns = {
+        "time": T * np.arange(samples),
+        "drive": V,
+        "frequency": f,
+        "kind": "transient",
+        "sampling": "instant",
+    }
     return Log("loop.csv", found["told"][:, 0], **columns)
 
 
@@ -136,14 +176,19 @@ def test_a_sensor_that_is_turned_is_seen_in_the_frequency():
     """By 20 degrees: 35 Hz, which Wq/Wd does not show."""
     found = {f.what: f for f in check(NOTE, started(lanes.Lane(rotation=20.0), samples=1500))}
     assert found["resonance less frequency"].kept and not found["frequency less f0"].kept
-    assert "by +20 degrees" in found["frequency less f0"].hint or "by -20 degrees" in found["frequency less f0"].hint
+    assert (
+        "by +20 degrees" in found["frequency less f0"].hint
+        or "by -20 degrees" in found["frequency less f0"].hint
+    )
 
 
 @pytest.mark.parametrize("more", [0.0, 1e-4, 3e-4])
 def test_a_missing_delay_is_named(more):
     """In a step of a loop that is designed for a sample and the demodulator."""
     for seed in range(3):
-        found = {f.what: f for f in check(NOTE, run(loop=dataclasses.replace(LOOP, latency=T + more), seed=seed))}
+        found = {
+            f.what: f for f in check(NOTE, run(loop=dataclasses.replace(LOOP, latency=T + more), seed=seed))
+        }
         assert abs(number(found["delay"].found, " us") - 1e6 * (LOOP.delay + more)) < 20
         assert found["delay"].kept == (more == 0.0)
     assert more == 0.0 or abs(number(found["delay"].hint, " us more") - 1e6 * more) < 20
@@ -179,7 +224,10 @@ def test_the_command_judges_a_record(tmp_path, capsys):
     (folder / "controller.json").write_text(json.dumps(NOTE))
     rows = zip(log.time, log.response.real, log.response.imag, log.drive, log.frequency, strict=True)
     record = tmp_path / "closed_loop.csv"
-    record.write_text("time_s,wd_um,wq_um,voltage_V,frequency_Hz\n" + "\n".join(",".join(map(repr, map(float, r))) for r in rows))
+    record.write_text(
+        "time_s,wd_um,wq_um,voltage_V,frequency_Hz\n"
+        + "\n".join(",".join(map(repr, map(float, r))) for r in rows)
+    )
     assert main(["--check", str(record), "-o", str(folder)]) == 0
     assert "as predicted" in capsys.readouterr().out
     assert main(["--check", str(record), "-o", str(folder), "--json"]) == 0

@@ -1,4 +1,5 @@
-"""Descriptions of the same logs: leave-one-out against leaving out, nuisances against fits without them, chance findings."""
+"""Descriptions of the same logs: leave-one-out against leaving out, nuisances against fits without them,
+chance findings."""
 
 from types import SimpleNamespace
 
@@ -15,10 +16,13 @@ VOLTS, FREQUENCY = np.full(101, 100.0), np.linspace(31800, 32800, 101)
 
 
 def sweep(bench, seed, turn=0.0, leak=0.0):
-    """A sweep with 1 % of noise, turned by `turn` (rad), with `leak` of the drive in it; the bench adds nothing else."""
+    """A sweep with 1 % of noise, turned by `turn` (rad), with `leak` of the drive in it; the bench adds
+    nothing else."""
     clean = reference.steady(bench.plant, VOLTS, FREQUENCY, np.full(101, 24.0))
     noise = reference.noise(101, 0.02, seed, np.zeros(101), 0.0)
-    return sysid.Log("sweep", np.exp(1j * turn) * clean + leak * VOLTS + noise, drive=VOLTS, frequency=FREQUENCY)
+    return sysid.Log(
+        "sweep", np.exp(1j * turn) * clean + leak * VOLTS + noise, drive=VOLTS, frequency=FREQUENCY
+    )
 
 
 def found(fit):
@@ -26,7 +30,8 @@ def found(fit):
 
 
 def test_a_row_s_density_is_that_of_a_fit_without_it():
-    """Linear regression: columns of a bench with priors, columns of a plant; each row left out and fitted anew by numpy."""
+    """Linear regression: columns of a bench with priors, columns of a plant; each row left out and fitted
+    anew by numpy."""
     rng = np.random.default_rng(0)
     n, sigma = 30, 0.7
     bench, plant = rng.normal(size=(n, 3)), rng.normal(size=(n, 2))
@@ -57,7 +62,9 @@ def test_a_row_s_density_is_that_of_a_fit_without_it():
     np.testing.assert_allclose(density, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("changes", "name"), [({"turn": 0.006}, "rotation"), ({"leak": 1e-5 + 2e-5j}, "background")])
+@pytest.mark.parametrize(
+    ("changes", "name"), [({"turn": 0.006}, "rotation"), ({"leak": 1e-5 + 2e-5j}, "background")]
+)
 def test_moves_are_those_of_a_fit_without_it(bench, changes, name):
     log = sweep(bench, 1, **changes)
     fit = sysid.fit([log])
@@ -92,7 +99,8 @@ def test_what_is_not_there_is_seldom_needed(bench):
 
 
 def test_five_of_its_own_errors_are_seldom_missed(bench):
-    """A rotation of five of its own standard deviations (0.17 degrees each, for such a sweep without a background)."""
+    """A rotation of five of its own standard deviations (0.17 degrees each, for such a sweep without a
+    background)."""
     logs = [sweep(bench, 200 + k, turn=5 * np.deg2rad(0.17)) for k in range(20)]
     fits = [sysid.fit([log], nuisances=("rotation",)) for log in logs]
     assert sum(found(fit)["without rotation"].worse for fit in fits) >= binom.ppf(1e-3, 20, 0.95)

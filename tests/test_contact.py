@@ -131,7 +131,8 @@ def test_two_ceramics_cancel_odd_modes_and_see_even_ones():
 
 
 def test_a_loop_holds_what_its_ceramics_read_of_all_modes():
-    """Settled at its voltage and frequency, by the response of each mode; what moves is another sum of them."""
+    """Settled at its voltage and frequency, by the response of each mode; what moves is another sum of
+    them."""
     loop = controller.design(PLATE, method="pi", voltage_limit=350.0, amplitude=1.0, finger=1.0)
     trace = controller.closed_loop(loop, scene(*BESIDE, drive=50.0, rows=2001))
     V, f = trace.V[-1], trace.f[-1]

@@ -25,9 +25,11 @@ def fitted(**changed):
 
 
 def simulate(loop, reference, samples, *, f0=None, delay=0, plate=PLATE):
-    """W (samples,), V (samples,), f (samples,): the exact envelope of the plate under held inputs, in closed loop.
+    """W (samples,), V (samples,), f (samples,): the exact envelope of the plate under held inputs, in closed
+    loop.
 
-    The measurement of sample k is the state before the voltage of sample k acts; `delay` whole samples pass in between.
+    The measurement of sample k is the state before the voltage of sample k acts; `delay` whole samples pass
+    in between.
     """
     pi, tracker, Ts = loop.law.amplitude, loop.law.tracker, loop.sample_time
     pi_state, tracker_state, frequency = pi.init(), tracker.init(), tracker.start
@@ -45,7 +47,8 @@ def simulate(loop, reference, samples, *, f0=None, delay=0, plate=PLATE):
     return [np.array(column) for column in zip(*trace, strict=True)]
 
 
-# --- gains -----------------------------------------------------------------------------------------------------------
+# --- gains
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bandwidth", [50.0, 200.0, 318.31])
@@ -55,7 +58,8 @@ def test_without_delay_the_step_response_is_one_pole(G, bandwidth):
     loop = controller.design(plate, bandwidth_hz=bandwidth)
     W, _, _ = simulate(loop, 2.0, 200, plate=plate)
     p = math.exp(-2 * math.pi * bandwidth * 1e-4)
-    # 200 samples, each rounded at 1e-16 of amplitude 2, and a contracting loop: 1e-13 leaves a factor of some tens
+    # 200 samples, each rounded at 1e-16 of amplitude 2, and a contracting loop: 1e-13 leaves a factor of some
+    # tens
     np.testing.assert_allclose(W.real, 2.0 * (1 - p ** np.arange(200)), rtol=0, atol=1e-13)
 
 
@@ -70,17 +74,24 @@ def test_paper_numbers():
 def test_zero_of_the_controller_is_the_pole_of_the_plant():
     loop = controller.design(PLATE)
     # two exponentials, two divisions: a few roundings
-    assert 1 - loop.law.amplitude.Ki_Ts / loop.law.amplitude.Kp == pytest.approx(math.exp(-1e-4 / TAU), rel=1e-14)
+    assert 1 - loop.law.amplitude.Ki_Ts / loop.law.amplitude.Kp == pytest.approx(
+        math.exp(-1e-4 / TAU), rel=1e-14
+    )
 
 
-@pytest.mark.parametrize(("sample_time", "bound"), [(1e-5, "plant"), (1e-4, "plant"), (2e-4, "delay"), (1e-3, "delay")])
+@pytest.mark.parametrize(
+    ("sample_time", "bound"), [(1e-5, "plant"), (1e-4, "plant"), (2e-4, "delay"), (1e-3, "delay")]
+)
 def test_default_bandwidth_has_no_overshoot_with_one_sample_of_delay(sample_time, bound):
     loop = controller.design(PLATE, sample_time=sample_time)
     assert loop.bandwidth_bound == bound
     W, _, _ = simulate(loop, 1.0, 2000, delay=1)
-    # the double pole of the delay limit is a square root: rounding of 1e-16 may split it by 1e-8, damped by 2^-k
+    # the double pole of the delay limit is a square root: rounding of 1e-16 may split it by 1e-8, damped by
+    # 2^-k
     assert W.real.max() <= 1 + 1e-12
-    assert W.real[-1] == pytest.approx(1.0, abs=1e-6)  # 2000 samples are over 40 closed-loop time constants, e^-40
+    assert W.real[-1] == pytest.approx(
+        1.0, abs=1e-6
+    )  # 2000 samples are over 40 closed-loop time constants, e^-40
     assert (np.diff(W.real) > -1e-12).all()
 
 
@@ -114,16 +125,21 @@ def test_unit_of_a_velocity():
     assert (loop.response_unit, loop.drive_unit) == ("m/s", "V")
 
 
-# --- refusals --------------------------------------------------------------------------------------------------------
+# --- refusals
+# --------------------------------------------------------------------------------------------------------
 
 
 def test_bandwidth_beyond_the_delay_limit_names_the_nearest_that_can_be_had():
-    with pytest.raises(ValueError, match=r"cannot be had.*323\.264 Hz.*nearest that can be had is 323\.264 Hz"):
+    with pytest.raises(
+        ValueError, match=r"cannot be had.*323\.264 Hz.*nearest that can be had is 323\.264 Hz"
+    ):
         controller.design(PLATE, bandwidth_hz=500.0)
     loop = controller.design(PLATE, bandwidth_hz=323.264)  # what the message says
     assert loop.bandwidth_bound == "stated"
     d = loop.delay / 1e-4  # a sample and the demodulator
-    assert loop.law.amplitude.Ki_Ts * loop.G == pytest.approx(d**d / (d + 1) ** (d + 1), rel=1e-5)  # K of the limit
+    assert loop.law.amplitude.Ki_Ts * loop.G == pytest.approx(
+        d**d / (d + 1) ** (d + 1), rel=1e-5
+    )  # K of the limit
 
 
 @pytest.mark.parametrize("bandwidth", [0.0, -1.0, math.nan])
@@ -164,14 +180,16 @@ def test_no_f0_no_tracker():
     assert controller.as_dict(loop)["tracker"] is None
 
 
-# --- the PI ----------------------------------------------------------------------------------------------------------
+# --- the PI
+# ----------------------------------------------------------------------------------------------------------
 
 
 def test_voltage_limit_is_kept_and_does_not_wind_up():
     loop = controller.design(PLATE, voltage_limit=120.0)  # 1.2 times the 100 V that 2 um needs
     W, V, _ = simulate(loop, 2.0, 1000)
     assert np.abs(V).max() == 120.0
-    # full voltage until 95 %: tau ln(1.2 / 0.25) = 2.62 ms bounds any controller; back-calculation comes near it
+    # full voltage until 95 %: tau ln(1.2 / 0.25) = 2.62 ms bounds any controller; back-calculation comes near
+    # it
     assert 2.6e-3 < np.argmax(W.real > 1.9) * 1e-4 < 3.0e-3
     # without back-calculation the same gains overshoot (next test); with it nothing should be left
     assert W.real.max() < 2.0 * 1.001
@@ -192,7 +210,9 @@ def test_without_back_calculation_the_same_limit_overshoots():
 
 def test_unlimited_means_no_clip():
     _, V, _ = simulate(controller.design(PLATE), 2.0, 10)
-    assert V.max() == pytest.approx(2.0 * controller.design(PLATE).law.amplitude.Kp, rel=1e-15)  # Kp * reference, one product
+    assert V.max() == pytest.approx(
+        2.0 * controller.design(PLATE).law.amplitude.Kp, rel=1e-15
+    )  # Kp * reference, one product
 
 
 @pytest.mark.parametrize("missing", [complex(math.nan, 0), complex(0, math.nan), complex(math.inf, 0)])
@@ -205,7 +225,8 @@ def test_a_missing_measurement_is_not_zero(missing):
     assert zero != output
 
 
-# --- the tracker -----------------------------------------------------------------------------------------------------
+# --- the tracker
+# -----------------------------------------------------------------------------------------------------
 
 
 def settled(tracker, f0, updates):
@@ -232,8 +253,12 @@ def test_tracker_far_off_takes_steps_of_half_a_bandwidth(off):
     tracker = controller.design(PLATE).law.tracker
     frequencies = settled(tracker, 32300.0 + off, 60)
     half_bandwidth = math.copysign(1 / (2 * math.pi * TAU), off)
-    assert frequencies[0] - 32300.0 == pytest.approx(half_bandwidth, abs=1e-9)  # frequencies are spaced by 4e-12
-    assert frequencies[-1] == pytest.approx(32300.0 + off, abs=1e-5)  # one clipped step, then 305 Hz * 0.7^59 = 2e-7
+    assert frequencies[0] - 32300.0 == pytest.approx(
+        half_bandwidth, abs=1e-9
+    )  # frequencies are spaced by 4e-12
+    assert frequencies[-1] == pytest.approx(
+        32300.0 + off, abs=1e-5
+    )  # one clipped step, then 305 Hz * 0.7^59 = 2e-7
 
 
 @pytest.mark.parametrize("off", [100.0, -100.0])
@@ -246,7 +271,9 @@ def test_both_loops_find_the_resonance_of_the_ringing_plate(off, scale):
     past = (f - 32300.0 - off / scale) * scale * math.copysign(1.0, off)  # Hz beyond the resonance, of 100
     left = np.abs(past)
     assert past.max() < 10.0  # a second-order loop of damping 0.7 passes by 4.3 %; one of 0.3 by 37 %
-    assert (left[int(100 * scale) :] < 15.0).all()  # 10 ms; without noise, design studies of this tracker saw 7 ms
+    assert (
+        left[int(100 * scale) :] < 15.0
+    ).all()  # 10 ms; without noise, design studies of this tracker saw 7 ms
     assert left[-1] < 0.01  # damping 0.7 of a 3.3 ms loop: e^-18 of 100 Hz at 60 ms
     assert V[-1] == pytest.approx(100.0, rel=1e-3)  # reference / G at resonance
     assert W[-1] == pytest.approx(2.0, rel=1e-3)

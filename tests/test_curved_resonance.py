@@ -26,7 +26,12 @@ def noisy(clean, level, seed):
 def sweep(degC, seed, slope=0.0, curve=0.0, off=0.0, level=2e-3):
     f0 = F0 + slope * (degC - 24) + curve * (degC - 24) ** 2 + off
     f = f0 + np.linspace(-600, 600, ROWS)
-    given = {"drive": np.full(ROWS, 100.0), "frequency": f, "temperature": np.full(ROWS, degC), "kind": "steady"}
+    given = {
+        "drive": np.full(ROWS, 100.0),
+        "frequency": f,
+        "temperature": np.full(ROWS, degC),
+        "kind": "steady",
+    }
     return Log(f"{degC:g} degC", noisy(settled(f, f0), level, [seed, int(degC)]), **given)
 
 
@@ -37,13 +42,19 @@ def change_of_slope(said):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("temperatures", "slope", "curve"),
-    [((5, 15, 25, 35, 45, 60), 0.002, -0.0011), ((14, 19, 24, 29, 34, 44), -8.0, 0.1), ((20, 24, 34), -8.0, 0.1)],
+    [
+        ((5, 15, 25, 35, 45, 60), 0.002, -0.0011),
+        ((14, 19, 24, 29, 34, 44), -8.0, 0.1),
+        ((20, 24, 34), -8.0, 0.1),
+    ],
 )
 def test_it_is_named_with_its_value(seed, temperatures, slope, curve):
     found = fit([sweep(float(t), seed, slope, curve) for t in temperatures])
     said = [w for w in found.warnings if w.startswith(CURVED)]
     assert found.result is Result.misfit
-    assert said and change_of_slope(said[0]) == pytest.approx(2 * curve, rel=0.15)  # to first order, of a small curve's errors
+    assert said and change_of_slope(said[0]) == pytest.approx(
+        2 * curve, rel=0.15
+    )  # to first order, of a small curve's errors
 
 
 def test_it_is_named_beside_the_errors_of_the_thermometers():
@@ -58,10 +69,14 @@ def test_it_is_named_in_a_log_that_warms():
     """Points back and forth across the resonance while it warms by 20 degC."""
     degC, f = np.linspace(14, 34, 400), F0 + 20 * np.abs(np.arange(400) % 60 - 30.0) - 300
     clean = settled(f, F0 - 8 * (degC - 24) + 0.1 * (degC - 24) ** 2)
-    log = Log("run", noisy(clean, 0.01, 0), drive=np.full(400, 100.0), frequency=f, temperature=degC, kind="steady")
+    log = Log(
+        "run", noisy(clean, 0.01, 0), drive=np.full(400, 100.0), frequency=f, temperature=degC, kind="steady"
+    )
     found = fit([log])
     assert found.result is Result.misfit
-    assert change_of_slope(next(w for w in found.warnings if w.startswith(CURVED))) == pytest.approx(0.2, rel=0.15)
+    assert change_of_slope(next(w for w in found.warnings if w.startswith(CURVED))) == pytest.approx(
+        0.2, rel=0.15
+    )
 
 
 def test_a_straight_one_and_a_log_that_contradicts_the_others_are_not():

@@ -1,4 +1,5 @@
-"""The exported demodulator: against the lock-in that reads waveforms, against the truth, in C against Python."""
+"""The exported demodulator: against the lock-in that reads waveforms, against the truth, in C against
+Python."""
 
 import dataclasses
 import math
@@ -26,11 +27,14 @@ W = 1.6 - 0.9j
 
 def designed(adc=True, **given):
     rig = Rig(adc=Adc(12.0, FULL, RATE)) if adc else None
-    return controller.design(PLATE, voltage_limit=150.0, frequency_window=(32000.0, 32600.0), rig=rig, **given)
+    return controller.design(
+        PLATE, voltage_limit=150.0, frequency_window=(32000.0, 32600.0), rig=rig, **given
+    )
 
 
 def carrier(n, frequency=F0, rate=RATE):
-    """Accumulator (n,), and w in um of a response that begins to rise at sample 500, with tau, by the definition in words."""
+    """Accumulator (n,), and w in um of a response that begins to rise at sample 500, with tau, by the
+    definition in words."""
     phase = (np.arange(n) * round(frequency / rate * 2**32) + 12345) % 2**32
     p = 2 * np.pi * phase / 2**32
     envelope = W * -np.expm1(-np.maximum(np.arange(n) - 500, 0) / (TAU * rate))
@@ -41,15 +45,22 @@ def carrier(n, frequency=F0, rate=RATE):
 def through(demodulator, samples, phase):
     state, found = demodulator.init(), []
     u, odd, half = Turn.of(phase)
-    for sample, turn in zip(samples.tolist(), zip(u.tolist(), odd.tolist(), half.tolist(), strict=True), strict=True):
+    for sample, turn in zip(
+        samples.tolist(), zip(u.tolist(), odd.tolist(), half.tolist(), strict=True), strict=True
+    ):
         state, d, q = demodulator.step(state, sample, Turn(*turn))
         found.append(complex(d, q))
     return np.array(found)
 
 
 def in_rows(demodulator, samples, phase, kind):
-    """Sequences (n, m) side by side, in arrays of `kind`; complex, missing where either is; and what is clipped."""
-    state, found, xp = full(demodulator.init(), len(samples), kind), np.zeros(samples.shape, complex), array_of(kind)
+    """Sequences (n, m) side by side, in arrays of `kind`; complex, missing where either is; and what is
+    clipped."""
+    state, found, xp = (
+        full(demodulator.init(), len(samples), kind),
+        np.zeros(samples.shape, complex),
+        array_of(kind),
+    )
     clipped = np.zeros(samples.shape, bool)
     u, odd, half = Turn.of(phase)
     for k, sample in enumerate(samples.astype(kind).T):
@@ -72,7 +83,9 @@ def test_it_is_the_lock_in_that_reads_waveforms():
     theta = 2 * np.pi * phase / 2**32 + np.pi
     tau = -1 / math.log1p(-demodulator.share)
     # a sine that is right to 3.2e-7, twice, of 2 |w| < 4
-    np.testing.assert_allclose(through(demodulator, w, phase), low_pass(w, theta, tau, demodulator.order), rtol=0, atol=4e-6)
+    np.testing.assert_allclose(
+        through(demodulator, w, phase), low_pass(w, theta, tau, demodulator.order), rtol=0, atol=4e-6
+    )
 
 
 def test_what_it_is_late_and_leaves_of_the_image():
@@ -80,7 +93,9 @@ def test_what_it_is_late_and_leaves_of_the_image():
     phase, w, envelope = carrier(20000)
     found = through(demodulator, w, phase)
     settled = np.abs(found[15000:] - envelope[15000:])
-    assert 0.5 * IMAGE < settled.max() / abs(W) < 1.05 * IMAGE  # the image is what is left, no more and not much less
+    assert (
+        0.5 * IMAGE < settled.max() / abs(W) < 1.05 * IMAGE
+    )  # the image is what is left, no more and not much less
     # while it rises it is late by the group delay: of a rise with tau, by that to second order in delay/tau
     rising = slice(1000, 4000)
     lag = demodulator.delay * RATE
@@ -93,7 +108,9 @@ def test_a_rate_at_which_the_image_falls_on_the_response_is_refused():
     for rate in (2 * F0, F0, 2 * F0 / 3, 64600.0 * 1.01):
         with pytest.raises(ValueError, match="image of the carrier"):
             Demodulator.of(rate, F0, 1.0)
-    assert Demodulator.of(4 * F0, F0, 1.0).delay * 4 * F0 < 10  # four samples a period: the image lies at half the sampling rate
+    assert (
+        Demodulator.of(4 * F0, F0, 1.0).delay * 4 * F0 < 10
+    )  # four samples a period: the image lies at half the sampling rate
 
 
 def example_that_are_missing():
@@ -103,8 +120,8 @@ def example_that_are_missing():
     some[9000:9090] = np.nan
     found = through(demodulator, some, phase)
     assert np.isfinite(found).all()
-    # one in a hundred is left out, two or three of those that the filters remember; the largest weight of a sample is 0.016 (of
-    # four poles: 0.224 times their share), and its value up to 2 |W|
+    # one in a hundred is left out, two or three of those that the filters remember; the largest weight of a
+    # sample is 0.016 (of four poles: 0.224 times their share), and its value up to 2 |W|
     assert np.abs(found[8000:9000] - through(demodulator, w, phase)[8000:9000]).max() < 3 * 0.016 * 2 * abs(W)
     gone = np.where(np.arange(12000) >= 10000, np.nan, w)
     found = through(demodulator, gone, phase)
@@ -115,7 +132,8 @@ SEQUENCES, SAMPLES = 200, 500
 
 
 def hard():
-    """Accumulator and counts (SEQUENCES, SAMPLES): with noise, drops, stretches out of range, at zero, without any."""
+    """Accumulator and counts (SEQUENCES, SAMPLES): with noise, drops, stretches out of range, at zero,
+    without any."""
     rng = np.random.default_rng(2)
     shape = (SEQUENCES, SAMPLES)
     phase = (np.arange(SAMPLES) * round(F0 / RATE * 2**32) + rng.integers(0, 2**32, (SEQUENCES, 1))) % 2**32
@@ -137,7 +155,10 @@ def test_c_gives_the_same_bits_as_python(tmp_path, precision):
     phase, counts = hard()
     given = np.zeros(phase.shape, np.dtype([("value", kind), ("phase", np.uint32)], align=True))
     given["value"], given["phase"] = counts, phase
-    out = run(compiled(loop, tmp_path, precision, DEMODULATE_C, *SANITIZERS, f"-DSAMPLES={SAMPLES}"), given.tobytes())
+    out = run(
+        compiled(loop, tmp_path, precision, DEMODULATE_C, *SANITIZERS, f"-DSAMPLES={SAMPLES}"),
+        given.tobytes(),
+    )
     shown = np.dtype([("wd", kind), ("wq", kind), ("clipped", np.int32)], align=True)
     theirs = np.frombuffer(out, shown).reshape(phase.shape)
     mine, clipped = in_rows(demodulator, counts, phase, kind)
@@ -147,7 +168,8 @@ def test_c_gives_the_same_bits_as_python(tmp_path, precision):
 
 
 def test_a_clipped_converter_is_seen_as_long_as_a_step_lasts():
-    """Counts of 2047 and -2048 are the ends of 12 bits: it is said for a hundred samples, a step of the controller."""
+    """Counts of 2047 and -2048 are the ends of 12 bits: it is said for a hundred samples, a step of the
+    controller."""
     demodulator = designed().demodulator
     assert (demodulator.most, demodulator.patience) == (2047.0, 100.0)
     state, said = demodulator.init(), []
@@ -156,7 +178,12 @@ def test_a_clipped_converter_is_seen_as_long_as_a_step_lasts():
         sample = 2047.0 if k == 50 else -2048.0 if k == 250 else math.nan if k == 60 else 2046.0
         state, *_ = demodulator.step(state, sample, Turn(float(turn.u), bool(turn.odd), bool(turn.half)))
         said.append(state.clipped > 0)
-    assert [k for k in range(400) if said[k] != said[k - 1]] == [50, 151, 250, 350]  # the missing one does not count
+    assert [k for k in range(400) if said[k] != said[k - 1]] == [
+        50,
+        151,
+        250,
+        350,
+    ]  # the missing one does not count
 
 
 def test_the_self_test_can_fail(tmp_path):
@@ -169,5 +196,7 @@ def test_the_self_test_can_fail(tmp_path):
     ):
         assert good in source
         (tmp_path / "dq_pi.c").write_text(source.replace(good, bad))
-        subprocess.run(["cc", "-O0", "main.c", "dq_pi.c", "-DSAMPLES=1", "-o", "bad"], cwd=tmp_path, check=True)
+        subprocess.run(
+            ["cc", "-O0", "main.c", "dq_pi.c", "-DSAMPLES=1", "-o", "bad"], cwd=tmp_path, check=True
+        )
         assert subprocess.run([tmp_path / "bad"], input=b"").returncode == 2

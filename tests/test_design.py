@@ -1,4 +1,5 @@
-"""What a design promises, against simulated plants; what it refuses; margins against closed forms and a root finder."""
+"""What a design promises, against simulated plants; what it refuses; margins against closed forms and a root
+finder."""
 
 import dataclasses
 import math
@@ -27,17 +28,22 @@ def posterior(seed=0, tau=0.003, logs=(), G=0.001):
     z = rng.standard_normal((4, 4, 1000))
     draws = {"G": 0.02 * np.exp(G * z[0]), "tau": TAU * np.exp(tau * z[1])}
     draws |= {"f0": 32300 + 0.1 * z[2], "k_T": -10.16 + 0.05 * z[3]}
-    known = {name: SimpleNamespace(value=float(v.mean()), determined=True, why=None) for name, v in draws.items()}
+    known = {
+        name: SimpleNamespace(value=float(v.mean()), determined=True, why=None) for name, v in draws.items()
+    }
     fit = SimpleNamespace(parameters=known, units={"G": "um/V"}, reference_temperature=24.0, logs=logs)
     return SimpleNamespace(fit=fit, summary=lambda: known, draws=draws)
 
 
 def logs_up_to(volts):
-    log = SimpleNamespace(drive=np.array([0.0, volts]), frequency=np.array([31800.0, 32800.0]), sha256="ab" * 32)
+    log = SimpleNamespace(
+        drive=np.array([0.0, volts]), frequency=np.array([31800.0, 32800.0]), sha256="ab" * 32
+    )
     return (SimpleNamespace(log=log),)
 
 
-# --- margins ------------------------------------------------------------------------------------------------------------------
+# --- margins
+# ------------------------------------------------------------------------------------------------------------------
 
 
 def plants(*rates):
@@ -50,7 +56,9 @@ def test_gain_margin_of_the_zero_cancelling_loop(samples, largest):
     loop = controller.design(PLATE, bandwidth_hz=200.0)
     found = margins(loop.law, plants(1.0), T, samples * T)
     K = -math.expm1(-2 * math.pi * 200.0 * T)
-    assert found.gain[0] == pytest.approx(largest / K, rel=2e-3)  # 400 points to the Nyquist frequency, straight between
+    assert found.gain[0] == pytest.approx(
+        largest / K, rel=2e-3
+    )  # 400 points to the Nyquist frequency, straight between
     # L = K / (z^d (z - 1)): |L| = 1 at w = 2 asin(K/2), where the phase is -pi/2 - w (d + 1/2)
     w = 2 * math.asin(K / 2)
     assert found.phase[0] == pytest.approx(math.pi / 2 - w * (samples + 0.5), abs=2e-3)
@@ -60,13 +68,14 @@ def test_gain_margin_of_the_zero_cancelling_loop(samples, largest):
 @pytest.mark.parametrize("method", ["pi", "adaptive"])
 @pytest.mark.parametrize("finger", [1.0, 2.0])
 def test_margins_are_those_of_a_loop_that_is_disturbed(method, finger):
-    """Gain multiplied by a little less or more than the margin: the simulated loop, with the step that runs, dies or grows."""
+    """Gain multiplied by a little less or more than the margin: the simulated loop, with the step that runs,
+    dies or grows."""
     loop = controller.design(PLATE, method=method, guard=False)
     found = margins(loop.law, plants(finger), T, loop.delay)
     grown, late = [], loop.delay / T - 1  # a reading is late by a part of a sample
     for factor in (0.97, 1.03):
-        # a plate of another G/tau than the design's: the loop's gain times the margin. An observer has learnt a smaller damping:
-        # G/tau is known to it, and the voltage has become smaller
+        # a plate of another G/tau than the design's: the loop's gain times the margin. An observer has learnt
+        # a smaller damping: G/tau is known to it, and the voltage has become smaller
         push, rate = 0.02 / TAU * T * found.gain[0] * factor, finger / TAU * T
         law, Z, state, pending, centre, size = loop.law, 0.02 + 0j, loop.law.init(), 0.0, 0.0, []
         if method == "adaptive":  # linear only about where it rests, so a small disturbance of that
@@ -81,7 +90,11 @@ def test_margins_are_those_of_a_loop_that_is_disturbed(method, finger):
         for _ in range(400):
             state, command, _ = law.step(state, reference, Z + late * (before - Z))
             before = Z
-            Z = reference + (Z - reference) * math.exp(-rate) - push * (pending - centre) * math.expm1(-rate) / rate
+            Z = (
+                reference
+                + (Z - reference) * math.exp(-rate)
+                - push * (pending - centre) * math.expm1(-rate) / rate
+            )
             pending = command.voltage
             size.append(abs(Z - reference))
         grown.append(max(size[300:]) > max(size[50:150]))
@@ -93,12 +106,14 @@ def test_a_loop_beyond_its_margin_has_none():
     assert margins(loop.law, plants(1.0), T, 20 * T).gain[0] == 0.0
 
 
-# --- the promise --------------------------------------------------------------------------------------------------------------
+# --- the promise
+# --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["pi", "adaptive"])
 def test_a_promise_holds_for_fresh_draws(method):
-    """1000 draws of another seed, each with a finger up to one that halves the amplitude and -10 to +15 degC, in scenes."""
+    """1000 draws of another seed, each with a finger up to one that halves the amplitude and -10 to +15 degC,
+    in scenes."""
     given = {"amplitude": 2.0, "voltage_limit": 400.0, "frequency_window": (31800.0, 32800.0)}
     given |= {"finger": 1.0, "warming": (-10.0, 15.0)}
     loop = controller.design(posterior(), method=method, **given)
@@ -107,7 +122,12 @@ def test_a_promise_holds_for_fresh_draws(method):
     finger = FingerDamping(law="power", exponent=1.0)  # rho = F / 1.5 N
     for i in which:
         plate = Plant(*(float(draws[name].ravel()[i]) for name in ("G", "tau", "f0", "k_T")))
-        inputs = {"drive": 100.0, "frequency": 32300.0, "force": rng.uniform(0, 1.5), "temperature": 24 + rng.uniform(-10, 15)}
+        inputs = {
+            "drive": 100.0,
+            "frequency": 32300.0,
+            "force": rng.uniform(0, 1.5),
+            "temperature": 24 + rng.uniform(-10, 15),
+        }
         profiles = {name: Profile.constant(value) for name, value in inputs.items()}
         scenes.append(Scene(plate, profiles, 300, 1e4, (finger,), fidelity="envelope"))
     traces = closed_loops(loop, scenes, reference=2.0)
@@ -116,7 +136,11 @@ def test_a_promise_holds_for_fresh_draws(method):
     tau = np.array([s.plant.tau for s in scenes])
     G = np.array([s.plant.G for s in scenes])
     fresh = margins(loop.law, Ensemble(G / tau, (1 + rho) / tau, np.zeros(1000)), T, loop.delay)
-    missed = (settling > loop.promise.settling + 1e-9) | (fresh.disk < loop.promise.disk) | (fresh.gain < loop.promise.gain)
+    missed = (
+        (settling > loop.promise.settling + 1e-9)
+        | (fresh.disk < loop.promise.disk)
+        | (fresh.gain < loop.promise.gain)
+    )
     assert missed.sum() <= 20  # 1 % is promised
     # and it is no empty promise: a tenth of them come near it
     assert np.mean(settling > 0.5 * loop.promise.settling) > 0.1
@@ -125,7 +149,9 @@ def test_a_promise_holds_for_fresh_draws(method):
 
 def test_steps_are_those_of_the_closed_loop():
     loop = controller.design(PLATE, voltage_limit=300.0, guard=False, latency=0.4e-4)
-    settling, overshoot = steps(loop.law, plants(1.0, 2.0), Clock(T, 0.4e-4, loop.delay - 0.4e-4), 2.0, 32300.0)
+    settling, overshoot = steps(
+        loop.law, plants(1.0, 2.0), Clock(T, 0.4e-4, loop.delay - 0.4e-4), 2.0, 32300.0
+    )
     finger = FingerDamping(law="power", exponent=1.0)
     inputs = [{"drive": 100.0, "frequency": 32300.0, "force": force} for force in (0.0, 1.5)]
     profiles = [{name: Profile.constant(value) for name, value in given.items()} for given in inputs]
@@ -147,7 +173,8 @@ def test_logs_that_say_little_give_a_slower_loop_that_says_why():
     assert np.mean(K * ratio > 0.25) <= 0.0101
 
 
-# --- refusals -------------------------------------------------------------------------------------------------------------------
+# --- refusals
+# -------------------------------------------------------------------------------------------------------------------
 
 
 def test_what_the_sample_time_does_not_allow_is_refused():
@@ -155,11 +182,16 @@ def test_what_the_sample_time_does_not_allow_is_refused():
     with pytest.raises(ValueError, match=refused) as said:
         controller.design(PLATE, sample_time=1e-3, settling_time=1.5e-3)
     nearest = float(str(said.value).split("nearest that can be had is ")[1].split()[0]) * 1e-3
-    assert controller.design(PLATE, sample_time=1e-3, settling_time=nearest * 1.0001).promise.settling <= nearest * 1.0002
+    assert (
+        controller.design(PLATE, sample_time=1e-3, settling_time=nearest * 1.0001).promise.settling
+        <= nearest * 1.0002
+    )
 
 
 def test_what_the_voltage_does_not_allow_is_refused():
-    with pytest.raises(ValueError, match=r"the voltage limit 150 stands in the way \(stated\).*takes 1\.67 ms to 95 %"):
+    with pytest.raises(
+        ValueError, match=r"the voltage limit 150 stands in the way \(stated\).*takes 1\.67 ms to 95 %"
+    ):
         controller.design(PLATE, settling_time=1.5e-3, voltage_limit=150.0, amplitude=2.0)
     loop = controller.design(PLATE, settling_time=1.5e-3, voltage_limit=200.0, amplitude=2.0)
     assert loop.bandwidth_bound == "settling" and loop.promise.settling <= 1.5e-3 + 1e-12
@@ -184,33 +216,62 @@ def test_what_makes_no_sense_is_refused(given, said):
 
 
 def test_what_stands_in_the_way_is_what_would_do_when_it_is_taken_away():
-    given = {"amplitude": 1.0, "voltage_limit": 350.0, "settling_time": 2e-3, "frequency_window": (31800.0, 32800.0)}
-    with pytest.raises(ValueError, match=r"the range of temperatures, warming = \(-10, 15\), stands in the way.*up to 15\d Hz"):
+    given = {
+        "amplitude": 1.0,
+        "voltage_limit": 350.0,
+        "settling_time": 2e-3,
+        "frequency_window": (31800.0, 32800.0),
+    }
+    with pytest.raises(
+        ValueError,
+        match=r"the range of temperatures, warming = \(-10, 15\), stands in the way.*up to 15\d Hz",
+    ):
         controller.design(PLATE, warming=(-10.0, 15.0), **given)
     assert controller.design(PLATE, **given).promise.settling <= 2e-3
-    with pytest.raises(ValueError, match="the finger, which adds 2 times the plate's own damping, stands in the way"):
+    with pytest.raises(
+        ValueError, match="the finger, which adds 2 times the plate's own damping, stands in the way"
+    ):
         controller.design(PLATE, finger=2.0, **given)
-    with pytest.raises(ValueError, match=r"the finger, .* and the range of temperatures, .*, stand in the way"):
+    with pytest.raises(
+        ValueError, match=r"the finger, .* and the range of temperatures, .*, stand in the way"
+    ):
         controller.design(PLATE, finger=2.0, warming=(-10.0, 15.0), **given)
 
 
 def test_a_thermometer_is_promised_with():
-    """A plate that is 15 degC warm begins 152 Hz beside the design's resonance; a loop that is told begins at its own."""
-    given = {"amplitude": 1.0, "voltage_limit": 350.0, "frequency_window": (31800.0, 32800.0), "warming": (-10.0, 15.0)}
+    """A plate that is 15 degC warm begins 152 Hz beside the design's resonance; a loop that is told begins at
+    its own."""
+    given = {
+        "amplitude": 1.0,
+        "voltage_limit": 350.0,
+        "frequency_window": (31800.0, 32800.0),
+        "warming": (-10.0, 15.0),
+    }
     blind, told = (controller.design(PLATE, rig=Rig(thermometer=t), **given) for t in (False, True))
-    assert told.promise.settling == controller.design(PLATE, **given | {"warming": (0.0, 0.0)}).promise.settling
+    assert (
+        told.promise.settling == controller.design(PLATE, **given | {"warming": (0.0, 0.0)}).promise.settling
+    )
     assert told.promise.settling < 0.2 * blind.promise.settling
     constant = {"drive": 50.0, "frequency": 32300.0, "temperature": 39.0}
-    warm = Scene(PLATE, {name: Profile.constant(value) for name, value in constant.items()}, 300, 1e4, fidelity="envelope")
+    warm = Scene(
+        PLATE,
+        {name: Profile.constant(value) for name, value in constant.items()},
+        300,
+        1e4,
+        fidelity="envelope",
+    )
     for loop in (blind, told):
         trace = closed_loops(loop, [warm], 1.0)[0]
         assert settling_time(trace.time, trace.W, 1.0) <= loop.promise.settling + 1e-9
 
 
 def test_the_paper_s_steps_are_refused_where_the_plate_is_narrower():
-    """10 Hz to and fro on a plate whose amplitude falls to 0.7 within 0.08 Hz; G and tau are known, and a sweep was fitted."""
+    """10 Hz to and fro on a plate whose amplitude falls to 0.7 within 0.08 Hz; G and tau are known, and a
+    sweep was fitted."""
     slow = Plant(0.02, 2.0, 200.0, 0.0)
-    with pytest.raises(ValueError, match=r"method = 'paper' cannot be had.*by 10 Hz.*is 0\.0796 Hz; methods.*: pi,"):
+    with pytest.raises(
+        ValueError, match=r"method = 'paper' cannot be had.*by 10 Hz.*is 0\.0796 Hz; methods.*: pi,"
+    ):
         controller.design(slow, sample_time=1e-2, method="paper")
     assert math.isfinite(controller.design(slow, sample_time=1e-2).promise.settling)
 
@@ -222,7 +283,9 @@ def test_a_promise_that_would_take_too_long_says_which_sample_time_has_one():
     enough = float(loop.notes[0].split("a longer sample_time, ")[1].split(" s")[0])
     assert math.isfinite(controller.design(slow, sample_time=enough).promise.settling)
     # what settles well before the last sample that is looked at is promised, and nothing is said
-    assert not any("no settling time" in note for note in controller.design(slow, sample_time=0.8 * enough).notes)
+    assert not any(
+        "no settling time" in note for note in controller.design(slow, sample_time=0.8 * enough).notes
+    )
     note = controller.as_dict(dataclasses.replace(loop, drive_unit="V", response_unit="um"))
     lines = gains(note)
     assert loop.notes[0] in lines and not any("does not settle" in line for line in lines)
@@ -233,8 +296,14 @@ def test_a_rig_s_voltage_that_the_logs_have_not_seen_is_said_to_be_cut():
     source, rig = posterior(logs=logs_up_to(20.0)), Rig(voltage_limit=350.0)
     loop = controller.design(source, rig=rig)
     assert loop.limits.voltage == 20.0
-    assert any("the voltage limit is 20, the largest drive of the logs, and not the rig's 350" in note for note in loop.notes)
-    for other in (controller.design(source, rig=rig, voltage_limit=40.0), controller.design(source, rig=Rig(voltage_limit=10.0))):
+    assert any(
+        "the voltage limit is 20, the largest drive of the logs, and not the rig's 350" in note
+        for note in loop.notes
+    )
+    for other in (
+        controller.design(source, rig=rig, voltage_limit=40.0),
+        controller.design(source, rig=Rig(voltage_limit=10.0)),
+    ):
         assert not any("the voltage limit is" in note for note in other.notes)
 
 
@@ -245,7 +314,9 @@ def test_limits_are_those_that_the_logs_have_seen():
     loop = controller.design(posterior(logs=logs_up_to(20.0)))
     assert loop.law.amplitude.highest == 20.0 == -loop.law.amplitude.lowest
     low, high = loop.limits.frequency
-    assert (low, high) == pytest.approx((31800 - 95.36, 32800 + 95.36), abs=0.5)  # half a bandwidth beyond what was swept
+    assert (low, high) == pytest.approx(
+        (31800 - 95.36, 32800 + 95.36), abs=0.5
+    )  # half a bandwidth beyond what was swept
     beyond = controller.design(posterior(logs=logs_up_to(20.0)), amplitude=2.0, voltage_limit=120.0)
     assert beyond.limits.said == "stated" and beyond.law.amplitude.highest == 120.0
 
@@ -257,7 +328,9 @@ def test_a_finger_needs_twice_the_voltage():
 
 
 def test_a_resonance_that_leaves_the_window_is_refused():
-    with pytest.raises(ValueError, match=r"the tracker cannot follow.*32147\.6 to 32300 Hz.*window is 32200 to 32400"):
+    with pytest.raises(
+        ValueError, match=r"the tracker cannot follow.*32147\.6 to 32300 Hz.*window is 32200 to 32400"
+    ):
         controller.design(PLATE, warming=(0.0, 15.0), frequency_window=(32200.0, 32400.0))
     with pytest.raises(ValueError, match="cannot follow") as error:
         controller.design(PLATE, warming=(-20.0, 5.0), frequency_window=(32200.0, 32400.0))
@@ -273,24 +346,31 @@ def nearest(error, before="", after=""):
 
 
 def test_a_resonance_too_far_away_to_be_tracked_is_refused():
-    """The tracker rests below a fifth of the amplitude. What 1.2 times the voltage makes so far away beats as it begins, up to
-    twice what it settles at."""
+    """The tracker rests below a fifth of the amplitude. What 1.2 times the voltage makes so far away beats as
+    it begins, up to twice what it settles at."""
     given = {"voltage_limit": 120.0, "amplitude": 2.0, "frequency_window": (30000.0, 34600.0)}
-    with pytest.raises(ValueError, match=r"cannot lock: the resonance lies up to 8\d\d\.?\d* Hz beside") as error:
+    with pytest.raises(
+        ValueError, match=r"cannot lock: the resonance lies up to 8\d\d\.?\d* Hz beside"
+    ) as error:
         controller.design(PLATE, warming=(-80.0, 80.0), **given)
     low, high = nearest(error, "warming = (", ")")
     assert 0.1 < 1.2 / math.hypot(1.0, 2 * math.pi * TAU * 10.16 * high) < 0.2 and low == -high
     # three digits of it are kept
-    assert math.isfinite(controller.design(PLATE, warming=(0.99 * low, 0.99 * high), **given).promise.settling)
+    assert math.isfinite(
+        controller.design(PLATE, warming=(0.99 * low, 0.99 * high), **given).promise.settling
+    )
 
 
 def test_a_gain_too_little_known_for_the_voltage_is_refused():
     """The mean plate needs 95 V, the weakest of the logs' plates more than the limit."""
     unsure, given = posterior(G=0.05), {"voltage_limit": 100.0}
-    with pytest.raises(ValueError, match=r"more than 1 % of the plates.*do not come within 5 %.*limit 100 \(stated\)") as error:
+    with pytest.raises(
+        ValueError, match=r"more than 1 % of the plates.*do not come within 5 %.*limit 100 \(stated\)"
+    ) as error:
         controller.design(unsure, amplitude=1.9, **given)
     weakest = np.quantile(unsure.draws["G"], 0.005)
-    # 0.95 of what the weakest makes at full voltage, within what 400 of its 4000 draws leave open of that quantile
+    # 0.95 of what the weakest makes at full voltage, within what 400 of its 4000 draws leave open of that
+    # quantile
     assert nearest(error)[0] == pytest.approx(weakest * 100 / 0.95, rel=0.03)
     unstated = controller.design(unsure, **given)
     assert unstated.amplitude < 0.9 * controller.design(posterior(), **given).amplitude
@@ -303,7 +383,9 @@ def test_the_step_response_is_a_band_about_that_of_the_closed_loop():
     inputs = {"drive": Profile.constant(100.0), "frequency": Profile.constant(32300.0)}
     force = Profile.constant(0.75)  # rho = 0.5, the middle of the range
     finger = FingerDamping(law="power", exponent=1.0)
-    trace = closed_loops(loop, [Scene(PLATE, inputs | {"force": force}, 200, 1e4, (finger,), fidelity="envelope")], 2.0)[0]
+    trace = closed_loops(
+        loop, [Scene(PLATE, inputs | {"force": force}, 200, 1e4, (finger,), fidelity="envelope")], 2.0
+    )[0]
     W = np.interp(shown.time, trace.time, trace.W)
     assert (shown.low <= W + 1e-9).all() and (shown.high >= W - 1e-9).all()
     np.testing.assert_allclose(shown.middle, W, rtol=0, atol=0.02)
@@ -318,7 +400,8 @@ def test_one_wish_at_a_time():
         controller.design(PLATE, bandwidth_hz=100.0, settling_time=2e-3)
 
 
-# --- the rig --------------------------------------------------------------------------------------------------------------
+# --- the rig
+# --------------------------------------------------------------------------------------------------------------
 
 RIG = """
 sample_time_us = 200
@@ -348,7 +431,9 @@ def test_a_rig_file(tmp_path):
     assert loop.latency == pytest.approx(1.5e-4)
     # 1 us at 32.3 kHz turns by -11.6 degrees, the sensor by 3: both are taken back
     turned = loop.control.d + 1j * loop.control.q
-    assert abs(turned) == pytest.approx(1 / 0.98) and math.degrees(np.angle(turned)) == pytest.approx(11.628 - 3, abs=1e-3)
+    assert abs(turned) == pytest.approx(1 / 0.98) and math.degrees(np.angle(turned)) == pytest.approx(
+        11.628 - 3, abs=1e-3
+    )
     assert not any("taken to be that of the logs" in note for note in loop.notes)
 
 
@@ -387,7 +472,8 @@ def test_a_slew_limit_is_kept_and_costs_time():
 
 
 def test_a_resonance_that_is_drawn_but_not_determined_is_left_out():
-    """Two values of f0 fit alike, say: the loop is at resonance, as without a frequency, and still settles."""
+    """Two values of f0 fit alike, say: the loop is at resonance, as without a frequency, and still
+    settles."""
     told = posterior()
     why = SimpleNamespace(value=None, determined=False, why="two values fit alike")
     known = told.summary() | {"f0": why, "k_T": why}
@@ -396,4 +482,6 @@ def test_a_resonance_that_is_drawn_but_not_determined_is_left_out():
     without = {name: told.draws[name] for name in ("G", "tau")}
     promise = controller.design(SimpleNamespace(fit=fit, summary=lambda: known, draws=without)).promise
     assert drawn.promise._replace(response=None, bode=None) == promise._replace(response=None, bode=None)
-    assert drawn.f0 is None and drawn.promise.settling < 3e-3  # five times the 0.3 tau of the default, and a few samples
+    assert (
+        drawn.f0 is None and drawn.promise.settling < 3e-3
+    )  # five times the 0.3 tau of the default, and a few samples

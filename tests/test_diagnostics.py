@@ -21,7 +21,8 @@ def test_ess_of_an_autoregressive_chain(rho):
     chains, draws = 16, 4000
     found = np.mean([ess(autoregressive(rho, chains, draws, seed)) for seed in range(5)])
     truth = chains * draws * (1 - rho) / (1 + rho)
-    # the integrated time is a sum of estimated correlations: 3 % here, and Geyer's cut-off adds a little noise to it
+    # the integrated time is a sum of estimated correlations: 3 % here, and Geyer's cut-off adds a little
+    # noise to it
     assert found == pytest.approx(truth, rel=0.08)
 
 
@@ -39,15 +40,19 @@ def test_rhat_of_agreeing_chains_is_near_one():
 
 def test_rhat_sees_shifted_and_drifting_chains():
     x = autoregressive(0.0, 4, 400)
-    # shifts 0, 2, 4, 6: variance of the means 20/3 (each mean twice: 16 halves to 40/7), so R^2 = 1 + 40/7 for 8 halves
+    # shifts 0, 2, 4, 6: variance of the means 20/3 (each mean twice: 16 halves to 40/7), so R^2 = 1 + 40/7
+    # for 8 halves
     assert rhat(x + 2 * np.arange(4)[:, None]) == pytest.approx(np.sqrt(1 + 40 / 7), rel=0.05)
-    # all four drift alike: whole chains agree, their halves do not. Means -1 and 1 (variance 8/7), within each 1 + 2^2/12
+    # all four drift alike: whole chains agree, their halves do not. Means -1 and 1 (variance 8/7), within
+    # each 1 + 2^2/12
     assert rhat(x + np.linspace(0, 4, 400)) == pytest.approx(np.sqrt(1 + 8 / 7 / (4 / 3)), rel=0.05)
 
 
 def test_rhat_and_ess_do_not_depend_on_units():
     x = autoregressive(0.5, 8, 500)
-    assert rhat(1e-9 * x + 3e4) == pytest.approx(rhat(x), abs=1e-4)  # beside 3e4 a draw of 1e-9 keeps three digits
+    assert rhat(1e-9 * x + 3e4) == pytest.approx(
+        rhat(x), abs=1e-4
+    )  # beside 3e4 a draw of 1e-9 keeps three digits
     assert ess(1e-3 * x + 5.0) == pytest.approx(ess(x), rel=1e-9)
 
 

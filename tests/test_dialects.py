@@ -1,4 +1,5 @@
-"""Files as instruments, spreadsheets and loggers export them: what is written here in their dialect must read back as it was."""
+"""Files as instruments, spreadsheets and loggers export them: what is written here in their dialect must read
+back as it was."""
 
 import datetime
 import gzip
@@ -18,7 +19,9 @@ from sysid.verdict.result import Result
 NOON = datetime.datetime(2024, 3, 1, 12)
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
 TIME = np.arange(24) * 1e-4
-STEP = np.array([TIME, np.where(TIME > 4e-4, 10.0, 0.0), np.full(24, 32290.5), 0.1 * np.sin(1e4 * TIME), -1e-3 * TIME])
+STEP = np.array(
+    [TIME, np.where(TIME > 4e-4, 10.0, 0.0), np.full(24, 32290.5), 0.1 * np.sin(1e4 * TIME), -1e-3 * TIME]
+)
 STEPS = [",".join(map(repr, row)) for row in STEP.T.tolist()]
 ROWS = "".join(f"{row}\n" for row in STEPS)
 FREQUENCY = np.linspace(31900, 32700, 9)
@@ -26,7 +29,9 @@ SIGNAL = -0.01j / (1 + 2j * math.pi * (FREQUENCY - 32300) * 1.67e-3)  # of a dis
 
 
 def check_step(log, start=0.0):
-    np.testing.assert_allclose(log.time, TIME + start, rtol=0, atol=1e-12)  # a stamp's microseconds are exact, its floats nearly
+    np.testing.assert_allclose(
+        log.time, TIME + start, rtol=0, atol=1e-12
+    )  # a stamp's microseconds are exact, its floats nearly
     assert log.drive.tolist() == STEP[1].tolist()
     assert log.frequency.tolist() == STEP[2].tolist()
     np.testing.assert_allclose(log.response, STEP[3] + 1j * STEP[4], rtol=1e-15)
@@ -54,7 +59,9 @@ FORMS = {
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
-@pytest.mark.parametrize("name", ["time", "time_s", "timestamp", "Timestamp (UTC)", "Time [s]", "datetime", "Date/Time"])
+@pytest.mark.parametrize(
+    "name", ["time", "time_s", "timestamp", "Timestamp (UTC)", "Time [s]", "datetime", "Date/Time"]
+)
 def test_dates_are_seconds_since_the_first_row(save, form, name):
     (log,) = read_logs(save(stamped(form, name)))
     check_step(log)
@@ -67,7 +74,10 @@ def test_dates_with_a_decimal_comma(save):
 
 
 def test_dates_across_midnight_and_a_change_of_the_clocks():
-    stamps = [f"2024-{at}" for at in ("03-31T01:59:59.9+01", "03-31T03:00:00.1+02:00", "03-31T23:59:59+0200", "04-01T00:00:01Z")]
+    stamps = [
+        f"2024-{at}"
+        for at in ("03-31T01:59:59.9+01", "03-31T03:00:00.1+02:00", "03-31T23:59:59+0200", "04-01T00:00:01Z")
+    ]
     assert seconds_since(stamps[0], stamps).tolist() == [0.0, 0.2, 75599.1, 82801.1]
     bad = ["", "nan", "2024-13-01", "2024-03-32 1:00", "12:00:00", "5", "01/03/2024 12:00"]
     assert np.isnan(seconds_since("2024-03-01 12:00", bad)).all()
@@ -79,14 +89,19 @@ def test_dates_through_a_mapping_file(save):
     path = save(stamped(datetime.datetime.isoformat, "when"))
     (log,) = read_logs(path, columns=table)
     np.testing.assert_allclose(log.time, TIME, rtol=0, atol=1e-12)
-    save('amplitude = "peak"\n[columns]\nfrequency = { column = "when", unit = "Hz" }\nw = "wd_um"\n', "map.toml")
+    save(
+        'amplitude = "peak"\n[columns]\nfrequency = { column = "when", unit = "Hz" }\nw = "wd_um"\n',
+        "map.toml",
+    )
     refused(path, "line 2", "'when'", "a date", columns=table)
 
 
 @pytest.mark.parametrize("name", ["time", "time_s"])
 def test_a_day_that_could_be_a_month_is_refused(save, name):
     path = save(stamped(lambda at: at.strftime("%d/%m/%Y %H:%M:%S.%f"), name))
-    error = refused(path, "01/03/2024 12:00:00.000000", "2024-03-31T12:00:00.001", "seconds since the first row")
+    error = refused(
+        path, "01/03/2024 12:00:00.000000", "2024-03-31T12:00:00.001", "seconds since the first row"
+    )
     assert error.mapping is None  # which would not help
 
 
@@ -117,10 +132,17 @@ def test_dates_in_a_column_of_another_name_are_never_an_error(save, cell):
 
 def test_dates_that_are_too_coarse(save):
     """Of a step they are refused in a column time, kept out in another; a slow sweep does not need them."""
-    refused(save(stamped(lambda at: at.isoformat("T", "milliseconds"), "time")), "line 3", "'time'", "fractions of a second")
+    refused(
+        save(stamped(lambda at: at.isoformat("T", "milliseconds"), "time")),
+        "line 3",
+        "'time'",
+        "fractions of a second",
+    )
     (log,) = read_logs(save(stamped(lambda at: at.isoformat("T", "milliseconds"))))
     assert "timestamp is kept out of the fit: its dates are too coarse" in " ".join(log.notes)
-    text = "timestamp,frequency_Hz,wd_um,wq_um\n" + "".join(f"2024-03-01T12:00:0{k // 3},{100 + k},{k},1\n" for k in range(9))
+    text = "timestamp,frequency_Hz,wd_um,wq_um\n" + "".join(
+        f"2024-03-01T12:00:0{k // 3},{100 + k},{k},1\n" for k in range(9)
+    )
     (log,) = read_logs(save(text))
     assert (log.kind, log.time) == ("steady", None)
     assert "its dates are too coarse" in " ".join(log.notes)
@@ -132,7 +154,9 @@ def test_epoch_seconds_of_a_waveform_keep_their_steps(save, tmp_path):
     """Beside 1.7e9 s double precision has steps of 0.24 us."""
     t = np.arange(4000) / 1e6
     drive = np.sin(2 * np.pi * 40e3 * t)
-    cells = zip([f"1709290800.{k:06d}" for k in range(4000)], drive.tolist(), (0.1 * drive).tolist(), strict=True)
+    cells = zip(
+        [f"1709290800.{k:06d}" for k in range(4000)], drive.tolist(), (0.1 * drive).tolist(), strict=True
+    )
     text = "time_s,drive_V,response_um\n" + "".join(f"{a},{b!r},{c!r}\n" for a, b, c in cells)
     (log,) = read_logs(save(text))
     np.testing.assert_allclose(log.frequency[log.drive != 0], 40e3, rtol=1e-8)
@@ -155,7 +179,9 @@ def test_a_header_again_begins_a_log(save, monkeypatch, block, between):
     monkeypatch.setattr(csvbody, "BLOCK", block)
     above = "BEGIN CH1_DATA\n" if "BEGIN" in between else ""
     below = "END\n" if above else ""
-    first, second = read_logs(save(above + HEADER + ROWS + between + HEADER + ROWS.replace("32290.5", "32291.5") + below))
+    first, second = read_logs(
+        save(above + HEADER + ROWS + between + HEADER + ROWS.replace("32290.5", "32291.5") + below)
+    )
     check_step(first)
     assert (first.name, second.name) == ("log.csv[1]", "log.csv[2]")
     assert second.frequency.tolist() == [32291.5] * 24
@@ -177,7 +203,9 @@ def test_a_header_again_however_it_is_written(save, form):
     if form == "blanks":
         text = text.replace(",", "   ").replace("\n", "  \n ")
     content = text.replace("\n", "\r\n").encode() if form == "crlf" else text.encode()
-    content = gzip.compress(content) if form == "gzip" else text.encode("utf-16") if form == "utf-16" else content
+    content = (
+        gzip.compress(content) if form == "gzip" else text.encode("utf-16") if form == "utf-16" else content
+    )
     logs = read_logs(save(content))
     assert len(logs) == (8 if form == "many" else 2)
     for log in logs:
@@ -201,10 +229,19 @@ def test_the_last_row_above_a_header_is_no_part_of_a_gap(save):
 
 
 def test_each_table_has_the_metadata_above_it(save):
-    first, second = read_logs(save("# temperature_degC: 24\n" + HEADER + ROWS + "# temperature_degC: 60\n" + HEADER + ROWS))
+    first, second = read_logs(
+        save("# temperature_degC: 24\n" + HEADER + ROWS + "# temperature_degC: 60\n" + HEADER + ROWS)
+    )
     assert (first.temperature[0], second.temperature[0]) == (24.0, 60.0)
-    bare, stated = read_logs(save(HEADER + ROWS + "# temperature_degC: 60\n# sampling: settled\n" + HEADER + ROWS))
-    assert (bare.temperature, bare.sampling, stated.temperature[0], stated.sampling) == (None, None, 60.0, "settled")
+    bare, stated = read_logs(
+        save(HEADER + ROWS + "# temperature_degC: 60\n# sampling: settled\n" + HEADER + ROWS)
+    )
+    assert (bare.temperature, bare.sampling, stated.temperature[0], stated.sampling) == (
+        None,
+        None,
+        60.0,
+        "settled",
+    )
     refused(save(HEADER + ROWS + "# kind: odd\n" + HEADER + ROWS), "'odd'")
 
 
@@ -245,7 +282,9 @@ def test_comments_of_lock_ins_and_analysers(save, mark):
 
 
 def test_a_touchstone_s_rows_have_no_header(save):
-    error = refused(save("! Date: today\n# Hz S RI R 50\n1000 0.5 0.25\n2000 0.25 0.5\n"), "3 columns without a header")
+    error = refused(
+        save("! Date: today\n# Hz S RI R 50\n1000 0.5 0.25\n2000 0.25 0.5\n"), "3 columns without a header"
+    )
     assert "1000, 0.5, 0.25" in error.mapping
 
 
@@ -286,7 +325,9 @@ def test_utf_16(save, encoding):
 
 def test_a_refusal_counts_the_rows_like_it(save):
     rows = ["nan,1" if k in (3, 4, 7) else f"{k},1" for k in range(9)]
-    refused(save("w_um,time_s\n" + "\n".join(rows)), "line 5", "the 3 rows", "rows = [[0, 3], [5, 7], [8, 9]]")
+    refused(
+        save("w_um,time_s\n" + "\n".join(rows)), "line 5", "the 3 rows", "rows = [[0, 3], [5, 7], [8, 9]]"
+    )
     refused(save("w_um,time_s\n" + "x,1\n" * 5), "none of the 5 rows")
 
 
@@ -298,7 +339,15 @@ def test_what_scpi_writes_for_no_number_is_none(save, cell, column):
         row[column] = cell
     text = HEADER + "".join(",".join(row) + "\n" for row in rows)
     named = HEADER.strip().split(",")[column]
-    refused(save(text), "line 9", named, f"found '{cell}'", "no number", "a finite number", "rows = [[0, 7], [9, 24]]")
+    refused(
+        save(text),
+        "line 9",
+        named,
+        f"found '{cell}'",
+        "no number",
+        "a finite number",
+        "rows = [[0, 7], [9, 24]]",
+    )
     kept_out = text.replace(named, "other_V") if column == 1 else text
     if column == 1:  # what is not used is no error, as with nan
         assert read_logs(save(kept_out))[0].drive is None
@@ -307,11 +356,17 @@ def test_what_scpi_writes_for_no_number_is_none(save, cell, column):
 
 
 def test_metadata_that_is_no_number(save):
-    refused(save("# temperature_degC: 9.91E+37\n" + HEADER + ROWS), "'temperature_degC'", "9.91E+37", "a finite number")
+    refused(
+        save("# temperature_degC: 9.91E+37\n" + HEADER + ROWS),
+        "'temperature_degC'",
+        "9.91E+37",
+        "a finite number",
+    )
 
 
 def test_the_largest_number_that_is_one_is_fitted_in_silence(save):
-    """A warning is an error here: of a value that overflows where its powers are looked at numpy says nothing."""
+    """A warning is an error here: of a value that overflows where its powers are looked at numpy says
+    nothing."""
     rows = [row.split(",") for row in STEPS]
     rows[12][3] = "9.8e37"
     (log,) = read_logs(save(HEADER + "".join(",".join(row) + "\n" for row in rows)))
@@ -372,5 +427,3 @@ def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
         text = text.replace(f'{key} = "?"', f"{key} = {value}")
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, 1j * SIGNAL, rtol=1e-13)  # some roundings of dB and degrees
-
-

@@ -1,4 +1,5 @@
-"""Logs of one plate that differ: named where one of them must be wrong, else the errors span what they show."""
+"""Logs of one plate that differ: named where one of them must be wrong, else the errors span what they
+show."""
 
 from dataclasses import replace
 
@@ -39,14 +40,20 @@ def steps(bench, seed, **changes):
     other = object.__new__(type(bench))
     other.plant = replace(bench.plant, **changes)
     plates = (bench, bench, other)
-    return [replace(b.transient(seed=3 * seed + k, frequency=32300.0), name=f"step {k + 1}") for k, b in enumerate(plates)]
+    return [
+        replace(b.transient(seed=3 * seed + k, frequency=32300.0), name=f"step {k + 1}")
+        for k, b in enumerate(plates)
+    ]
 
 
 def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(bench, seeds):
     """By 5 %, 7 and more of its errors: what the two would have to be, their priors hold against."""
     fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G)) for seed in seeds]
     told = [(*f.warnings, *f.notes) for f in fits]
-    said = [next((w for w in every if "step 3" in w and ("differ" in w or "contradict" in w)), None) for every in told]
+    said = [
+        next((w for w in every if "step 3" in w and ("differ" in w or "contradict" in w)), None)
+        for every in told
+    ]
     # of the others one began too early, as 5 % of G in tau would have it
     assert sum(w is not None for w in said) >= least(seeds, 14, 4)
     assert all(f.result is Result.misfit or abs(off(bench, f, "G")) < 3 for f in fits)
@@ -60,19 +67,22 @@ def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, 
     good = [f for f in fits if f.result is Result.successful]
     said = [f for f in fits if _told(f, f"{name}: the logs differ")]
     assert len(said) >= least(seeds, 10, 2)
-    # what is not seen, of less than 2.45 errors between a log and the others, makes 1.7 of the mean's, with its own scatter 2
+    # what is not seen, of less than 2.45 errors between a log and the others, makes 1.7 of the mean's, with
+    # its own scatter 2
     assert np.sqrt(np.mean([off(bench, f, name) ** 2 for f in good])) < least(seeds, 2.1, 2.6)
 
 
 @pytest.fixture(scope="module")
 def differing(bench):
-    """A fit of three steps, of which the third has a tau of its own, that says so; and the three fits alone. Nothing is late: a
-    lone step does not tell that from G, as several do."""
+    """A fit of three steps, of which the third has a tau of its own, that says so; and the three fits alone.
+    Nothing is late: a lone step does not tell that from G, as several do."""
     known = {"nuisances": ("rotation", "background", "offset", "start")}
     for seed in SEEDS:
         logs = steps(bench, seed, tau=1.03 * bench.plant.tau)
         fit = sysid.fit(logs, **known)
-        if fit.result is Result.successful and any(w.startswith("tau: the logs differ") for w in (*fit.warnings, *fit.notes)):
+        if fit.result is Result.successful and any(
+            w.startswith("tau: the logs differ") for w in (*fit.warnings, *fit.notes)
+        ):
             return fit, [sysid.fit([log], **known) for log in logs]
     raise AssertionError("none of the seeds is said to differ")
 
@@ -101,23 +111,33 @@ def test_the_posterior_is_as_wide(differing):
         for name, p in posterior.summary().items():
             if p.determined:
                 assert p.std == pytest.approx(fit.parameters[name].std, rel=0.03)
-                assert np.std(posterior.draws[name]) == pytest.approx(p.std, rel=0.1)  # of 1000 effective draws: 2 %
-                assert np.mean((posterior.draws[name] > p.ci95[0]) & (posterior.draws[name] < p.ci95[1])) > 0.92
+                assert np.std(posterior.draws[name]) == pytest.approx(
+                    p.std, rel=0.1
+                )  # of 1000 effective draws: 2 %
+                assert (
+                    np.mean((posterior.draws[name] > p.ci95[0]) & (posterior.draws[name] < p.ci95[1])) > 0.92
+                )
     drawn = [sysid.sample(fit, seed=seed, accuracy="quick").draws["tau"] for seed in (1, 1, 2)]
-    assert np.array_equal(drawn[0], drawn[1]) and not np.allclose(np.sort(drawn[0], axis=None), np.sort(drawn[2], axis=None))
+    assert np.array_equal(drawn[0], drawn[1]) and not np.allclose(
+        np.sort(drawn[0], axis=None), np.sort(drawn[2], axis=None)
+    )
 
 
 def test_amplitudes_that_differ_are_called_so(bench, seeds):
-    """Two sweeps whose resonances are four of their errors apart: the mean would be 2.8 of its own off one of them."""
+    """Two sweeps whose resonances are four of their errors apart: the mean would be 2.8 of its own off one of
+    them."""
     fits, inputs = [], np.linspace(31800, 32800, 101)
     for seed in seeds:
         logs = [bench.sweep(seed=2 * seed + k, amplitude=True, frequency=inputs + 2.8 * k) for k in (0, 1)]
-        fits.append(sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)]))
+        fits.append(
+            sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)])
+        )
     said = [f for f in fits if _told(f, "f0: the logs differ")]
     assert len(said) >= least(seeds, 10, 2)
     for f in said:
         f0 = f.parameters["f0"]
-        # The bound is 0.35; where the difference is two of its errors, 1.4 and more, sqrt(0.35^2 + (1.4^2 - 0.5^2)/4).
+        # The bound is 0.35; where the difference is two of its errors, 1.4 and more, sqrt(0.35^2 + (1.4^2 -
+        # 0.5^2)/4).
         assert f.result is Result.misfit or f0.std > 0.6
 
 
@@ -125,21 +145,38 @@ def test_logs_of_one_plate_are_called_alike(bench, seeds):
     fits = [sysid.fit(steps(bench, seed)) for seed in seeds]
     assert all(f.result is Result.successful for f in fits)
     said = sum(any("the logs differ" in w for w in (*f.warnings, *f.notes)) for f in fits)
-    assert said <= least(seeds, 6, 3)  # in one of seven by chance: in more than 6 of 16, or 3 of 5, once in 100
+    assert said <= least(
+        seeds, 6, 3
+    )  # in one of seven by chance: in more than 6 of 16, or 3 of 5, once in 100
 
 
 def step_and_sweep(bench, seed, gain, feedthrough=0.0):
-    """A step at the resonance, and a sweep of which the sensor shows `gain` times what it does of the step; noise of 1 %."""
-    volts, frequency, degC = np.repeat([0.0, 100.0], [20, 180]), np.linspace(31800, 32800, 101), np.full(200, 24.0)
+    """A step at the resonance, and a sweep of which the sensor shows `gain` times what it does of the step;
+    noise of 1 %."""
+    volts, frequency, degC = (
+        np.repeat([0.0, 100.0], [20, 180]),
+        np.linspace(31800, 32800, 101),
+        np.full(200, 24.0),
+    )
     time, at, full = 1e-4 * np.arange(200), np.full(200, 32300.0), 100 * bench.plant.G
-    rows = reference.ringing(bench.plant, time, volts, at, degC) + feedthrough * full * np.append(0.0, volts[:-1]) / 100
+    rows = (
+        reference.ringing(bench.plant, time, volts, at, degC)
+        + feedthrough * full * np.append(0.0, volts[:-1]) / 100
+    )
     rows = rows + reference.noise(200, 0.01 * full, seed)
     swept = gain * reference.steady(bench.plant, np.full(101, 100.0), frequency, 24.0) + reference.noise(
         101, 0.01 * full, seed + 99
     )
     return [
         sysid.Log("step", rows, time=time, drive=volts, frequency=at, temperature=degC, sampling="instant"),
-        sysid.Log("sweep", swept, drive=np.full(101, 100.0), frequency=frequency, temperature=degC[:101], kind="steady"),
+        sysid.Log(
+            "sweep",
+            swept,
+            drive=np.full(101, 100.0),
+            frequency=frequency,
+            temperature=degC[:101],
+            kind="steady",
+        ),
     ]
 
 
@@ -148,10 +185,13 @@ def said_of_G(fit):
 
 
 def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench, seeds):
-    """By 5 %: a feedthrough and a lateness that cancel make it up, and G was the sweep's, 18 of its errors off."""
+    """By 5 %: a feedthrough and a lateness that cancel make it up, and G was the sweep's, 18 of its errors
+    off."""
     fits = [sysid.fit(step_and_sweep(bench, s, 1.05)) for s in seeds]
     named = [f for f in fits if f.result is Result.misfit or said_of_G(f)]
-    assert len(named) >= least(seeds, 15, 4)  # five errors of the step, as it would tell G alone: of 16, chance may hide one
+    assert len(named) >= least(
+        seeds, 15, 4
+    )  # five errors of the step, as it would tell G alone: of 16, chance may hide one
     assert all(abs(off(bench, f, "G")) < 3 for f in named if f.result is Result.successful)
 
 
@@ -159,13 +199,15 @@ def test_a_step_and_a_sweep_of_other_gains_are_called_so(bench, seeds):
 def test_a_step_and_a_sweep_of_one_gain_are_called_alike(bench, seeds, feedthrough):
     fits = [sysid.fit(step_and_sweep(bench, s, 1.0, feedthrough)) for s in seeds]
     assert all(f.result is Result.successful and abs(off(bench, f, "G")) < 4 for f in fits)
-    assert sum(said_of_G(f) for f in fits) <= least(seeds, 3, 1)  # in one of twenty by chance: in more than 3 of 16 once in 100
+    assert sum(said_of_G(f) for f in fits) <= least(
+        seeds, 3, 1
+    )  # in one of twenty by chance: in more than 3 of 16 once in 100
 
 
 @pytest.mark.study  # each fit looks for filters: test_misfit.py names a drive in mV in every run
 def test_a_gain_of_two_is_no_filter(bench):
-    """A drive in another unit: a filter of tau/2 behind a feedthrough as large as the response looks the same in a step; G was
-    half of what it is, 200 to 400 of its errors off."""
+    """A drive in another unit: a filter of tau/2 behind a feedthrough as large as the response looks the same
+    in a step; G was half of what it is, 200 to 400 of its errors off."""
     for seed in range(4):
         fit = sysid.fit(step_and_sweep(bench, seed, 0.5))
         assert fit.result is Result.misfit

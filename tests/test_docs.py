@@ -1,4 +1,5 @@
-"""README and docs: what they link to is there, what they show runs, and a lock-in wired as they say gives Wd and Wq."""
+"""README and docs: what they link to is there, what they show runs, and a lock-in wired as they say gives Wd
+and Wq."""
 
 import dataclasses
 import re
@@ -18,8 +19,12 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_what_a_page_links_to_is_there(page):
     links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    named = re.findall(r"`((?:sysid|controller|stimulator|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8"))
-    missing = [x for x in links if not (page.parent / x).exists()] + [x for x in named if not (ROOT / x).exists()]
+    named = re.findall(
+        r"`((?:sysid|controller|stimulator|tests|benchmarks)/[\w/]+\.\w+)`", page.read_text(encoding="utf-8")
+    )
+    missing = [x for x in links if not (page.parent / x).exists()] + [
+        x for x in named if not (ROOT / x).exists()
+    ]
     assert not missing
 
 
@@ -46,7 +51,8 @@ def locked_in(signal, phase):
 
 @pytest.mark.parametrize("beside", [-0.5, 0.0, 0.5], ids=["below", "at", "above"])
 def test_a_lock_in_wired_as_the_page_says_gives_wd_and_wq(beside):
-    """The carrier's equation with G = 1 and V = 1, integrated until it is settled; at Q = 50 the page's limit is 1 % off."""
+    """The carrier's equation with G = 1 and V = 1, integrated until it is settled; at Q = 50 the page's limit
+    is 1 % off."""
     f0, Q = 1.0, 50.0
     tau = Q / (np.pi * f0)
     f = f0 + beside / (2 * np.pi * tau)
@@ -60,14 +66,20 @@ def test_a_lock_in_wired_as_the_page_says_gives_wd_and_wq(beside):
     s = locked_in(w, omega * t)
     W = -s.imag + 1j * s.real  # displacement: Wd = -Y, Wq = X
     delta = 2 * np.pi * (f0 - f)
-    assert abs(W - 1 / (1 - 1j * delta * tau)) < 0.02  # 1 % of the limit of large Q, and exp(-10) of the start
-    assert locked_in(velocity, omega * t) / omega == pytest.approx(W, abs=1e-4)  # velocity: Wd = X/omega, Wq = Y/omega
+    assert (
+        abs(W - 1 / (1 - 1j * delta * tau)) < 0.02
+    )  # 1 % of the limit of large Q, and exp(-10) of the start
+    assert locked_in(velocity, omega * t) / omega == pytest.approx(
+        W, abs=1e-4
+    )  # velocity: Wd = X/omega, Wq = Y/omega
     assert np.sign(round(W.imag, 2)) == np.sign(-beside)  # Wq > 0 below the resonance: raise f
 
 
 def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     page = (ROOT / "docs" / "code.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"`(\w+)`", page)) | set(re.findall(r"`(?:sysid|controller|stimulator)/(?:\w+/)*(\w+)\.py`", page))
+    named = set(re.findall(r"`(\w+)`", page)) | set(
+        re.findall(r"`(?:sysid|controller|stimulator)/(?:\w+/)*(\w+)\.py`", page)
+    )
     modules = {p.stem for folder in PACKAGES for p in (ROOT / folder).rglob("*.py")} - {"__init__"}
     assert modules - named == set()
     types = {"Log", "Trial", "Noise", "Experiment", "State", "Fit", "Posterior", "Loop", "Scene", "Term"}

@@ -1,6 +1,8 @@
-"""Drafts of mapping files, for the heads that instruments, spreadsheets and people write: what is asked, and what is read.
+"""Drafts of mapping files, for the heads that instruments, spreadsheets and people write: what is asked, and
+what is read.
 
-The truth is a resonance in closed form, written under each head; a person answers every "?" of the draft and nothing else.
+The truth is a resonance in closed form, written under each head; a person answers every "?" of the draft and
+nothing else.
 """
 
 import re
@@ -15,7 +17,9 @@ from sysid.logs.log import read_logs
 
 F = np.arange(31800.0, 32801.0, 20.0)
 S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)  # a lock-in's X + jY
-Y = 2j * np.pi * F * 2e-9 + 5e-4 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3)  # S, of a plate with its capacitance
+Y = 2j * np.pi * F * 2e-9 + 5e-4 / (
+    1 + 2j * np.pi * (F - 32300) * 1.67e-3
+)  # S, of a plate with its capacitance
 T = 0.05 * np.arange(len(F))
 DRIVE = np.where(T > 0.3, 5.0, 0.0)
 SPEED = 90 * (1 - np.exp(-np.clip(T - 0.3, 0, None) / 0.4)) - 3.0
@@ -119,8 +123,14 @@ def test_the_parts_of_a_signal_are_known_whatever_they_are_called(save, head):
     path = save(table(head, *((np.arange(len(F)), *columns) if head.startswith("Index") else columns)))
     draft = refused(path).mapping
     ratio = {"amplitude"} if re.search("S21|S11|Gain", head) else set()
-    told = ratio | ({"phase_sign"} if re.search("S21|S11|TR1", head) else set())  # by definition, or by its instrument
-    assert {"amplitude", "quantity", "phase_sign"} & {*asked(draft)} == {"amplitude", "quantity", "phase_sign"} - told
+    told = ratio | (
+        {"phase_sign"} if re.search("S21|S11|TR1", head) else set()
+    )  # by definition, or by its instrument
+    assert {"amplitude", "quantity", "phase_sign"} & {*asked(draft)} == {
+        "amplitude",
+        "quantity",
+        "phase_sign",
+    } - told
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
     np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)  # of decibels with 15 digits
 
@@ -175,7 +185,11 @@ def test_a_signal_of_any_unit_is_offered_as_w(save, head):
 
 
 def test_an_amplitude_is_not_asked_for_the_sign_of_its_phase(save):
-    for head in ("Frequency (Hz),S21 (dB)", "Frequency (Hz),Voltage (V)", "Frequency (Hz),Velocity RMS (mm/s)"):
+    for head in (
+        "Frequency (Hz),S21 (dB)",
+        "Frequency (Hz),Voltage (V)",
+        "Frequency (Hz),Velocity RMS (mm/s)",
+    ):
         draft = refused(save(table(head, F, np.abs(S)))).mapping
         assert "phase_sign" not in draft
         assert "magnitude" in tomllib.loads(draft)["columns"]
@@ -183,7 +197,12 @@ def test_an_amplitude_is_not_asked_for_the_sign_of_its_phase(save):
 
 
 def test_an_angle_is_never_offered_as_time(save):
-    heads = ("Frequency(Hz),theta(deg)", "Frequency(Hz),x1,theta-z(deg)-data", "f_Hz,a,b,Phase (rad)", "a,b,Phase [°]")
+    heads = (
+        "Frequency(Hz),theta(deg)",
+        "Frequency(Hz),x1,theta-z(deg)-data",
+        "f_Hz,a,b,Phase (rad)",
+        "a,b,Phase [°]",
+    )
     for head in heads:
         text = refused(save(table(head, *(F - k for k in range(head.count(",") + 1))))).mapping
         assert not re.search(r"time = .*(theta|Phase)", text), text

@@ -1,4 +1,5 @@
-"""A plate whose resonance goes with the square of its amplitude: fitted, from a peak that leans a little to one that jumps."""
+"""A plate whose resonance goes with the square of its amplitude: fitted, from a peak that leans a little to
+one that jumps."""
 
 from dataclasses import replace
 from functools import partial
@@ -18,8 +19,9 @@ LEANS = "on the amplitude"
 
 
 def leaned(frequency, softer):
-    """Settled responses, in G, of a plate whose resonance falls by `softer` half bandwidths at G V, each reached from the one
-    before. At x half bandwidths the square w of the amplitude is a root of w (1 + (x + softer w)^2) = 1."""
+    """Settled responses, in G, of a plate whose resonance falls by `softer` half bandwidths at G V, each
+    reached from the one before. At x half bandwidths the square w of the amplitude is a root of w (1 + (x +
+    softer w)^2) = 1."""
     w, squares = 0.0, []
     for x in (frequency - PLANT.f0) / HALF:
         roots = np.roots([softer**2, 2 * softer * x, 1 + x**2, -1.0])
@@ -28,7 +30,9 @@ def leaned(frequency, softer):
         w = real[0] if w < real[len(real) // 2] else real[-1]
         squares.append(w)
     moved = replace(PLANT, k_T=1.0)  # per degC as many Hz
-    return reference.steady(moved, np.full(ROWS, 1 / PLANT.G), frequency, WARM - softer * HALF * np.array(squares))
+    return reference.steady(
+        moved, np.full(ROWS, 1 / PLANT.G), frequency, WARM - softer * HALF * np.array(squares)
+    )
 
 
 def sweeps(softer, seed, amplitude=True, directions=(1, -1), clean=leaned):
@@ -58,14 +62,19 @@ def told(fit, off=4.5):
 
 @seeds(5, 20)
 def test_a_peak_that_leans_by_a_few_hundredths_of_a_half_bandwidth_is_named_or_fitted(seeds):
-    """f0 is off by 5 to 9 of its errors then, and noise hides how: without a word it was, and successful, in every second."""
-    assert sum(told(sysid.fit(sweeps(0.03, seed))) for seed in seeds) >= 0.6 * len(seeds) - (len(seeds) < 20)  # one more of few
+    """f0 is off by 5 to 9 of its errors then, and noise hides how: without a word it was, and successful, in
+    every second."""
+    assert sum(told(sysid.fit(sweeps(0.03, seed))) for seed in seeds) >= 0.6 * len(seeds) - (
+        len(seeds) < 20
+    )  # one more of few
 
 
 @seeds(3, 20)
 def test_from_twice_that_on_it_is_fitted(seeds):
     fits = [sysid.fit(sweeps(0.06, seed)) for seed in seeds]
-    assert all(told(fit) for fit in fits) and sum(fit.result.name == "successful" for fit in fits) >= 0.9 * len(seeds)
+    assert all(told(fit) for fit in fits) and sum(
+        fit.result.name == "successful" for fit in fits
+    ) >= 0.9 * len(seeds)
 
 
 @seeds(6, 30)
@@ -117,7 +126,9 @@ def drifting(frequency, _, half_bandwidths=1.0):
 
 @pytest.mark.parametrize("amplitude", [True, False])
 @pytest.mark.parametrize(
-    "clean", [second, partial(second, beside=1.5), compressed, hurried, partial(hurried, dwell=0.3), drifting], ids=range(6)
+    "clean",
+    [second, partial(second, beside=1.5), compressed, hurried, partial(hurried, dwell=0.3), drifting],
+    ids=range(6),
 )
 def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude):
     for directions in ((1, -1), (1,)):

@@ -1,4 +1,5 @@
-"""What each log makes of the plate by itself: beside fits of single logs, and beside what is known of simulated ones."""
+"""What each log makes of the plate by itself: beside fits of single logs, and beside what is known of
+simulated ones."""
 
 import numpy as np
 import pytest
@@ -35,12 +36,20 @@ def test_an_estimate_is_that_of_the_log_fitted_alone(fit, logs):
     for k in (0, 2):
         alone, own = sysid.fit(logs[k]), own_estimates(fit)[k]
         f0 = fit.plant.f0 + fit.plant.k_T * (own.warming or 0.0)
-        told = {"G": alone.plant.G / fit.plant.G - 1, "tau": alone.plant.tau / fit.plant.tau - 1, "f0": alone.plant.f0 - f0}
+        told = {
+            "G": alone.plant.G / fit.plant.G - 1,
+            "tau": alone.plant.tau / fit.plant.tau - 1,
+            "f0": alone.plant.f0 - f0,
+        }
         scale = {"G": alone.plant.G, "tau": alone.plant.tau, "f0": 1.0}
         for name, off in told.items():
             error = alone.estimate(name)[1] / scale[name]
-            assert own.off[name] == pytest.approx(off, abs=0.15 * error), name  # of second order in the distance
-            assert own.error[name] == pytest.approx(error, rel=0.1), name  # the noise's level is each fit's own
+            assert own.off[name] == pytest.approx(off, abs=0.15 * error), (
+                name
+            )  # of second order in the distance
+            assert own.error[name] == pytest.approx(error, rel=0.1), (
+                name
+            )  # the noise's level is each fit's own
 
 
 def test_a_log_of_another_resonance_stands_out(bench):
@@ -55,7 +64,12 @@ def test_a_log_of_another_resonance_stands_out(bench):
 
 @seeds(4, 40)
 def test_logs_of_one_plate_are_apart_by_their_errors(bench, seeds):
-    z = [own.apart[name] for seed in seeds for own in own_estimates(sysid.fit(logs_of(bench, seed))) for name in own.apart]
+    z = [
+        own.apart[name]
+        for seed in seeds
+        for own in own_estimates(sysid.fit(logs_of(bench, seed)))
+        for name in own.apart
+    ]
     # four logs of one plate are three free differences
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < most(range(3 * len(seeds)))
 

@@ -9,7 +9,11 @@ from sysid.effects.registry import EVERY
 from sysid.logs.log import Log
 from sysid.trials.trial import NUISANCES
 
-F0, TAU, FAR = 32300.0, 1.669e-3, 4.5  # standard deviations: by chance in one of 150 000, of some hundred that are compared
+F0, TAU, FAR = (
+    32300.0,
+    1.669e-3,
+    4.5,
+)  # standard deviations: by chance in one of 150 000, of some hundred that are compared
 HALF = 1 / (2 * np.pi * TAU)
 
 
@@ -68,7 +72,13 @@ def late(rng):
     t, off = 1e-5 * (np.arange(1200) - 100), 8.0
     z = settled(F0 - off) * -np.expm1((-1 / TAU + 2j * np.pi * off) * np.maximum(t - 0.4e-3, 0))
     volts = np.where(t < -1e-12, 0.0, 1.0)
-    at = {"time": t, "drive": volts, "frequency": np.full(1200, F0 - off), "kind": "transient", "sampling": "instant"}
+    at = {
+        "time": t,
+        "drive": volts,
+        "frequency": np.full(1200, F0 - off),
+        "kind": "transient",
+        "sampling": "instant",
+    }
     step = Log("step", noisy(rng, z, 0.01), **at)
     f = F0 + np.linspace(-500, 500, 101)
     return [step, *swept(rng, f, noisy(rng, settled(f), 0.01))]
@@ -88,7 +98,9 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
         logs = KINDS[kind](np.random.default_rng([len(kind), seed]))
         fit = sysid.fit(logs)
         assert fit.result.name == "successful", (seed, fit.warnings)
-        assert [(f.key, f.outcome) for f in fit.findings if f.outcome == "fitted"] == [(kind.split()[0], "fitted")]
+        assert [(f.key, f.outcome) for f in fit.findings if f.outcome == "fitted"] == [
+            (kind.split()[0], "fitted")
+        ]
         for name, truth in (("tau", TAU), ("f0", F0)):
             found = fit.parameters[name]
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)

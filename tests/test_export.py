@@ -1,4 +1,5 @@
-"""The exported C computes the bits that Python computes; the guard ends the drive; controller.json is strict JSON."""
+"""The exported C computes the bits that Python computes; the guard ends the drive; controller.json is strict
+JSON."""
 
 import dataclasses
 import json
@@ -28,8 +29,9 @@ SEQUENCES, SAMPLES = 200, 600  # a million samples: benchmarks/bits.py
 
 @cache
 def hard_samples(sequences=SEQUENCES, seed=4):
-    """120 000 samples in which a controller first comes to run, and then saturates, rests at zero, sticks, misses, drops to
-    zero, jumps, overflows, clips, is told nonsense, is switched off and reset; three of fourteen are tasks of commissioning."""
+    """120 000 samples in which a controller first comes to run, and then saturates, rests at zero, sticks,
+    misses, drops to zero, jumps, overflows, clips, is told nonsense, is switched off and reset; three of
+    fourteen are tasks of commissioning."""
     rng = np.random.default_rng(seed)
     shape, t = (sequences, SAMPLES), np.arange(SAMPLES)
     reference = np.where((t > 140) & (t % 400 < 80), 0.0, 1.8 + 0.5 * rng.standard_normal(shape) * (t > 140))
@@ -48,7 +50,9 @@ def hard_samples(sequences=SEQUENCES, seed=4):
     d = np.where((kind == 7) & late, np.nan, d)
     found = {"reference": reference, "wd": d, "wq": q}
     found["share"] = np.where((kind == 8) & (t > 300), np.where(at < 0.01, np.nan, 0.4), 1.0)
-    found["temperature"] = 24 + np.cumsum(0.02 * rng.standard_normal(shape), 1) + np.where(at < 5e-3, np.nan, 0.0)
+    found["temperature"] = (
+        24 + np.cumsum(0.02 * rng.standard_normal(shape), 1) + np.where(at < 5e-3, np.nan, 0.0)
+    )
     found["enable"] = np.where(((kind == 9) | (kind == 6)) & (t % 300 > 280), 0, 1)
     found["reset"] = ((at < 2e-2) & (kind > 4)).astype(int)
     found["clipped"] = ((kind == 10) & (t > 350)).astype(int)
@@ -76,7 +80,9 @@ def inner(loop, **changes):
     """The loop with another machine, behind its sensor's correction or not."""
     machine = loop.machine
     if hasattr(machine, "d"):
-        return dataclasses.replace(loop, machine=machine._replace(control=machine.control._replace(**changes)))
+        return dataclasses.replace(
+            loop, machine=machine._replace(control=machine.control._replace(**changes))
+        )
     return dataclasses.replace(loop, machine=machine._replace(**changes))
 
 
@@ -124,8 +130,12 @@ def test_a_plain_float_gives_the_same_bits_as_an_array():
                     n: now[n] for n in ("share", "voltage", "offset")
                 }
                 W, task = complex(now["wd"], now["wq"]), float(now["task"])
-                state, command, said = loop.machine.step(state, now["reference"], W, now["temperature"], task=task, **knobs)
-                assert (*command, said.fault, said.mode) == tuple(wanted[n] for n in ("voltage", "frequency", "fault", "mode"))
+                state, command, said = loop.machine.step(
+                    state, now["reference"], W, now["temperature"], task=task, **knobs
+                )
+                assert (*command, said.fault, said.mode) == tuple(
+                    wanted[n] for n in ("voltage", "frequency", "fault", "mode")
+                )
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
@@ -136,8 +146,9 @@ def test_no_sanitizer_finds_anything(tmp_path, precision):
 
 
 def test_single_precision_is_near_double():
-    """Along a quiet start: rounding of 6e-8 in each of some fifty operations, which the contracting loop adds up about tau/T = 17
-    times, on a voltage of gain Kp = 150 V/um: 2 um * 6e-8 * 50 * 17 * 150 = 15 mV; the frequency is put out to 2 mHz."""
+    """Along a quiet start: rounding of 6e-8 in each of some fifty operations, which the contracting loop adds
+    up about tau/T = 17 times, on a voltage of gain Kp = 150 V/um: 2 um * 6e-8 * 50 * 17 * 150 = 15 mV; the
+    frequency is put out to 2 mHz."""
     loop = designed()
     t = np.arange(300)
     inputs = {"reference": 1.8, "wd": 1.8 - 1.6 * np.exp(-t / 20), "wq": 0.01 * np.sin(t)}
@@ -153,7 +164,8 @@ def test_what_drives_a_bench_has_its_guard(tmp_path):
         controller.export_c(controller.design(PLATE, guard=False), tmp_path / "dq_pi.h")
 
 
-# --- parameters -----------------------------------------------------------------------------------------------------------------
+# --- parameters
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def program(body, before=""):
@@ -195,15 +207,21 @@ BAD = {
 
 
 def test_parameters_are_checked_when_they_are_set(tmp_path):
-    """What cannot be is refused: at first the loop stays in a fault that no reset ends; later it goes on as it was."""
+    """What cannot be is refused: at first the loop stays in a fault that no reset ends; later it goes on as
+    it was."""
     lines = ["    const dq_params good = p;", "    dq_output out;", "    int k;"]
     for change, said in BAD.values():
         lines.append(f"    p = good; {change}; if (dq_check_params(&p) != DQ_PARAMS_{said}) return __LINE__;")
         lines.append("    if (dq_init(&s, &p) == DQ_PARAMS_OK) return __LINE__;")
         lines.append("    in.reference = 1; in.enable = 0; in.reset = 1; dq_step(&s, &in); in.enable = 1;")
         lines.append("    for (k = 0; k < 30; k++) { out = dq_step(&s, &in);")
-        lines.append("        if (out.fault != DQ_FAULT_PARAMETERS || out.voltage > 0 || out.voltage < 0) return __LINE__; }")
-        lines.append("    if (dq_init(&s, &good) != DQ_PARAMS_OK || dq_set(&s, &p) == DQ_PARAMS_OK) return __LINE__;")
+        lines.append(
+            "        if (out.fault != DQ_FAULT_PARAMETERS || out.voltage > 0 || out.voltage < 0) return"
+            " __LINE__; }"
+        )
+        lines.append(
+            "    if (dq_init(&s, &good) != DQ_PARAMS_OK || dq_set(&s, &p) == DQ_PARAMS_OK) return __LINE__;"
+        )
         lines.append("    if (memcmp(&s.params, &good, sizeof good) != 0) return __LINE__;")
     lines.append("    p = good; p.kp *= 2; p.ki *= 2; p.voltage_highest /= 2; p.voltage_lowest /= 2;")
     lines.append("    return dq_set(&s, &p) != DQ_PARAMS_OK || s.params.kp < good.kp;")
@@ -231,21 +249,27 @@ def test_words_of_a_rig(tmp_path, precision):
     V, f = given.astype(float).T
     np.testing.assert_allclose(code * 400 / 2**11, V, rtol=0, atol=0.5 * 400 / 2**11 * (1 + 1e-4))
     made = 4 / np.pi * 300.0 * np.sin(np.pi / 2 * duty)
-    np.testing.assert_allclose(made, V, rtol=0, atol=4 / np.pi * 300.0 * np.pi / 2 * 1e-4)  # the duty ratio is right to 1e-4
+    np.testing.assert_allclose(
+        made, V, rtol=0, atol=4 / np.pi * 300.0 * np.pi / 2 * 1e-4
+    )  # the duty ratio is right to 1e-4
     # half a tick, and the series at 1 % of the frequency: 1e-8 of it
     assert np.abs(1e8 / ticks - 32300 - f).max() < 0.5 * 32600**2 / 1e8 * 1.01
     # to a unit, and what single precision leaves of an offset of 290 Hz times 4295
     assert np.abs(increment - (32300 + f) / 1e6 * 2**32).max() < (1.01 if precision == "double" else 1.3)
     timer = typed(Timer.of(1e8, 32300.0), kind)
-    np.testing.assert_array_equal(ticks, timer.periods + timer.ticks(given[:, 1], SimpleNamespace(floor=np.floor)))
+    np.testing.assert_array_equal(
+        ticks, timer.periods + timer.ticks(given[:, 1], SimpleNamespace(floor=np.floor))
+    )
 
 
-# --- what it is compiled with ---------------------------------------------------------------------------------------------------
+# --- what it is compiled with
+# ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_c_and_cplusplus_compile_without_a_word_and_link(tmp_path, precision):
-    """The source as C; the source as C++; a C++ program with the source in C, and two plates with laws of two prefixes."""
+    """The source as C; the source as C++; a C++ program with the source in C, and two plates with laws of two
+    prefixes."""
     if shutil.which("gcc") is None or shutil.which("g++") is None:
         pytest.skip("no gcc and g++")
     one, other = designed(), designed(**LOOPS["adaptive"])
@@ -258,7 +282,10 @@ def test_c_and_cplusplus_compile_without_a_word_and_link(tmp_path, precision):
 
     def built(compiler, *files):
         done = subprocess.run(
-            [compiler, *files, *WARNINGS, "-O2", "-ffp-contract=off"], cwd=tmp_path, capture_output=True, text=True
+            [compiler, *files, *WARNINGS, "-O2", "-ffp-contract=off"],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
         )
         assert (done.returncode, done.stderr) == (0, "")
 
@@ -267,7 +294,9 @@ def test_c_and_cplusplus_compile_without_a_word_and_link(tmp_path, precision):
     built("g++", "-x", "c++", "-c", "left.c", "-o", "left-cc.o")
     built("g++", "main.cc", "left.o", "right.o", "-o", "both")
     assert subprocess.run([tmp_path / "both"]).returncode == 0
-    symbols = subprocess.run(["nm", "-u", "left.o"], cwd=tmp_path, capture_output=True, text=True).stdout.split()
+    symbols = subprocess.run(
+        ["nm", "-u", "left.o"], cwd=tmp_path, capture_output=True, text=True
+    ).stdout.split()
     assert set(symbols) <= {
         "U",
         "memcpy",
@@ -298,7 +327,9 @@ def test_cppcheck_has_nothing_to_say(tmp_path):
 def test_fast_math_is_refused(tmp_path, flag):
     compiler = shutil.which("gcc") or pytest.skip("no gcc")
     controller.export_c(designed(), tmp_path / "dq_pi.h")
-    done = subprocess.run([compiler, *PLAIN, flag, "-c", "dq_pi.c"], cwd=tmp_path, capture_output=True, text=True)
+    done = subprocess.run(
+        [compiler, *PLAIN, flag, "-c", "dq_pi.c"], cwd=tmp_path, capture_output=True, text=True
+    )
     assert done.returncode != 0 and "compile without -ffast-math" in done.stderr
 
 
@@ -312,7 +343,8 @@ def test_names_are_those_of_c():
             assert f"DQ_{kind}_{name.upper().replace(' ', '_')} = {code}" in text
 
 
-# --- faults ---------------------------------------------------------------------------------------------------------------------
+# --- faults
+# ---------------------------------------------------------------------------------------------------------------------
 
 T = 1e-4
 
@@ -357,19 +389,26 @@ def test_a_fault_ends_the_drive(method, name):
 
 def test_a_sound_bench_is_no_fault():
     for method in ("pi", "paper", "adaptive"):
-        loop = controller.design(PLATE, method=method, voltage_limit=350.0, frequency_window=(32100.0, 32500.0))
+        loop = controller.design(
+            PLATE, method=method, voltage_limit=350.0, frequency_window=(32100.0, 32500.0)
+        )
         _, _, fault = faulty(loop, lambda told, last: told, samples=5000)
         assert (fault == 0).all()
 
 
 @pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
 def test_a_reversed_q_is_called_by_its_answer_and_a_chase_is_not(method):
-    """In a window of 3 kHz, whose edge is far, though an observer may be there sooner than its answer is sure; a resonance that
-    jumps by 80 Hz, and back, is what looks most like it."""
+    """In a window of 3 kHz, whose edge is far, though an observer may be there sooner than its answer is
+    sure; a resonance that jumps by 80 Hz, and back, is what looks most like it."""
     loop = controller.design(PLATE, method=method, voltage_limit=350.0, frequency_window=(31000.0, 34000.0))
     V, _, fault = faulty(loop, REPLAYS["wrong sign of q"][0])
-    assert FAULTS[int(fault[-1])] in ({"reversed", "edge"} if method == "adaptive" else {"reversed"}) and (V[1000:] == 0.0).all()
-    _, f, fault = faulty(loop, lambda told, last: told, 5000, resonance=lambda k: 32260.0 + 80.0 * (k // 300 % 2))
+    assert (
+        FAULTS[int(fault[-1])] in ({"reversed", "edge"} if method == "adaptive" else {"reversed"})
+        and (V[1000:] == 0.0).all()
+    )
+    _, f, fault = faulty(
+        loop, lambda told, last: told, 5000, resonance=lambda k: 32260.0 + 80.0 * (k // 300 % 2)
+    )
     assert (fault == 0).all() and np.ptp(f[200:]) > 60.0
 
 
@@ -379,7 +418,8 @@ def test_too_large_an_amplitude_is_a_fault():
     assert FAULTS[int(fault[-1])] == "above"
 
 
-# --- texts ----------------------------------------------------------------------------------------------------------------------
+# --- texts
+# ----------------------------------------------------------------------------------------------------------------------
 
 
 def test_no_text_of_a_log_reaches_the_files(tmp_path):
@@ -404,8 +444,18 @@ def test_the_header_says_what_it_is_for(tmp_path):
     controller.export_c(loop, tmp_path / "dq_pi.h")
     header = (tmp_path / "dq_pi_plate.h").read_text(encoding="ascii")
     for said in (
-        *("log sha256 " + "ab" * 32, "temperature: 20 to 32 degC", "voltage: 150 drive-unit at most", "32000 to 32600 Hz"),
-        *("MIT licence", "Generated by sysid", "find: ", "run, and the tasks in open loop: 150 drive-unit, 3 response-unit"),
+        *(
+            "log sha256 " + "ab" * 32,
+            "temperature: 20 to 32 degC",
+            "voltage: 150 drive-unit at most",
+            "32000 to 32600 Hz",
+        ),
+        *(
+            "MIT licence",
+            "Generated by sysid",
+            "find: ",
+            "run, and the tasks in open loop: 150 drive-unit, 3 response-unit",
+        ),
         *("A sensor that reads low", "DQ_PLATE_F0 32300.0"),
     ):
         assert said in header

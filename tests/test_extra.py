@@ -1,4 +1,5 @@
-"""Drift of the resonance, lag of the temperature's sensor and a gain of each log's own, fitted where they are asked for.
+"""Drift of the resonance, lag of the temperature's sensor and a gain of each log's own, fitted where they are
+asked for.
 
 Responses come from a matrix exponential over steps so short that a drift is followed exactly.
 """
@@ -26,7 +27,8 @@ def noisy(clean, seed, std=0.01):
 
 
 def up_and_down(seed, drift=0.0, lag=0.0):
-    """A sweep up and down again in 2 s while the plate warms by 3 degC and cools, of which the sensor tells `lag` s late."""
+    """A sweep up and down again in 2 s while the plate warms by 3 degC and cools, of which the sensor tells
+    `lag` s late."""
     rows = 800
     time = np.linspace(0, 2, rows)
     frequency = PLANT.f0 - 12 + 400 * np.abs(time - 1) - 200
@@ -39,7 +41,8 @@ def up_and_down(seed, drift=0.0, lag=0.0):
 
 
 def consistent(scores):
-    """Whether sums of squares of values that should be unit normal are what they should be, but for one case in 1000."""
+    """Whether sums of squares of values that should be unit normal are what they should be, but for one case
+    in 1000."""
     z = np.asarray(scores)
     return bool(0.0005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.9995)
 
@@ -83,10 +86,13 @@ def test_what_is_not_asked_for_is_not_there():
     log = up_and_down(0)
     plain = sysid.fit([log])
     assert plain.modes[0].trials[0].extra == {}
-    silent = sysid.fit([replace(log, temperature=None)], nuisances=(*NUISANCES, "lag"))  # no temperature: nothing lags
+    silent = sysid.fit(
+        [replace(log, temperature=None)], nuisances=(*NUISANCES, "lag")
+    )  # no temperature: nothing lags
     assert "lag" not in sysid.nuisances(silent)[0]
 
 
 def test_every_number_of_a_log_has_a_row_for_its_prior():
-    """A start, a lateness and all further effects at once: rows that are shared would mix their priors unsaid."""
+    """A start, a lateness and all further effects at once: rows that are shared would mix their priors
+    unsaid."""
     assert len(UNITS) + 2 <= OWN

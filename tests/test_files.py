@@ -76,7 +76,9 @@ def uff(path, frequency, signal, kind=8):
 
 def jsonlines(path, columns, **constants):
     lines = [dict(zip(columns, map(float, row), strict=True)) for row in zip(*columns.values(), strict=True)]
-    path.write_text("".join(json.dumps(line) + "\n" for line in [*([constants] if constants else []), *lines]))
+    path.write_text(
+        "".join(json.dumps(line) + "\n" for line in [*([constants] if constants else []), *lines])
+    )
 
 
 WRITERS = {
@@ -108,7 +110,14 @@ def test_other_columns_are_drafted_and_mapped_as_those_of_a_text(save, tmp_path,
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_number_that_is_none_is_refused_by_its_row(tmp_path, name):
     WRITERS[name](tmp_path / name, OURS | {"wq_um": np.where(F == 32300, np.nan, S.imag)})
-    refused(tmp_path / name, f"{name}, row 26", "'wq_um'", "found 'nan'", "a finite number", "% of what the log tells")
+    refused(
+        tmp_path / name,
+        f"{name}, row 26",
+        "'wq_um'",
+        "found 'nan'",
+        "a finite number",
+        "% of what the log tells",
+    )
 
 
 CONSTANTS = [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms), ("k.jsonl", jsonlines)]
@@ -130,7 +139,8 @@ def test_complex_numbers_are_two_columns(save, tmp_path):
         write(tmp_path / name, {"f": F, "response": S})
         draft = refused(tmp_path / name, "response re, response im").mapping
         (log,) = read_logs(
-            tmp_path / name, columns=save(answered(draft).replace('"f", unit = "V"', '"f", unit = "Hz"'), "map.toml")
+            tmp_path / name,
+            columns=save(answered(draft).replace('"f", unit = "V"', '"f", unit = "Hz"'), "map.toml"),
         )
         np.testing.assert_array_equal(log.response, 1j * S)
 
@@ -193,7 +203,9 @@ def test_samples_of_a_wav_file(save, tmp_path, form):
     drive = 0.5 * np.sin(2 * np.pi * 32300 * t)
     full = {"int16": 2**15, "int32": 2**31, "uint8": 128, "float32": 1}[form]
     samples = np.stack([drive, 0.2 * drive], axis=1) * full + (128 if form == "uint8" else 0)
-    wavfile.write(tmp_path / "a.wav", 192000, np.rint(samples).astype(form) if full > 1 else samples.astype(form))
+    wavfile.write(
+        tmp_path / "a.wav", 192000, np.rint(samples).astype(form) if full > 1 else samples.astype(form)
+    )
     draft = refused(tmp_path / "a.wav").mapping
     assert asked(draft) == ["quantity", "drive", "response"]
     (log,) = read_logs(tmp_path / "a.wav", columns=save(answered(draft), "map.toml"))
@@ -219,14 +231,20 @@ def one_port(y, r):
 
 
 def touchstone(head, columns):
-    return head + "\n" + "".join(" ".join(f"{x:.15g}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    return (
+        head + "\n" + "".join(" ".join(f"{x:.15g}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    )
 
 
 FORMS = {
     "# Hz S RI R 50": lambda s: (F, s.real, s.imag),
     "# HZ S RI R 50": lambda s: (F, s.real, s.imag),
     "! a VNA\n# kHz S MA R 50": lambda s: (F / 1e3, np.abs(s), np.degrees(np.angle(s))),
-    "# MHz S DB R 50\n!freq dBS11 angS11": lambda s: (F / 1e6, 20 * np.log10(np.abs(s)), np.degrees(np.angle(s))),
+    "# MHz S DB R 50\n!freq dBS11 angS11": lambda s: (
+        F / 1e6,
+        20 * np.log10(np.abs(s)),
+        np.degrees(np.angle(s)),
+    ),
 }
 
 
@@ -249,7 +267,11 @@ def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
     skrf = pytest.importorskip("skrf")
     r = 50.0
     z = 1 / Y
-    s11, s21 = (z / (z + 2 * r), 2 * r / (z + 2 * r)) if place == "series" else (-r / (2 * z + r), 2 * z / (2 * z + r))
+    s11, s21 = (
+        (z / (z + 2 * r), 2 * r / (z + 2 * r))
+        if place == "series"
+        else (-r / (2 * z + r), 2 * z / (2 * z + r))
+    )
     path = tmp_path / "a.s2p"
     path.write_text(
         touchstone("# Hz S RI R 50", (F, *(part for s in (s11, s21, s21, s11) for part in (s.real, s.imag))))
@@ -258,7 +280,9 @@ def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
     np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-8)
     turned = s21 * np.exp(1j)  # behind a cable of its own length: it may be either
     path.write_text(
-        touchstone("# Hz S RI R 50", (F, *(part for s in (s11, turned, turned, s11) for part in (s.real, s.imag))))
+        touchstone(
+            "# Hz S RI R 50", (F, *(part for s in (s11, turned, turned, s11) for part in (s.real, s.imag)))
+        )
     )
     refused(path, "neither in series nor across", 'table = "series" or table = "across"')
     table = save(f'table = "{place}"\n', "map.toml")
@@ -277,7 +301,9 @@ def test_three_ports_are_refused(tmp_path):
 
 
 def test_lines_of_lists_are_an_experiment_each(tmp_path):
-    lines = [{"frequency_Hz": F.tolist(), "voltage_V": v, "w_um": (v * np.abs(S)).tolist()} for v in (1.0, 2.0)]
+    lines = [
+        {"frequency_Hz": F.tolist(), "voltage_V": v, "w_um": (v * np.abs(S)).tolist()} for v in (1.0, 2.0)
+    ]
     (tmp_path / "a.json").write_text("\n\n".join(map(json.dumps, lines)))
     first, second = read_logs(tmp_path / "a.json")
     np.testing.assert_array_equal(second.response, 2 * first.response)
@@ -285,7 +311,9 @@ def test_lines_of_lists_are_an_experiment_each(tmp_path):
 
 
 def test_json_lines_may_be_packed_nested_and_hold_texts(save, tmp_path):
-    rows = [{"at": f"2026-04-03T12:00:{k:02d}", "demod": {"x": k, "y": 2 * k}, "note": "ok"} for k in range(6)]
+    rows = [
+        {"at": f"2026-04-03T12:00:{k:02d}", "demod": {"x": k, "y": 2 * k}, "note": "ok"} for k in range(6)
+    ]
     with gzip.open(tmp_path / "a.jsonl.gz", "wt") as file:
         file.write("\n".join(map(json.dumps, rows)))
     columns = 'quantity = "charge"\namplitude = "peak"\nphase_sign = 1\n[columns]\ntime = "at"\n'
@@ -339,7 +367,9 @@ def bytes_of(name, tmp_path):
     elif name == "g.uff":
         uff(path, F, S)
     elif name == "h.wav":
-        pytest.importorskip("scipy.io.wavfile").write(path, 192000, np.arange(4000, dtype=np.int16).reshape(-1, 2))
+        pytest.importorskip("scipy.io.wavfile").write(
+            path, 192000, np.arange(4000, dtype=np.int16).reshape(-1, 2)
+        )
     else:
         pytest.importorskip("skrf")
         path.write_text(touchstone("# Hz S RI R 50", FORMS["# Hz S RI R 50"](one_port(Y, 50))))
@@ -435,7 +465,9 @@ def test_what_a_compressed_file_would_unpack_to_is_counted_first(tmp_path, monke
     """Within a structure, of which a list of variables says nothing."""
     io_ = pytest.importorskip("scipy.io")
     path = tmp_path / "a.mat"
-    io_.savemat(path, {"meas": {"w_um": np.zeros(1_000_000), "time_s": np.zeros(1_000_000)}}, do_compression=True)
+    io_.savemat(
+        path, {"meas": {"w_um": np.zeros(1_000_000), "time_s": np.zeros(1_000_000)}}, do_compression=True
+    )
     assert path.stat().st_size < 20_000
     monkeypatch.setattr(store, "MOST", 1_000_000)
     refused(path, "a.mat", "numbers claimed")
@@ -500,7 +532,20 @@ def test_a_tdms_file_that_is_cut_off_is_refused(tmp_path, monkeypatch):
 
 def test_a_wav_that_claims_more_than_it_holds(tmp_path):
     head = struct.pack(
-        "<4sI4s4sIHHIIHH4sI", b"RIFF", 36 + 2**31, b"WAVE", b"fmt ", 16, 1, 2, 192000, 768000, 4, 16, b"data", 2**31
+        "<4sI4s4sIHHIIHH4sI",
+        b"RIFF",
+        36 + 2**31,
+        b"WAVE",
+        b"fmt ",
+        16,
+        1,
+        2,
+        192000,
+        768000,
+        4,
+        16,
+        b"data",
+        2**31,
     )
     (tmp_path / "a.wav").write_bytes(head + np.arange(400, dtype=np.int16).tobytes())
     refused(tmp_path / "a.wav", "a.wav", "WAV file")

@@ -1,7 +1,8 @@
-"""A transient behind a stated lock-in filter that begins amid a drive: the filter holds what was before the first row.
+"""A transient behind a stated lock-in filter that begins amid a drive: the filter holds what was before the
+first row.
 
-The truth is a matrix exponential of plant (slow mode) and filter, a chain of equal poles whose input is the plant's response and
-the drive's feedthrough. It shares no code with the package.
+The truth is a matrix exponential of plant (slow mode) and filter, a chain of equal poles whose input is the
+plant's response and the drive's feedthrough. It shares no code with the package.
 """
 
 import re
@@ -26,8 +27,8 @@ LEVELS = np.repeat([60.0, 100.0, 30.0, 80.0], ROWS // 4)
 
 
 def through(order, feedthrough, state):
-    """(n,) what the filter's last pole shows just before each row's inputs act; `state` at the first row: of the plant, the
-    filter's poles."""
+    """(n,) what the filter's last pole shows just before each row's inputs act; `state` at the first row: of
+    the plant, the filter's poles."""
     a = np.zeros((order + 2, order + 2), complex)  # plant, poles, drive
     a[0, 0], a[0, -1] = -1 / TAU + 2j * np.pi * (F0 - DRIVEN), G / TAU
     a[1, 0], a[1, -1] = 1 / LOCKIN_TAU, feedthrough * G / LOCKIN_TAU
@@ -48,7 +49,11 @@ def log(order, seed, state=None):
     rows = np.exp(0.4j) * clean + 0.01 + 2e-3 * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
     given = {"drive": LEVELS, "frequency": np.full(ROWS, DRIVEN), "kind": "transient", "sampling": "instant"}
     return sysid.Log(
-        "amid", rows, time=SPACING * np.arange(ROWS), bench={"lockin_tau_s": LOCKIN_TAU, "lockin_order": order}, **given
+        "amid",
+        rows,
+        time=SPACING * np.arange(ROWS),
+        bench={"lockin_tau_s": LOCKIN_TAU, "lockin_order": order},
+        **given,
     )
 
 
@@ -62,7 +67,12 @@ def test_what_the_filter_holds_at_the_first_row_is_no_feedthrough(seeds, order, 
         state = None if begins == "at rest" else np.random.default_rng([seed, 1]).uniform(-1, 1, order + 1)
         fit = sysid.fit([log(order, seed, state)])
         assert fit.result.name == "successful", fit.warnings
-        z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", G), ("tau", TAU), ("f0", F0))])
+        z.append(
+            [
+                (fit.parameters[n].value - truth) / fit.parameters[n].std
+                for n, truth in (("G", G), ("tau", TAU), ("f0", F0))
+            ]
+        )
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds, 3))  # G is covered too often by design
 
 
@@ -81,19 +91,33 @@ def behind(order, rows, step):
 @pytest.mark.parametrize("order", [study(2), 4])
 @seeds(4, 30)
 def test_noise_that_came_through_the_filter_too(seeds, order):
-    """Ten rows to its time constant: smoother than an Ornstein-Uhlenbeck process, by which errors were half as large."""
+    """Ten rows to its time constant: smoother than an Ornstein-Uhlenbeck process, by which errors were half
+    as large."""
     step, rows, fine = LOCKIN_TAU / 10, 2000, 8
     a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
     since = step / fine * np.maximum(np.arange(rows * fine) - rows * fine // 10, 0)
     clean = behind(order, -G / TAU * 60.0 / a * (1 - np.exp(a * since)), step / fine)[::fine]
     drive, z = np.where(np.arange(rows) < rows // 10, 0.0, 60.0), []
-    given = {"time": step * np.arange(rows), "drive": drive, "frequency": np.full(rows, DRIVEN), "sampling": "instant"}
+    given = {
+        "time": step * np.arange(rows),
+        "drive": drive,
+        "frequency": np.full(rows, DRIVEN),
+        "sampling": "instant",
+    }
     for seed in seeds:
         rng, n = np.random.default_rng(seed), rows * fine + 8000
         noise = behind(order, rng.standard_normal(n) + 1j * rng.standard_normal(n), step / fine)[8000::fine]
-        bench, response = {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order}, clean + 0.012 / np.std(noise) * noise
+        bench, response = (
+            {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order},
+            clean + 0.012 / np.std(noise) * noise,
+        )
         fit = sysid.fit([sysid.Log("step", response, kind="transient", bench=bench, **given)])
-        z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", G), ("tau", TAU), ("f0", F0))])
+        z.append(
+            [
+                (fit.parameters[n].value - truth) / fit.parameters[n].std
+                for n, truth in (("G", G), ("tau", TAU), ("f0", F0))
+            ]
+        )
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds, 3))
 
 
@@ -105,7 +129,8 @@ GRIDS = {
 
 
 @pytest.mark.parametrize(
-    ("late", "lockin_tau"), [(0.0, 1e-9), study(0.0, 1e-4), study(0.0, 1.0), study(2e-4, 1e-9), study(2e-4, 1.0)]
+    ("late", "lockin_tau"),
+    [(0.0, 1e-9), study(0.0, 1e-4), study(0.0, 1.0), study(2e-4, 1e-9), study(2e-4, 1.0)],
 )
 @pytest.mark.parametrize("grid", ["even", study("jittered"), study("denser at the step")])
 def test_a_filter_that_was_not_there_on_rows_of_any_times(grid, late, lockin_tau):
@@ -115,17 +140,29 @@ def test_a_filter_that_was_not_there_on_rows_of_any_times(grid, late, lockin_tau
     clean = -G / TAU * 60.0 / a * (1 - np.exp(a * np.maximum(time - time[100] - late, 0.0)))
     response = clean + 0.012 * (rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time)))
     bench = {"lockin_tau_s": lockin_tau, "lockin_order": 4}
-    given = {"drive": np.where(on, 60.0, 0.0), "frequency": np.full(len(time), DRIVEN), "sampling": "instant", "bench": bench}
+    given = {
+        "drive": np.where(on, 60.0, 0.0),
+        "frequency": np.full(len(time), DRIVEN),
+        "sampling": "instant",
+        "bench": bench,
+    }
     fit = sysid.fit([sysid.Log("step", response, time=time, kind="transient", **given)])
     assert (fit.result.name == "successful") == (lockin_tau == 1e-9 and late == 0.0), fit.warnings
     assert not any("record ten points" in (p.why or "") for p in fit.parameters.values())
 
 
 def course(order, step, rows, f0=1500.0, tau=10e-3):
-    """A step at a tenth of the rows, by 3 Hz above a plate of Q 47: its trial, the course, and the fit's own model, per G V."""
+    """A step at a tenth of the rows, by 3 Hz above a plate of Q 47: its trial, the course, and the fit's own
+    model, per G V."""
     time, drive = step * np.arange(rows), np.where(np.arange(rows) < rows // 10, 0.0, 1.0)
     bench = {"lockin_tau_s": 1e-3, "lockin_order": order} if order else {}
-    given = {"drive": drive, "frequency": np.full(rows, f0 + 3.0), "kind": "transient", "sampling": "instant", "bench": bench}
+    given = {
+        "drive": drive,
+        "frequency": np.full(rows, f0 + 3.0),
+        "kind": "transient",
+        "sampling": "instant",
+        "bench": bench,
+    }
     trial = Trial.of(sysid.Log("step", np.ones(rows, complex), time=time, **given), "transient")
     found = Course(trial, trial.hold((f0, 0.0)), np.array([0.0, np.log(tau), 0.0, 0.0, 0.0, 0.0]))
     with jax.enable_x64(True):
@@ -152,7 +189,9 @@ def test_a_block_of_rows_shows_their_mean(order):
     assert len(trial.log) < 1000
     fine = hold_inputs(trial.whole.time, trial.whole.drive, trial.whole.frequency, reference=(1500.0, 0.0))
     with jax.enable_x64(True):
-        every = np.asarray(respond(found.tau, 2 * np.pi * fine.offset, fine._replace(smoothing=1e-3), order=order).forced)
+        every = np.asarray(
+            respond(found.tau, 2 * np.pi * fine.offset, fine._replace(smoothing=1e-3), order=order).forced
+        )
     ends = np.append(0, np.cumsum(trial.noise.count).astype(int))
     mean = [np.mean(every[a:b]) for a, b in pairwise(ends)]
     np.testing.assert_allclose(model, mean, rtol=0, atol=2e-5)
@@ -164,11 +203,23 @@ def test_rows_without_a_signal_are_no_part_of_the_mean_of_their_block(order, dar
     rng, rows, step = np.random.default_rng(2), 20_000 if not order else 4000, LOCKIN_TAU / 10
     a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
     clean = -G / TAU * 60.0 / a * (1 - np.exp(a * step * np.maximum(np.arange(rows) - rows // 10, 0)))
-    response = behind(order, clean, step) + 0.012 * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
+    response = behind(order, clean, step) + 0.012 * (
+        rng.standard_normal(rows) + 1j * rng.standard_normal(rows)
+    )
     response[gone := rng.random(rows) < dark] = 0.0
     bench = {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order} if order else {}
-    given = {"drive": np.where(np.arange(rows) < rows // 10, 0.0, 60.0), "frequency": np.full(rows, DRIVEN), "bench": bench}
-    fit = sysid.fit([sysid.Log("step", response, time=step * np.arange(rows), kind="transient", sampling="instant", **given)])
+    given = {
+        "drive": np.where(np.arange(rows) < rows // 10, 0.0, 60.0),
+        "frequency": np.full(rows, DRIVEN),
+        "bench": bench,
+    }
+    fit = sysid.fit(
+        [
+            sysid.Log(
+                "step", response, time=step * np.arange(rows), kind="transient", sampling="instant", **given
+            )
+        ]
+    )
     said = re.search(r"(\d+) of (\d+) rows read exactly zero", " ".join(fit.warnings))
     assert abs(int(said[1]) - np.sum(gone[rows // 10 :])) < 0.2 * np.sum(gone) and int(said[2]) == rows
     for name, truth in (("G", G), ("tau", TAU), ("f0", F0)):

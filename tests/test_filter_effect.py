@@ -1,4 +1,5 @@
-"""A lock-in's filter that no log states: fitted where the logs show which it is, a misfit where they do not."""
+"""A lock-in's filter that no log states: fitted where the logs show which it is, a misfit where they do
+not."""
 
 from dataclasses import replace
 
@@ -13,9 +14,9 @@ G, TAU, F0, DT = 0.02, 1.67e-3, 1.9e6, 1e-4
 
 
 def filtered_step(seed, time, order, noise, beside=40.0, rows=220, late=0.0):
-    """A step of 100 V after 20 rows, driven `beside` Hz off the resonance, behind `order` poles of `time`: W' = a W + b V and
-    y_j' = (y_(j-1) - y_j)/time as one matrix exponential; white noise after the filter. Q is 10 000, so that the fast mode is
-    nothing."""
+    """A step of 100 V after 20 rows, driven `beside` Hz off the resonance, behind `order` poles of `time`: W'
+    = a W + b V and y_j' = (y_(j-1) - y_j)/time as one matrix exponential; white noise after the filter. Q is
+    10 000, so that the fast mode is nothing."""
     n, tau = 1 + order, TAU
     A = np.zeros((n + 1, n + 1), complex)
     A[0, 0], A[0, n] = -1 / tau - 2j * np.pi * beside, G / tau * 100
@@ -26,7 +27,9 @@ def filtered_step(seed, time, order, noise, beside=40.0, rows=220, late=0.0):
     rng = np.random.default_rng([seed, order])
     y = y * np.exp(0.4j) + noise * 2.0 * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
     drive, frequency = np.where(np.arange(rows) < 20, 0.0, 100.0), np.full(rows, F0 + beside)
-    return sysid.Log("step", y, time=t, drive=drive, frequency=frequency, kind="transient", sampling="instant")
+    return sysid.Log(
+        "step", y, time=t, drive=drive, frequency=frequency, kind="transient", sampling="instant"
+    )
 
 
 def settled_sweep(seed, noise, rows=81):
@@ -39,7 +42,9 @@ def settled_sweep(seed, noise, rows=81):
 
 
 def fitted(seeds, time, order, late=0.0, noise=3e-3):
-    return [sysid.fit([filtered_step(s, time, order, noise, late=late), settled_sweep(s, noise)]) for s in seeds]
+    return [
+        sysid.fit([filtered_step(s, time, order, noise, late=late), settled_sweep(s, noise)]) for s in seeds
+    ]
 
 
 def scores(fits):
@@ -59,12 +64,15 @@ def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order):
         (found,) = f.findings
         assert found.key == "filter" and "no lock-in's filter is stated" in " ".join(f.warnings)
         poles, each = (found.numbers[n].value for n in ("lockin_order", "lockin_tau_s"))
-        assert abs(poles * each - order * time) < 0.5 * order * time  # the delay; how it is made up is not told
+        assert (
+            abs(poles * each - order * time) < 0.5 * order * time
+        )  # the delay; how it is made up is not told
 
 
 @pytest.mark.study  # test_scales.py has such a step in other units
 def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
-    """From um to km: the likelihood counts what a filter adds by the noise, of which the logarithm depends on the unit."""
+    """From um to km: the likelihood counts what a filter adds by the noise, of which the logarithm depends on
+    the unit."""
     logs = [filtered_step(0, 4e-4, 1, 1.5e-2), settled_sweep(0, 1.5e-2)]
     for unit in (1.0, 1e-9):
         fit = sysid.fit([replace(log, response=unit * log.response) for log in logs])
@@ -74,16 +82,20 @@ def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
 @pytest.mark.parametrize("rows", [3.5, study(8.5)])
 @seeds(2, 4)
 def test_a_late_trigger_taken_for_a_filter_moves_nothing(seeds, rows):
-    """Many poles are a delay: where the sweep tells the plate, either describes the step, and what neither does is a misfit."""
+    """Many poles are a delay: where the sweep tells the plate, either describes the step, and what neither
+    does is a misfit."""
     good = [f for f in fitted(seeds, 1e-4, 0, late=rows * DT, noise=1e-2) if f.result.name == "successful"]
     assert not good or np.sqrt(np.mean(np.square(scores(good)))) < most(3 * [*seeds], 2.45)
 
 
-@pytest.mark.parametrize(("time", "order", "late"), [(8e-4, 1, 0.0), study(1e-4, 4, 0.0), (1e-4, 0, 5.5 * DT)])
+@pytest.mark.parametrize(
+    ("time", "order", "late"), [(8e-4, 1, 0.0), study(1e-4, 4, 0.0), (1e-4, 0, 5.5 * DT)]
+)
 @seeds(1, 4)
 def test_behind_an_unknown_filter_a_lone_step_tells_the_plate(seeds, time, order, late):
-    """A feedthrough, the gain and how the response begins cancel: G was 40 % off behind a pole of half of tau. A bench's
-    feedthrough is small, and of filters and delays that describe the step as well the error of G spans all."""
+    """A feedthrough, the gain and how the response begins cancel: G was 40 % off behind a pole of half of
+    tau. A bench's feedthrough is small, and of filters and delays that describe the step as well the error of
+    G spans all."""
     fits = [sysid.fit([filtered_step(s, time, order, noise=1e-3, late=late)]) for s in seeds]
     assert all(f.result.name == "successful" and f.findings[0].key in ("filter", "delay") for f in fits)
     assert np.sqrt(np.mean(np.square(scores(fits)))) < most(3 * [*seeds], 2.45)

@@ -1,4 +1,5 @@
-"""A finger whose force is recorded: its damping and detuning are fitted beside the plate. The physics is tests/reference.py."""
+"""A finger whose force is recorded: its damping and detuning are fitted beside the plate. The physics is
+tests/reference.py."""
 
 import dataclasses
 
@@ -33,7 +34,13 @@ def pressed(bench, seed, amplitude=False, force=PRESS, law=ratio):
 
 
 def test_what_it_adds_is_told_beside_the_plate_s_own(bench):
-    truth = {"G": bench.plant.G, "tau": bench.plant.tau, "f0": bench.plant.f0, "finger_damping": RHO, "finger_detuning": SHIFT}
+    truth = {
+        "G": bench.plant.G,
+        "tau": bench.plant.tau,
+        "f0": bench.plant.f0,
+        "finger_damping": RHO,
+        "finger_detuning": SHIFT,
+    }
     total, count = 0.0, 0
     for seed in range(4):
         fit = sysid.fit([pressed(bench, seed)])
@@ -50,7 +57,9 @@ def swept(bench, seed, force, law=ratio):
     damped = 1 + RHO * law(force)
     plant = dataclasses.replace(bench.plant, G=bench.plant.G / damped, tau=bench.plant.tau / damped)
     frequency = np.linspace(31800, 32800, 101)
-    rows = reference.steady(plant, 100.0, frequency - SHIFT * law(force), 24.0) + reference.noise(101, 0.02, seed)
+    rows = reference.steady(plant, 100.0, frequency - SHIFT * law(force), 24.0) + reference.noise(
+        101, 0.02, seed
+    )
     inputs = {"drive": np.full(101, 100.0), "frequency": frequency, "temperature": np.full(101, 24.0)}
     return sysid.Log(f"{force} N", rows, force=np.full(101, force), **inputs)
 
@@ -62,7 +71,9 @@ def test_settled_points_with_and_without_it(bench):
     for name, truth in (("tau", bench.plant.tau), ("finger_damping", RHO), ("finger_detuning", SHIFT)):
         assert abs(fit.parameters[name].value - truth) < 4.5 * fit.parameters[name].std
     draws = sysid.sample(fit).draws
-    assert np.std(draws["finger_damping"]) == pytest.approx(fit.parameters["finger_damping"].std, rel=0.15)  # of 1000 draws: 2 %
+    assert np.std(draws["finger_damping"]) == pytest.approx(
+        fit.parameters["finger_damping"].std, rel=0.15
+    )  # of 1000 draws: 2 %
 
 
 def power(force):
@@ -86,7 +97,11 @@ def test_another_law_of_the_force_is_named(bench):
 def test_another_law_of_a_scene_is_named():
     plate = sysid.Plant(0.02, 5e-3 / np.log(20), 32300.0, -10.16)
     stairs = sysid.Profile([0.0, 9e-3, 11e-3, 15e-3, 17e-3], [0.0, 0.0, 0.4, 0.4, 3.0], held=False)
-    inputs = {"drive": sysid.Profile([0.0, 2e-3], [0.0, 100.0]), "frequency": sysid.Profile.constant(32290.0), "force": stairs}
+    inputs = {
+        "drive": sysid.Profile([0.0, 2e-3], [0.0, 100.0]),
+        "frequency": sysid.Profile.constant(32290.0),
+        "force": stairs,
+    }
     effects = (FingerDamping(law="power", exponent=0.6), WhiteNoise(std=0.02))
     fit = sysid.fit([sysid.Scene(plate, inputs, 240, 1e4, effects, fidelity="envelope").simulate(seed=0)])
     assert fit.result is Result.misfit and any(w.startswith(ANOTHER) for w in fit.warnings)

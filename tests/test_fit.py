@@ -1,4 +1,5 @@
-"""The fit: bundled logs against their truth, against an independent least squares, and what it says when logs cannot tell."""
+"""The fit: bundled logs against their truth, against an independent least squares, and what it says when logs
+cannot tell."""
 
 from dataclasses import replace
 from functools import partial
@@ -41,21 +42,29 @@ def sweep_fit(bench):
 
 
 def errors(fit, truth):
-    """(value - truth) over `fit.names`, the truth carried to the fit's temperature and gain unit (nm for um: 1000)."""
+    """(value - truth) over `fit.names`, the truth carried to the fit's temperature and gain unit (nm for um:
+    1000)."""
     at = fit.reference_temperature
     warming = 0.0 if at is None else at - truth["reference_temperature_degC"]
     scale = 1000.0 if fit.units["G"].startswith("nm") else 1.0
-    known = {"G": scale * truth["G"], "tau": truth["tau"], "f0": truth["f0"] + truth["k_T"] * warming, "k_T": truth["k_T"]}
+    known = {
+        "G": scale * truth["G"],
+        "tau": truth["tau"],
+        "f0": truth["f0"] + truth["k_T"] * warming,
+        "k_T": truth["k_T"],
+    }
     return np.array([getattr(fit.plant, name) - known[name] for name in fit.names])
 
 
 def distance(fit, truth):
-    """Squared Mahalanobis distance of the fit from the truth: chi-square with as many degrees of freedom as parameters."""
+    """Squared Mahalanobis distance of the fit from the truth: chi-square with as many degrees of freedom as
+    parameters."""
     e = errors(fit, truth)
     return float(e @ np.linalg.solve(fit.covariance, e)), len(e)
 
 
-# --- against the truth --------------------------------------------------------------------------------------------------
+# --- against the truth
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("folder", ["plate", "quartz", "low_q"])
@@ -77,8 +86,8 @@ def test_each_log_by_itself(key, alone, truths):
 
 
 def test_errors_of_independent_logs_are_as_large_as_stated(alone, truths):
-    # Parameters of one fit are correlated and a joint fit shares rows with the others. The squared Mahalanobis distances of
-    # fits of single logs are independent, each chi-square, and so is their sum.
+    # Parameters of one fit are correlated and a joint fit shares rows with the others. The squared
+    # Mahalanobis distances of fits of single logs are independent, each chi-square, and so is their sum.
     found = [distance(alone[key], truths[key[0]]) for key in ALONE]
     value, size = (sum(part) for part in zip(*found, strict=True))
     assert 0.001 < chi2.cdf(value, size) < 0.999, (value, size)
@@ -101,16 +110,20 @@ def test_the_noise_of_each_log_is_that_of_its_making(joint_fit, bundled):
         truth = made[fitted.log.name.removesuffix(".csv")]
         scale = 1000.0 if fitted.log.response_unit == "nm" else 1.0
         if truth["noise_time_s"]:
-            # 400 rows are 66 correlation times: the level is known to 1/sqrt(2 * 66), 9 %, the time to twice that
+            # 400 rows are 66 correlation times: the level is known to 1/sqrt(2 * 66), 9 %, the time to twice
+            # that
             assert fitted.noise_std == pytest.approx(truth["noise_um"] * scale, rel=0.3)
             assert fitted.noise_time == pytest.approx(truth["noise_time_s"], rel=0.6)
         else:
             # 100 to 360 rows of one or two channels: 2.6 to 7 %; four of the larger
-            assert fitted.noise_std == pytest.approx(truth["noise_um"] * scale, rel=0.28 if fitted.log.amplitude_only else 0.2)
+            assert fitted.noise_std == pytest.approx(
+                truth["noise_um"] * scale, rel=0.28 if fitted.log.amplitude_only else 0.2
+            )
             assert fitted.noise_time == 0.0
 
 
-# --- against an independent least squares -----------------------------------------------------------------------------------
+# --- against an independent least squares
+# -----------------------------------------------------------------------------------
 
 
 def slow_modes(tau, f0, time, frequency):
@@ -121,8 +134,8 @@ def slow_modes(tau, f0, time, frequency):
 
 
 def step_model(p, log, through, seconds):
-    """Rotation, start, offset, feedthrough and lateness free: p = log G, log tau, f0, phi, two complex numbers, and two more in
-    units of the standard deviation of their priors, `through` um and `seconds`."""
+    """Rotation, start, offset, feedthrough and lateness free: p = log G, log tau, f0, phi, two complex
+    numbers, and two more in units of the standard deviation of their priors, `through` um and `seconds`."""
     G, tau, f0 = np.exp(p[0]), np.exp(p[1]), 32290 + p[2]
     s1, s2, b = slow_modes(tau, f0, log.time, 32290.0)
     begin = int(np.flatnonzero(log.drive)[0])
@@ -144,7 +157,8 @@ def sweep_model(p, log):
 
 
 def independent(model, log, size, noise_std, held=()):
-    """Estimates of (G, tau, f0 - its reference) and their standard deviations, by scipy; p[held] have a unit normal prior."""
+    """Estimates of (G, tau, f0 - its reference) and their standard deviations, by scipy; p[held] have a unit
+    normal prior."""
 
     def rows(p):
         left = (log.response - model(p, log)) / noise_std
@@ -158,7 +172,9 @@ def independent(model, log, size, noise_std, held=()):
     level = 2 * found.cost / (2 * len(log) + len(held) - size)
     std = np.sqrt(np.diag(level * np.linalg.inv(found.jac.T @ found.jac)))
     p = found.x
-    return np.array([np.exp(p[0]), np.exp(p[1]), p[2]]), np.array([np.exp(p[0]) * std[0], np.exp(p[1]) * std[1], std[2]])
+    return np.array([np.exp(p[0]), np.exp(p[1]), p[2]]), np.array(
+        [np.exp(p[0]) * std[0], np.exp(p[1]) * std[1], std[2]]
+    )
 
 
 @pytest.mark.parametrize("kind", ["step", "sweep"])
@@ -172,18 +188,24 @@ def test_agrees_with_an_independent_least_squares(kind, step_fit, sweep_fit):
     values, std = independent(model, fit.logs[0].log, size, fit.logs[0].noise_std, held)
     found = np.array([fit.plant.G, fit.plant.tau, fit.plant.f0 - at])
     assert fit.logs[0].noise_time == 0.0
-    # 1e-4 of a standard deviation: the two optimisers stop within 1e-5, the wide prior of the nuisances moves less than that
+    # 1e-4 of a standard deviation: the two optimisers stop within 1e-5, the wide prior of the nuisances moves
+    # less than that
     np.testing.assert_array_less(np.abs(found - values) / std, 1e-4)
-    # scipy's linear covariance at a finite-difference Jacobian, its level from three more degrees of freedom: under 1 %
+    # scipy's linear covariance at a finite-difference Jacobian, its level from three more degrees of freedom:
+    # under 1 %
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), std, rtol=0.02)
 
 
-# --- reproducible and harmless ----------------------------------------------------------------------------------------------
+# --- reproducible and harmless
+# ----------------------------------------------------------------------------------------------
 
 
 def test_the_same_logs_give_the_same_bytes_and_stay_as_they_were(bench, step_fit):
     log = bench.transient()
-    before = {name: getattr(log, name).tobytes() for name in ("response", "time", "drive", "frequency", "temperature")}
+    before = {
+        name: getattr(log, name).tobytes()
+        for name in ("response", "time", "drive", "frequency", "temperature")
+    }
     state = np.random.get_state()[1].tobytes()
     again = sysid.fit([log])
     assert again.covariance.tobytes() == step_fit.covariance.tobytes()
@@ -213,7 +235,8 @@ def test_an_unknown_nuisance_and_no_logs_are_refused(bench):
         sysid.fit([bench.sweep()], nuisances=("rotations",))
 
 
-# --- what the logs cannot tell ------------------------------------------------------------------------------------------------
+# --- what the logs cannot tell
+# ------------------------------------------------------------------------------------------------
 
 
 def told(parameter):
@@ -263,7 +286,8 @@ def test_the_amplitude_of_a_step_beside_resonance_has_two_solutions(bench):
 def test_a_mode_weighs_as_much_as_the_posterior_about_it(bench):
     fit = sysid.fit([bench.sweep()])
     best, p = fit.modes[0], len(fit.names)
-    # Twice as wide in p directions a normal density holds 2^p times as much; nuisances that are half as free halve it.
+    # Twice as wide in p directions a normal density holds 2^p times as much; nuisances that are half as free
+    # halve it.
     wide = replace(best, covariance=4 * best.covariance, cost=best.cost + p * np.log(2))
     assert shares([best, wide]) == pytest.approx([0.5, 0.5])
     assert shares([best, replace(best, volume=best.volume + np.log(3))]) == pytest.approx([0.75, 0.25])
@@ -298,7 +322,8 @@ def test_a_step_without_a_frequency_is_first_order(bench):
         assert abs(p.value - truth) < FAR * p.std + (0.03 * truth if name == "tau" else 0.0)
 
 
-# --- what the model cannot describe -----------------------------------------------------------------------------------------
+# --- what the model cannot describe
+# -----------------------------------------------------------------------------------------
 
 
 def test_a_clipped_sweep_is_a_misfit(bench):
@@ -324,11 +349,14 @@ def test_a_fit_that_did_not_converge_says_so(bench, monkeypatch):
     from sysid.minimum.minimise import Minimiser
 
     whole = Minimiser.refine
-    monkeypatch.setattr(Minimiser, "refine", lambda *args, **more: replace(whole(*args, **more), converged=False))
+    monkeypatch.setattr(
+        Minimiser, "refine", lambda *args, **more: replace(whole(*args, **more), converged=False)
+    )
     assert sysid.fit([bench.sweep()]).result is Result.not_converged
 
 
-# --- order and stamps -------------------------------------------------------------------------------------------------------
+# --- order and stamps
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_settled_points_are_the_same_in_any_order(bench):
@@ -346,12 +374,15 @@ def test_settled_points_are_the_same_in_any_order(bench):
 
 
 def slow_sweep(bench, times, back, sampling, amplitude):
-    """`times` readings at each of 60 frequencies, and `back` again, 5 tau apart; of its own inputs or of the row's before."""
+    """`times` readings at each of 60 frequencies, and `back` again, 5 tau apart; of its own inputs or of the
+    row's before."""
     frequency = np.repeat(np.linspace(31800.0, 32800.0, 60), times)
     frequency = np.concatenate([frequency, frequency[::-1]]) if back else frequency
     rows = len(frequency)
     time, volts, warm = 5 * bench.plant.tau * np.arange(rows), np.full(rows, 100.0), np.full(rows, 24.0)
-    held = np.append(frequency, frequency[-1]) if sampling == "settled" else np.append(frequency[0], frequency)
+    held = (
+        np.append(frequency, frequency[-1]) if sampling == "settled" else np.append(frequency[0], frequency)
+    )
     begun = np.append(-40 * bench.plant.tau, time)  # settled at the first row
     clean = reference.ringing(bench.plant, begun, np.full(rows + 1, 100.0), held, np.full(rows + 1, 24.0))[1:]
     response = clean + reference.noise(rows, 0.02, seed=rows)
@@ -360,8 +391,12 @@ def slow_sweep(bench, times, back, sampling, amplitude):
 
 
 @pytest.mark.parametrize("sampling", ["settled", "instant"])
-@pytest.mark.parametrize(("times", "back", "amplitude"), [(3, False, False), study(2, False, True), study(1, True, False)])
-def test_a_slow_sweep_that_repeats_frequencies_is_read_as_its_rows_agree(bench, times, back, amplitude, sampling):
+@pytest.mark.parametrize(
+    ("times", "back", "amplitude"), [(3, False, False), study(2, False, True), study(1, True, False)]
+)
+def test_a_slow_sweep_that_repeats_frequencies_is_read_as_its_rows_agree(
+    bench, times, back, amplitude, sampling
+):
     """By the contract it is a transient; which inputs its rows belong to is not stated."""
     log = slow_sweep(bench, times, back, sampling, amplitude)
     found = sysid.fit([log])
@@ -384,7 +419,8 @@ def test_a_sampling_that_is_stated_is_kept(bench, stated):
 
 
 def test_a_quick_sweep_that_repeats_frequencies_stays_as_it_is_read(bench):
-    """Rows a tenth of tau apart: the response is not settled, so that rows of the same inputs do not agree in any case."""
+    """Rows a tenth of tau apart: the response is not settled, so that rows of the same inputs do not agree in
+    any case."""
     slow = slow_sweep(bench, 3, True, "settled", False)
     clean = reference.ringing(bench.plant, 0.02 * slow.time, slow.drive, slow.frequency, slow.temperature)
     log = replace(slow, time=0.02 * slow.time, response=clean + reference.noise(len(slow), 0.02, 1))
@@ -393,14 +429,16 @@ def test_a_quick_sweep_that_repeats_frequencies_stays_as_it_is_read(bench):
     assert any("taken as sampling: instant" in said for said in found.warnings)
 
 
-# --- coloured noise -----------------------------------------------------------------------------------------------------------
+# --- coloured noise
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_coloured_noise_widens_the_intervals(bench, step_fit):
     fit = sysid.fit([bench.transient(seed=5, noise_time=5e-4)])  # five rows
     assert fit.logs[0].noise_time == pytest.approx(5e-4, rel=0.7)  # 44 correlation times: known to a third
     white, coloured = np.sqrt(np.diag(step_fit.covariance)), np.sqrt(np.diag(fit.covariance))
-    # sqrt((1 + rho)/(1 - rho)) = 3.2 for what varies slowly against 0.5 ms; tau is 1.7 ms. G hangs on how late a step is.
+    # sqrt((1 + rho)/(1 - rho)) = 3.2 for what varies slowly against 0.5 ms; tau is 1.7 ms. G hangs on how
+    # late a step is.
     assert np.all(coloured[1:] > 1.6 * white[1:])
     e = np.array([fit.plant.G - bench.plant.G, fit.plant.tau - bench.plant.tau, fit.plant.f0 - 32300])
     assert np.all(np.abs(e) < FAR * coloured)
@@ -413,7 +451,8 @@ def test_images_at_two_temperatures_are_all_listed(bench):
         for seed, (f, t) in enumerate(((32220.0, 24.0), (32330.0, 27.0)))
     ]
     fit = sysid.fit(logs)
-    # Each log's resonance may lie on either side of its drive: at 24 degC 32140 or 32300 Hz, at 27 degC 32269.5 or 32390.5 Hz.
+    # Each log's resonance may lie on either side of its drive: at 24 degC 32140 or 32300 Hz, at 27 degC
+    # 32269.5 or 32390.5 Hz.
     assert len(fit.modes) == 4
     T = np.array([24.0, 27.0])
     at = [fit.reference[0] + s.theta[2] + s.theta[3] * (T - fit.reference[1]) for s in fit.modes]
@@ -431,7 +470,9 @@ def test_a_finger_that_never_leaves_the_plate_is_named(bench):
     fit = sysid.fit([pressed])
     assert fit.result is Result.misfit
     assert any("force of 0.5 N" in warning for warning in fit.warnings)
-    idle = dataclasses.replace(bench.sweep(), force=np.full(101, 0.002))  # a force sensor that shows its noise
+    idle = dataclasses.replace(
+        bench.sweep(), force=np.full(101, 0.002)
+    )  # a force sensor that shows its noise
     assert sysid.fit([idle]).result is Result.successful
 
 
@@ -465,7 +506,12 @@ def test_an_output_offset_of_a_step_without_a_baseline_is_in_the_interval_of_g(s
         told = {"time": time, "drive": np.full(200, 100.0), "bench": {"delay_s": 0.0}}
         fit = sysid.fit([sysid.Log("step", 2 * (1 - np.exp(-time / 1.67e-3)) + offset + noise, **told)])
         assert any("its first row, which alone tells an output offset from G" in w for w in fit.warnings)
-        z.append([(fit.parameters[n].value - truth) / fit.parameters[n].std for n, truth in (("G", 0.02), ("tau", 1.67e-3))])
+        z.append(
+            [
+                (fit.parameters[n].value - truth) / fit.parameters[n].std
+                for n, truth in (("G", 0.02), ("tau", 1.67e-3))
+            ]
+        )
     n = len(seeds)  # three of what so many seeds leave: of 40, 0.35 and 0.5
     assert np.std(z, axis=0) == pytest.approx([1, 1], abs=3.1 / np.sqrt(2 * n))
     assert np.all(np.abs(np.mean(z, axis=0)) < 3.1 / np.sqrt(n))
@@ -478,7 +524,15 @@ def test_a_long_log_whose_inputs_were_measured_is_condensed_like_one_whose_input
     time, volts = 1e-6 * np.arange(n), np.where(np.arange(n) < 4000, 0.0, 100.0)
     rise = 2 * -np.expm1(-np.maximum(time - time[3999], 0) / 1.67e-3)
     rows = rise + 0.02 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
-    log = sysid.Log("long", rows, time=time, drive=volts, frequency=np.full(n, 32300.0), kind="transient", sampling="instant")
+    log = sysid.Log(
+        "long",
+        rows,
+        time=time,
+        drive=volts,
+        frequency=np.full(n, 32300.0),
+        kind="transient",
+        sampling="instant",
+    )
     measured = getattr(log, flickers) + {"drive": 0.05, "frequency": 0.2}[flickers] * rng.standard_normal(n)
     as_set, as_measured = sysid.fit([log]), sysid.fit([replace(log, **{flickers: measured})])
     assert len(as_measured.modes[0].trials[0].log) == len(as_set.modes[0].trials[0].log) < 5000
@@ -504,5 +558,7 @@ def test_frequencies_in_any_order_are_kept():
     ],
 )
 def test_a_drive_that_does_more_than_flicker_is_kept(drive):
-    log = sysid.Log("long", np.zeros(20_000, complex), time=np.arange(20_000.0), drive=drive, kind="transient")
+    log = sysid.Log(
+        "long", np.zeros(20_000, complex), time=np.arange(20_000.0), drive=drive, kind="transient"
+    )
     np.testing.assert_array_equal(levelled(log).drive, drive)

@@ -1,4 +1,5 @@
-"""A resonance outside of all frequencies at which it was driven: settled points say so or determine nothing, a beat tells it."""
+"""A resonance outside of all frequencies at which it was driven: settled points say so or determine nothing,
+a beat tells it."""
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ ROWS = 101
 
 
 def swept(first, last, celsius=24.0, noise=1e-4, seed=0, **given):
-    """Settled points from `first` to `last` half bandwidths above the resonance at 24 degC; noise of the largest response."""
+    """Settled points from `first` to `last` half bandwidths above the resonance at 24 degC; noise of the
+    largest response."""
     rng, frequency = np.random.default_rng(seed), PLANT.f0 + HALF * np.linspace(first, last, ROWS)
     drive, temperature = np.full(ROWS, 100.0), np.full(ROWS, celsius)
     clean = reference.steady(PLANT, drive, frequency, temperature)
-    rows = clean + noise * np.max(np.abs(clean)) * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
+    rows = clean + noise * np.max(np.abs(clean)) * (
+        rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS)
+    )
     columns = {"drive": drive, "frequency": frequency, "temperature": temperature, "kind": "steady"} | given
     return sysid.Log(f"sweep {first}", np.exp(0.7j) * rows, **columns)
 
@@ -27,8 +31,12 @@ def pulled(beside, seconds=0.02, noise=1e-3):
     drive = np.where((time > 1e-3) & (time < seconds / 2), 100.0, 0.0)
     frequency, temperature = np.full(len(time), PLANT.f0 + beside * HALF), np.full(len(time), 24.0)
     clean = reference.ringing(PLANT, time, drive, frequency, temperature)
-    rows = clean + noise * np.max(np.abs(clean)) * (rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time)))
-    return sysid.Log("step", np.exp(0.7j) * rows, time=time, drive=drive, frequency=frequency, temperature=temperature)
+    rows = clean + noise * np.max(np.abs(clean)) * (
+        rng.standard_normal(len(time)) + 1j * rng.standard_normal(len(time))
+    )
+    return sysid.Log(
+        "step", np.exp(0.7j) * rows, time=time, drive=drive, frequency=frequency, temperature=temperature
+    )
 
 
 def said(fit):
@@ -48,13 +56,18 @@ def test_a_sweep_that_reaches_the_resonance_says_nothing(first, last):
     near(fit, "G", "tau", "f0")
 
 
-@pytest.mark.parametrize(("first", "last", "side"), [(1.5, 12, "below"), (2.5, 12, "below"), (-12, -1.5, "above")])
+@pytest.mark.parametrize(
+    ("first", "last", "side"), [(1.5, 12, "below"), (2.5, 12, "below"), (-12, -1.5, "above")]
+)
 def test_a_flank_is_named(first, last, side):
     fit = sysid.fit([swept(first, last)])
     assert fit.result.name == "successful"
     near(fit, "G", "tau", "f0")
     (warning,) = said(fit)
-    assert f"{min(abs(first), abs(last)):.2g} half bandwidths, {side} all frequencies that were driven" in warning
+    assert (
+        f"{min(abs(first), abs(last)):.2g} half bandwidths, {side} all frequencies that were driven"
+        in warning
+    )
 
 
 @pytest.mark.parametrize(("first", "last"), [(4, 14), (-20, -6), (10, 20)])
@@ -64,7 +77,10 @@ def test_a_tail_determines_nothing(first, last):
     assert fit.result.name == "undetermined"
     for name in ("G", "tau", "f0"):
         assert not fit.parameters[name].determined
-        assert "all frequencies that were driven" in fit.parameters[name].why and "through it" in fit.parameters[name].why
+        assert (
+            "all frequencies that were driven" in fit.parameters[name].why
+            and "through it" in fit.parameters[name].why
+        )
     assert said(fit)
 
 
@@ -79,7 +95,9 @@ def test_each_log_is_judged_at_its_own_temperature():
     """Where it is warm the resonance lies 4 half bandwidths lower."""
     cold, warm = 24.0, 24.0 + 4 * HALF / 10.0
     assert not said(sysid.fit([swept(-3, 0.5, cold), swept(-6, -3.5, warm, seed=1)]))
-    away = sysid.fit([swept(5, 12, cold), swept(1, 12, warm, noise=1e-6, seed=1)])  # driven where it lies in the cold
+    away = sysid.fit(
+        [swept(5, 12, cold), swept(1, 12, warm, noise=1e-6, seed=1)]
+    )  # driven where it lies in the cold
     assert away.result.name == "undetermined" and said(away)
 
 

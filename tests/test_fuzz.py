@@ -1,4 +1,5 @@
-"""A short version of the study benchmarks/fuzz_reader.py, and what it found: whatever stands in a file, a log or a LogError."""
+"""A short version of the study benchmarks/fuzz_reader.py, and what it found: whatever stands in a file, a log
+or a LogError."""
 
 import importlib.util
 import random
@@ -23,7 +24,9 @@ FOUND = [
 @pytest.fixture(scope="module")
 def study():
     spec = importlib.util.spec_from_file_location("fuzz_study", STUDY)
-    found = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # its dataclass looks itself up there
+    found = sys.modules[spec.name] = importlib.util.module_from_spec(
+        spec
+    )  # its dataclass looks itself up there
     spec.loader.exec_module(found)
     yield found
     del sys.modules[spec.name]
@@ -32,7 +35,9 @@ def study():
 def fault(study, folder, table, toml):
     (folder / "log.csv").write_bytes(table)
     (folder / "map.toml").write_bytes(toml)
-    return study._fault(lambda: read_logs(folder / "log.csv", folder / "map.toml" if toml else None), table, toml)
+    return study._fault(
+        lambda: read_logs(folder / "log.csv", folder / "map.toml" if toml else None), table, toml
+    )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="late answers are told by a signal")
@@ -62,7 +67,12 @@ def test_numbers_that_are_not_those_of_the_file_are_told(study, tmp_path):
     (tmp_path / "log.csv").write_bytes(study.LOG)
     (log,) = read_logs(tmp_path / "log.csv")
     assert study._fault_of_logs([log], study.LOG) is None
-    assert study._fault_of_logs([log], study.LOG.replace(b"0.25", b"0.25000000000000006")) == "other numbers than were written"
+    assert (
+        study._fault_of_logs([log], study.LOG.replace(b"0.25", b"0.25000000000000006"))
+        == "other numbers than were written"
+    )
     assert fault(study, tmp_path, b"# kind: steady\n" + study.LOG, b"") is None  # whose times are not kept
     assert study._fault_of_logs([log], study.LOG + b"0.3,1,1,1,1\n") == "other numbers than were written"
-    assert study._fault_of_logs([log], study.LOG.replace(b"0.25", b"x")) == "numbers from cells that hold none"
+    assert (
+        study._fault_of_logs([log], study.LOG.replace(b"0.25", b"x")) == "numbers from cells that hold none"
+    )

@@ -1,4 +1,5 @@
-"""Rows that a recorder spoilt are left out, counted and named; what a resonance, a step or a decay shows is not."""
+"""Rows that a recorder spoilt are left out, counted and named; what a resonance, a step or a decay shows is
+not."""
 
 from dataclasses import replace
 
@@ -29,7 +30,9 @@ def sweep(rng, rows=81, spacing=0.15, plant=PLANT):
 def step(rng, rows=200, early=20):
     time, drive = 0.05 * PLANT.tau * np.arange(rows), np.where(np.arange(rows) < early, 0.0, DRIVE)
     f = np.full(rows, PLANT.f0 + 30.0)
-    y = reference.ringing(PLANT, time, drive, f, np.full(rows, reference.REFERENCE_TEMPERATURE)) + noise(rng, rows)
+    y = reference.ringing(PLANT, time, drive, f, np.full(rows, reference.REFERENCE_TEMPERATURE)) + noise(
+        rng, rows
+    )
     return sysid.Log("step", y, time=time, drive=drive, frequency=f, kind="transient", sampling="instant")
 
 
@@ -60,18 +63,32 @@ def test_a_fit_is_as_good_as_that_of_the_other_rows(record, times):
         assert found.result is sysid.Result.successful, (seed, at, found.warnings)
         if at:
             named = ", ".join(map(str, at))
-            said = f"{log.name}: row{'s' if len(at) > 1 else ''} {named} (counted from 0): far off what the rows beside"
-            assert any(w.startswith(said) and "left out" in w for w in found.warnings), (seed, at, found.warnings)
+            said = (
+                f"{log.name}: row{'s' if len(at) > 1 else ''} {named} (counted from 0): far off what the"
+                f" rows beside"
+            )
+            assert any(w.startswith(said) and "left out" in w for w in found.warnings), (
+                seed,
+                at,
+                found.warnings,
+            )
             assert len(found.logs[0].residual) == len(log) - len(at)
-        scores.append([(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined])
-    for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):  # of a step, G's interval is that of what may be late
+        scores.append(
+            [(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined]
+        )
+    for name, z in zip(
+        ("tau", "f0"), np.array(scores).T[1:], strict=True
+    ):  # of a step, G's interval is that of what may be late
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
 
 def test_rows_that_are_spoilt_here_and_there_are_all_found():
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        log, at = sweep(rng), np.arange(5, 75, 15) + rng.integers(0, 8, 5)  # each seven rows from the next, or more
+        log, at = (
+            sweep(rng),
+            np.arange(5, 75, 15) + rng.integers(0, 8, 5),
+        )  # each seven rows from the next, or more
         y = log.response.copy()
         y[at] += 20 * DRIVE * PLANT.G * np.exp(1j * rng.uniform(-np.pi, np.pi, 5))
         assert np.flatnonzero(glitches(replace(log, response=y))).tolist() == at.tolist(), seed
@@ -96,9 +113,19 @@ def test_what_a_drive_that_switches_makes_is_none(spacing):
     chance[:] = DRIVE * rng.integers(0, 2, 300)
     time, f = spacing * PLANT.tau * np.arange(300), np.full(300, PLANT.f0 + HALF_BANDWIDTH)
     for drive in (pulses, gates, chance):
-        y = reference.ringing(PLANT, time, drive, f, np.full(300, reference.REFERENCE_TEMPERATURE)) + 0.01 * noise(rng, 300)
+        y = reference.ringing(
+            PLANT, time, drive, f, np.full(300, reference.REFERENCE_TEMPERATURE)
+        ) + 0.01 * noise(rng, 300)
         for response in (y, np.abs(y)):
-            log = sysid.Log("switched", response, time=time, drive=drive, frequency=f, kind="transient", sampling="instant")
+            log = sysid.Log(
+                "switched",
+                response,
+                time=time,
+                drive=drive,
+                frequency=f,
+                kind="transient",
+                sampling="instant",
+            )
             assert not np.any(glitches(log))
 
 
@@ -116,4 +143,8 @@ def test_noise_alone_holds_none():
     for seed in range(300):
         rng = np.random.default_rng(seed)
         y = noise(rng, 100)
-        assert not np.any(glitches(sysid.Log("noise", y if seed % 2 else np.abs(y), time=np.arange(100.0), kind="transient")))
+        assert not np.any(
+            glitches(
+                sysid.Log("noise", y if seed % 2 else np.abs(y), time=np.arange(100.0), kind="transient")
+            )
+        )

@@ -1,4 +1,5 @@
-"""The guard at any sample time and delay: a sound plate passes it as it was promised, a faulty sensor does not."""
+"""The guard at any sample time and delay: a sound plate passes it as it was promised, a faulty sensor does
+not."""
 
 import math
 from types import SimpleNamespace
@@ -23,8 +24,9 @@ def designed(tau=TAU, T=1e-4, f0=32300.0, **given):
 
 
 def played(loop, reference, noise=0.0, spoil=lambda W, k: W, control=None):
-    """W, V and the fault at each sample of a plate whose envelope is exact under held inputs, by hand: a command acts a latency
-    after its sample, and the reading of sample k is late by the demodulator, on a straight line, and `spoil`ed."""
+    """W, V and the fault at each sample of a plate whose envelope is exact under held inputs, by hand: a
+    command acts a latency after its sample, and the reading of sample k is late by the demodulator, on a
+    straight line, and `spoil`ed."""
     control, T = control or loop.control, loop.sample_time
     late = math.floor(loop.latency / T + LATE)
     part = loop.latency - late * T
@@ -76,15 +78,22 @@ def test_a_plate_that_is_braked_is_not_dead_nor_stuck(given, low, noise):
     assert not fault.any() and abs(W[-1] - low) < 0.05 + 5 * noise
 
 
-FAULTY = {"dead": lambda W, k, at: W if k < at else 0j, "missing": lambda W, k, at: W if k < at else complex(math.nan, 0.0)}
+FAULTY = {
+    "dead": lambda W, k, at: W if k < at else 0j,
+    "missing": lambda W, k, at: W if k < at else complex(math.nan, 0.0),
+}
 
 
-@pytest.mark.parametrize("given", [{}, {"T": 5e-3}, {"T": 1e-2}, SLOW | {"T": 1e-2}, SLOW | {"T": 1.0}], ids=str)
+@pytest.mark.parametrize(
+    "given", [{}, {"T": 5e-3}, {"T": 1e-2}, SLOW | {"T": 1e-2}, SLOW | {"T": 1.0}], ids=str
+)
 @pytest.mark.parametrize("name", FAULTY)
 def test_a_sensor_that_fails_ends_the_drive_within_the_patience(given, name):
     loop, at = designed(**given), 400
     patience = loop.control.patience
-    _, V, fault, _, _ = played(loop, [2.0] * (at + 2 * int(patience)), 0.002, lambda W, k: FAULTY[name](W, k, at))
+    _, V, fault, _, _ = played(
+        loop, [2.0] * (at + 2 * int(patience)), 0.002, lambda W, k: FAULTY[name](W, k, at)
+    )
     ends = int(np.argmax(fault > 0))
     # what is dead may first have to be driven: the loop had settled, and drives
     assert FAULTS[int(fault[-1])] == name and at < ends <= at + patience
@@ -104,7 +113,9 @@ def test_a_stuck_sensor_ends_the_drive_after_the_voltage_moved():
 
     _, V, fault, _, _ = played(loop, [2.0] * 1200, 0.002, stuck)
     # the error of the reading that is held drives the voltage by 0.1 % of its limit within a few samples
-    assert FAULTS[int(fault[-1])] == "stuck" and 200 <= int(np.argmax(fault > 0)) - 200 <= 300 and V[-1] == 0.0
+    assert (
+        FAULTS[int(fault[-1])] == "stuck" and 200 <= int(np.argmax(fault > 0)) - 200 <= 300 and V[-1] == 0.0
+    )
 
 
 @pytest.mark.parametrize("given", [{"T": 5e-3}, {"T": 1e-2}, SLOW | {"T": 0.1}, SLOW | {"T": 1.0}], ids=str)
@@ -122,7 +133,10 @@ def test_what_switches_a_slow_loop_on_comes_to_run_in_python_and_in_c(tmp_path, 
 def test_a_sample_time_that_is_too_slow_is_said():
     assert not any("longer than the plate's time constant" in note for note in designed(T=1e-3).notes)
     assert any("longer than the plate's time constant, 0.00167 s" in note for note in designed(T=5e-3).notes)
-    with pytest.raises(ValueError, match=r"sample_time = 0\.005 s cannot be had with method = 'adaptive'.*nearest.*0\.00167 s"):
+    with pytest.raises(
+        ValueError,
+        match=r"sample_time = 0\.005 s cannot be had with method = 'adaptive'.*nearest.*0\.00167 s",
+    ):
         designed(T=5e-3, method="adaptive")
     assert math.isfinite(designed(T=1.66e-3, method="adaptive").promise.settling)
 
@@ -133,12 +147,16 @@ def test_the_promise_is_that_of_what_runs():
     plants = Ensemble(0.02 / TAU * one, one / TAU, 0 * one)
     hasty = loop.control._replace(patience=1.0)
     given = (loop.law, plants, Clock(1e-4, 1e-4, loop.demodulator.delay), 2.0, 32300.0)
-    assert math.isfinite(promise(*given).settling) and promise(*given, loop.control).settling == promise(*given).settling
+    assert (
+        math.isfinite(promise(*given).settling)
+        and promise(*given, loop.control).settling == promise(*given).settling
+    )
     assert math.isinf(promise(*given, hasty).settling)
 
 
 def test_a_loop_that_is_slower_than_its_plate_is_looked_at_to_its_end():
-    """A bandwidth of 5 Hz: e^{-t/32 ms}, within 5 % after three of these and the time in which the plate follows."""
+    """A bandwidth of 5 Hz: e^{-t/32 ms}, within 5 % after three of these and the time in which the plate
+    follows."""
     loop = designed(bandwidth_hz=5.0)
     assert loop.promise.settling == pytest.approx(math.log(20) / (2 * math.pi * 5.0), rel=0.02)
 
@@ -146,6 +164,8 @@ def test_a_loop_that_is_slower_than_its_plate_is_looked_at_to_its_end():
 def test_a_frequency_that_is_none_is_not_put_out():
     loop = designed(method="adaptive", T=1e-3)
     state = loop.control.init()
-    broken = state.control._replace(resonance=math.nan, frequencies=(math.nan,) * len(state.control.frequencies))
+    broken = state.control._replace(
+        resonance=math.nan, frequencies=(math.nan,) * len(state.control.frequencies)
+    )
     _, command, _ = loop.control.step(state._replace(control=broken), 2.0, 1.0 + 0j)
     assert command.frequency == loop.control.rest().frequency

@@ -1,4 +1,5 @@
-"""Starting values: among the candidates of a log is a point near the truth, over random plants. Plain numpy, nothing compiles."""
+"""Starting values: among the candidates of a log is a point near the truth, over random plants. Plain numpy,
+nothing compiles."""
 
 import numpy as np
 import pytest
@@ -32,7 +33,9 @@ def sweep(rng, tau, f0, amplitude):
     u = (f - f.mean()) / width
     clean = 1 / (1 + 1j * (f - f0) / half_bandwidth)
     if not amplitude:  # a background as large as a third of the resonance
-        clean = np.exp(2j * np.pi * rng.random()) * clean + 0.3 * np.exp(2j * np.pi * rng.random()) * (1 + 0.2 * u)
+        clean = np.exp(2j * np.pi * rng.random()) * clean + 0.3 * np.exp(2j * np.pi * rng.random()) * (
+            1 + 0.2 * u
+        )
     y = noisy(rng, clean)
     return Log("sweep", np.abs(y) if amplitude else y, drive=np.ones(ROWS), frequency=f)
 
@@ -53,7 +56,14 @@ def transient(rng, tau, f0, amplitude, levels):
     if not amplitude:
         y = y + 0.05 * np.exp(2j * np.pi * rng.random())
     frequency = np.full(ROWS, f0 - detuning / (2 * np.pi))
-    return Log("transient", np.abs(y) if amplitude else y, time=time, drive=drive, frequency=frequency, sampling="instant")
+    return Log(
+        "transient",
+        np.abs(y) if amplitude else y,
+        time=time,
+        drive=drive,
+        frequency=frequency,
+        sampling="instant",
+    )
 
 
 CASES = {

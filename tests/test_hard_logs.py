@@ -1,4 +1,5 @@
-"""A short version of the study benchmarks/hard_logs: what must come out of hard logs, of a seed fixed before it was run."""
+"""A short version of the study benchmarks/hard_logs: what must come out of hard logs, of a seed fixed before
+it was run."""
 
 import re
 from pathlib import Path
@@ -58,8 +59,12 @@ def test_the_catalogue_allows_no_silence(study):
 def test_an_answer_that_does_not_say_why_is_not_what_it_must_be(study):
     cases, verdicts = study
     case = cases.CASES["gain that changes between logs"]
-    assert verdicts.as_it_must(case, verdicts.Answer("refused", said="misfit | warning: step: G contradicts the other logs"))
-    assert not verdicts.as_it_must(case, verdicts.Answer("refused", said="misfit | warning: a second resonance"))
+    assert verdicts.as_it_must(
+        case, verdicts.Answer("refused", said="misfit | warning: step: G contradicts the other logs")
+    )
+    assert not verdicts.as_it_must(
+        case, verdicts.Answer("refused", said="misfit | warning: a second resonance")
+    )
     assert not verdicts.as_it_must(case, verdicts.Answer("silently wrong", 70.0, "G contradicts"))
     assert not verdicts.as_it_must(case, verdicts.Answer("right"))
     assert not verdicts.as_it_must(cases.CASES["sign of q, lone step"], verdicts.Answer("raised"))

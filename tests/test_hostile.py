@@ -1,4 +1,5 @@
-"""Nobody is let in: text of a log, a mapping or a file's name stays text in all that is printed and written."""
+"""Nobody is let in: text of a log, a mapping or a file's name stays text in all that is printed and
+written."""
 
 import io
 import json
@@ -50,7 +51,9 @@ def log_file(folder, hostile, header="time_s,voltage_V,w_um"):
     quoted = cell.replace('"', '""')
     head = f'# plate: {cell}\n# {cell}: {cell}\n{header},"{quoted}",log\n'
     path = folder / f"{name}.csv"
-    path.write_text(head + "".join(f'{k},{k % 3},{k * k},"{quoted}","{quoted}"\n' for k in range(30)), encoding="utf-8")
+    path.write_text(
+        head + "".join(f'{k},{k % 3},{k * k},"{quoted}","{quoted}"\n' for k in range(30)), encoding="utf-8"
+    )
     return path
 
 
@@ -85,7 +88,9 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile, plain_law):
     before = tree(tmp_path)
 
     file = io.StringIO()
-    screen.show(content | {"files": {}}, text.derived(posterior.draws, content["parameters"]), Path("out"), file)
+    screen.show(
+        content | {"files": {}}, text.derived(posterior.draws, content["parameters"]), Path("out"), file
+    )
     said = file.getvalue()
     assert printable(said)
 
@@ -98,15 +103,21 @@ def test_what_a_run_prints_and_writes(tmp_path, hostile, plain_law):
     assert tree(tmp_path) == before
 
     controller.export_c(loop, tmp_path / "dq_pi.h")
-    law = [(tmp_path / f"dq_pi.{end}").read_bytes() for end in ("h", "c")]  # the same whatever the plate is called
+    law = [
+        (tmp_path / f"dq_pi.{end}").read_bytes() for end in ("h", "c")
+    ]  # the same whatever the plate is called
     assert law == [one.encode("ascii") for one in plain_law]
     lines = (tmp_path / "dq_pi_plate.h").read_text(encoding="ascii").splitlines()
     assert [line.split()[1] for line in lines if line.startswith("#include")] == ['"dq_pi.h"']
     stamp = [line for line in lines if line.startswith(" * plate: ")]  # in letters that end no comment
     assert not [line for line in stamp if "*/" in line or "#" in line]
-    record = [line for line in lines if line.startswith('#define DQ_PLATE_RECORD_HEADER "')]  # in letters that end no string
+    record = [
+        line for line in lines if line.startswith('#define DQ_PLATE_RECORD_HEADER "')
+    ]  # in letters that end no string
     assert all(line.count('"') - line.count('\\"') == 2 for line in record)
-    assert not [line for line in lines if "#error" in line or ("passwd" in line and line not in (*stamp, *record))]
+    assert not [
+        line for line in lines if "#error" in line or ("passwd" in line and line not in (*stamp, *record))
+    ]
 
 
 def test_a_refusal_is_one_line_and_its_mapping_file_is_toml(tmp_path, hostile):
@@ -117,7 +128,10 @@ def test_a_refusal_is_one_line_and_its_mapping_file_is_toml(tmp_path, hostile):
     assert "\n" not in str(error.value) and printable(text.clean(str(error.value)))
     given = tomllib.loads(error.value.mapping)
     assert given == tomllib.loads(text.clean(error.value.mapping))  # as it is printed
-    assert set(given) <= {"amplitude", "quantity", "phase_sign", "split_by", "columns"} and given["columns"] == {}
+    assert (
+        set(given) <= {"amplitude", "quantity", "phase_sign", "split_by", "columns"}
+        and given["columns"] == {}
+    )
     assert given["split_by"] == "log"
 
 

@@ -1,6 +1,8 @@
-"""Impedance and admittance, as analysers write them: read as the current that 1 V drives, drafted so, never taken as a response.
+"""Impedance and admittance, as analysers write them: read as the current that 1 V drives, drafted so, never
+taken as a response.
 
-The truth is that of the circuit R, L, C in series beside the capacitance C0, all of whose impedances are added here.
+The truth is that of the circuit R, L, C in series beside the capacitance C0, all of whose impedances are
+added here.
 """
 
 import numpy as np
@@ -10,7 +12,12 @@ from refusal import changed, refused
 import sysid
 from sysid.logs.log import read_logs
 
-R, L, C, C0 = 20.0, 0.0568, 5.7e-10, 4e-9  # a Langevin transducer: 27.97 kHz, Q of 499, its antiresonance 1.9 kHz above
+R, L, C, C0 = (
+    20.0,
+    0.0568,
+    5.7e-10,
+    4e-9,
+)  # a Langevin transducer: 27.97 kHz, Q of 499, its antiresonance 1.9 kHz above
 OMEGA0 = 1 / np.sqrt(L * C)
 TRUTH = {"G": 1 / (R * OMEGA0), "tau": 2 * L / R, "f0": OMEGA0 / (2 * np.pi)}
 FREQUENCY = np.linspace(27e3, 29.5e3, 801)
@@ -50,9 +57,16 @@ def test_a_draft_reads_it_as_it_stands(save, header):
     text = refused(path, "no response").mapping
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     scale = 1e3 if "mS" in header else 1.0
-    np.testing.assert_allclose(log.response, scale / impedance(FREQUENCY) / (2 * np.pi * FREQUENCY), rtol=1e-10)
+    np.testing.assert_allclose(
+        log.response, scale / impedance(FREQUENCY) / (2 * np.pi * FREQUENCY), rtol=1e-10
+    )
     assert log.response_unit == ("mS*s" if scale > 1 else "S*s")
-    assert (log.kind, set(log.drive.tolist()), log.drive_unit, log.relative_noise) == ("steady", {1.0}, "V", True)
+    assert (log.kind, set(log.drive.tolist()), log.drive_unit, log.relative_noise) == (
+        "steady",
+        {1.0},
+        "V",
+        True,
+    )
     assert not [note for note in log.notes if "taken as" in note]  # nothing is left to be assumed
 
 
@@ -64,7 +78,9 @@ def test_its_resonance_is_found_and_not_the_antiresonance(save, header):
         fit = sysid.fit(read_logs(path, columns=save(refused(path).mapping, "map.toml")))
         assert fit.result.name == "successful", fit.warnings
         z += [(fit.parameters[name].value - true) / fit.parameters[name].std for name, true in TRUTH.items()]
-    assert np.sqrt(np.mean(np.square(z))) < 1.6 and np.max(np.abs(z)) < 4.0  # 30 numbers of which thirds are correlated
+    assert (
+        np.sqrt(np.mean(np.square(z))) < 1.6 and np.max(np.abs(z)) < 4.0
+    )  # 30 numbers of which thirds are correlated
     assert fit.parameters["G"].unit == "S*s/V"
 
 
@@ -78,22 +94,42 @@ y = "X_ohm"
 
 def test_an_amplitude_alone_and_the_sign_of_its_phase(save):
     path, Z = save(table("f_Hz,R_ohm,X_ohm", impedance(FREQUENCY))), impedance(FREQUENCY)
-    (log,) = read_logs(path, columns=save(MAP.replace('x = "R_ohm"\ny = "X_ohm"', 'magnitude = "R_ohm"'), "map.toml"))
+    (log,) = read_logs(
+        path, columns=save(MAP.replace('x = "R_ohm"\ny = "X_ohm"', 'magnitude = "R_ohm"'), "map.toml")
+    )
     np.testing.assert_allclose(log.response, 1 / Z.real / (2 * np.pi * FREQUENCY), rtol=1e-10)
-    (log,) = read_logs(path, columns=save("phase_sign = -1\n" + MAP + '[constants]\nvoltage = "1 V"\n', "map.toml"))
+    (log,) = read_logs(
+        path, columns=save("phase_sign = -1\n" + MAP + '[constants]\nvoltage = "1 V"\n', "map.toml")
+    )
     np.testing.assert_allclose(log.response, 1 / np.conj(Z) / (2 * np.pi * FREQUENCY), rtol=1e-10)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("impedance", "displacement", ["column 'R_ohm'", "found ohm", 'expected quantity = "impedance"', "map.toml"]),
+        (
+            "impedance",
+            "displacement",
+            ["column 'R_ohm'", "found ohm", 'expected quantity = "impedance"', "map.toml"],
+        ),
         ("impedance", "current", ["column 'R_ohm'", "found ohm", 'expected quantity = "impedance"']),
         ('quantity = "impedance"', "", ["column 'R_ohm'", 'expected quantity = "impedance"']),
-        ('"R_ohm"', '{ column = "R_ohm", unit = "V" }', ["[columns] x", "'V' of an impedance", "expected ohm"]),
+        (
+            '"R_ohm"',
+            '{ column = "R_ohm", unit = "V" }',
+            ["[columns] x", "'V' of an impedance", "expected ohm"],
+        ),
         ("[columns]", 'amplitude = "rms"\n[columns]', ["[columns] ", "'rms' of an impedance", "ratio"]),
-        ("[columns]", '[constants]\nvoltage = "2 V"\n[columns]', ["quantity", "[constants] voltage", "expected no drive"]),
-        ('frequency = "f_Hz"', 'time = { column = "f_Hz", unit = "s" }', ["the current through an impedance", "no frequency"]),
+        (
+            "[columns]",
+            '[constants]\nvoltage = "2 V"\n[columns]',
+            ["quantity", "[constants] voltage", "expected no drive"],
+        ),
+        (
+            'frequency = "f_Hz"',
+            'time = { column = "f_Hz", unit = "s" }',
+            ["the current through an impedance", "no frequency"],
+        ),
     ],
 )
 def test_what_is_refused(save, old, new, words):
@@ -103,7 +139,10 @@ def test_what_is_refused(save, old, new, words):
 
 def test_columns_of_the_contract_s_names_in_ohm_are_refused(save):
     text = "f_Hz,w_ohm\n" + "".join(f"{100 + k},{k + 1}\n" for k in range(9))
-    assert 'quantity = "impedance"' in refused(save(text), "column 'w_ohm'", 'expected quantity = "impedance"').mapping
+    assert (
+        'quantity = "impedance"'
+        in refused(save(text), "column 'w_ohm'", 'expected quantity = "impedance"').mapping
+    )
 
 
 def test_an_impedance_of_zero_is_refused_by_its_row(save):

@@ -1,4 +1,5 @@
-"""python-control's own analysis of the exported systems against the margins, the steps and the plant of this package."""
+"""python-control's own analysis of the exported systems against the margins, the steps and the plant of this
+package."""
 
 import dataclasses
 import math
@@ -31,18 +32,26 @@ def test_margins_are_those_that_are_promised(changes):
 
 
 def test_without_delay_the_open_loop_is_an_integrator():
-    loop = dataclasses.replace(controller.design(PLATE, voltage_limit=160.0, latency=0.0), f0=None)  # and no demodulator
+    loop = dataclasses.replace(
+        controller.design(PLATE, voltage_limit=160.0, latency=0.0), f0=None
+    )  # and no demodulator
     law, plant = loop_systems(loop)
-    K, z = -math.expm1(-2 * math.pi * loop.bandwidth_hz * loop.sample_time), np.exp(1j * np.array([0.01, 0.3, 2.0, np.pi]))
+    K, z = (
+        -math.expm1(-2 * math.pi * loop.bandwidth_hz * loop.sample_time),
+        np.exp(1j * np.array([0.01, 0.3, 2.0, np.pi])),
+    )
     assert np.max(np.abs((law * plant)(z) * (z - 1) / K - 1)) < 1e-9
 
 
 def test_the_closed_loop_settles_as_promised():
-    loop = controller.design(PLATE, voltage_limit=1e4, amplitude=1.0, bandwidth_hz=300.0)  # stated: nothing is fed forward
+    loop = controller.design(
+        PLATE, voltage_limit=1e4, amplitude=1.0, bandwidth_hz=300.0
+    )  # stated: nothing is fed forward
     law, plant = loop_systems(loop)
     t, W = control.step_response(control.feedback(law * plant, 1), T=np.arange(200) * loop.sample_time)
     late = np.flatnonzero(np.abs(W - 1.0) > 0.05)[-1] + 1
-    # python-control's plant answers late, the promise's at once, and a late reading of it is what is controlled
+    # python-control's plant answers late, the promise's at once, and a late reading of it is what is
+    # controlled
     assert 0 <= t[late] - loop.promise.settling <= 1.01 * loop.sample_time
 
 

@@ -1,4 +1,5 @@
-"""Noise of the phase, which turns the response and is shared by rows: it is found, said, and in the intervals."""
+"""Noise of the phase, which turns the response and is shared by rows: it is found, said, and in the
+intervals."""
 
 import numpy as np
 import pytest
@@ -33,7 +34,9 @@ def sweep(seed, phase, level=0.002, additive=None):
     response = 100.0 * G * 2j * w0 / TAU / (w0**2 - w**2 + 2j * w / TAU) * np.exp(1j * phase(rng, len(f)))
     plain = additive or (lambda rng, rows: rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
     noise = level * 100.0 * G * plain(rng, len(f))
-    return sysid.Log("sweep", response * np.exp(0.7j) + noise, drive=np.full(len(f), 100.0), frequency=f, kind="steady")
+    return sysid.Log(
+        "sweep", response * np.exp(0.7j) + noise, drive=np.full(len(f), 100.0), frequency=f, kind="steady"
+    )
 
 
 def scores(fits, name, truth):
@@ -46,22 +49,29 @@ PHASES = {"1/f": lambda r, n: 0.02 * one_over_f(r, n), "slow": lambda r, n: 0.02
 @pytest.mark.parametrize("phase", PHASES.values(), ids=PHASES)
 @seeds(10, 40)
 def test_phase_noise_that_rows_share_is_in_the_intervals(seeds, phase):
-    """Taken for additive noise, the intervals were too narrow by two to three, and the worst was ten of its errors off."""
+    """Taken for additive noise, the intervals were too narrow by two to three, and the worst was ten of its
+    errors off."""
     fits = [sysid.fit([sweep(seed, phase)]) for seed in seeds]
     believed = [f for f in fits if f.result is Result.successful]
     assert len(believed) > 0.5 * len(seeds)
     for name, truth in (("G", G), ("tau", TAU), ("f0", F0)):
         z = scores(believed, name, truth)
         assert np.max(np.abs(z)) < 4.5
-        assert np.sqrt(np.mean(z**2)) < 1 + 0.35 * np.sqrt(40 / len(seeds))  # three of the errors that a root mean square has
+        assert np.sqrt(np.mean(z**2)) < 1 + 0.35 * np.sqrt(
+            40 / len(seeds)
+        )  # three of the errors that a root mean square has
 
 
 def test_phase_noise_is_said_with_its_size_and_its_time():
-    fits = [sysid.fit([sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001)]) for seed in range(20)]
+    fits = [
+        sysid.fit([sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001)]) for seed in range(20)
+    ]
     jitter = [t.noise.jitter for f in fits for t in f.modes[0].trials if t.noise.jitter]
     assert len(jitter) > 15
     assert np.median([j.std for j in jitter]) == pytest.approx(0.02, rel=0.3)
-    assert 4.0 < np.median([j.time for j in jitter]) < 25.0  # rows; of one log the time is told to a factor of two
+    assert (
+        4.0 < np.median([j.time for j in jitter]) < 25.0
+    )  # rows; of one log the time is told to a factor of two
     said = [w for f in fits for w in f.warnings if "phase noise of" in w]
     assert said and all("correlated over" in w for w in said)
     assert any("the phase's is" in f.logs[0].noise for f in fits)
@@ -79,5 +89,7 @@ ADDITIVE = {
 @seeds(10, 40)
 def test_additive_noise_is_no_phase_noise(seeds, kind):
     fits = [sysid.fit([sweep(seed, lambda r, n: np.zeros(n), 0.005, ADDITIVE[kind])]) for seed in seeds]
-    assert sum(t.noise.jitter is not None for f in fits for t in f.modes[0].trials) <= 2  # log-likelihood of 5 for two numbers
+    assert (
+        sum(t.noise.jitter is not None for f in fits for t in f.modes[0].trials) <= 2
+    )  # log-likelihood of 5 for two numbers
     assert not any("phase noise" in w for f in fits for w in f.warnings)

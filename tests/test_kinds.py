@@ -1,4 +1,5 @@
-"""Logs of the kinds that people bring: nothing silently wrong, no cause that is not there. The study is benchmarks/kinds.py."""
+"""Logs of the kinds that people bring: nothing silently wrong, no cause that is not there. The study is
+benchmarks/kinds.py."""
 
 import sys
 from pathlib import Path
@@ -39,7 +40,9 @@ LATER = {  # the study's: other variants of these kinds, or tests of their own, 
 }
 
 
-@pytest.mark.parametrize(("kind", "variant"), [study(*c) if c in LATER else c for c in CASES], ids=lambda x: x)
+@pytest.mark.parametrize(
+    ("kind", "variant"), [study(*c) if c in LATER else c for c in CASES], ids=lambda x: x
+)
 def test_what_is_said_of_a_kind(kind, variant):
     answer, said = CASES[kind, variant]
     of = kinds.KINDS[kind]
@@ -62,7 +65,9 @@ def test_the_error_of_a_sweep_read_half_way_spans_both_readings(own):
     f0 = sysid.fit(logs).parameters["f0"]
     step = float(np.diff(logs[0].frequency[:2])[0])
     assert abs(f0.value - truth["f0"]) < 1.5 * f0.std and f0.std == pytest.approx(step / 2, rel=0.05)
-    stated = sysid.fit([sysid.Log(**{**_fields(logs[0]), "sampling": "settled" if own else "instant"})]).parameters["f0"]
+    stated = sysid.fit(
+        [sysid.Log(**{**_fields(logs[0]), "sampling": "settled" if own else "instant"})]
+    ).parameters["f0"]
     assert abs(stated.value - truth["f0"]) < 4 * stated.std < f0.std
 
 

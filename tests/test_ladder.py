@@ -1,4 +1,5 @@
-"""The ladder of accuracies: mixtures against known moments, estimates against a known posterior, the budget."""
+"""The ladder of accuracies: mixtures against known moments, estimates against a known posterior, the
+budget."""
 
 import io
 import json
@@ -37,7 +38,8 @@ def test_even_draws_have_the_moments_of_the_mixture():
     z = one.spread(4096, np.random.default_rng(0))
     np.testing.assert_allclose(z.mean(axis=0), one.centres[0], atol=1e-12)
     np.testing.assert_allclose(np.cov(z.T, ddof=0), one.scales[0] @ one.scales[0].T, atol=1e-12)
-    # Evenness: the quantiles of 4096 even draws are a tenth as far off as chance would have them, 0.04 standard deviations
+    # Evenness: the quantiles of 4096 even draws are a tenth as far off as chance would have them, 0.04
+    # standard deviations
     assert np.quantile(z[:, 0], 0.975) == pytest.approx(1 + 2 * 1.959964, abs=2 * 0.01)
     two = Mixture(np.array([[-50.0], [50.0]]), np.ones((2, 1, 1)), np.array([0.25, 0.75]))
     assert np.mean(two.spread(1000, np.random.default_rng(0)) > 0) == 0.75
@@ -56,7 +58,8 @@ def test_log_densities_are_those_of_scipy():
 
 
 class Skewed:
-    """A posterior known by heart: the logarithm of a gamma variable, of skewness -0.2, and a normal beside it."""
+    """A posterior known by heart: the logarithm of a gamma variable, of skewness -0.2, and a normal beside
+    it."""
 
     shape, index, names, pace, evaluations = 25.0, (0, 1), ("a", "b"), 1e-6, 0
     known = stats.loggamma(25.0, loc=-np.log(25.0))  # its mode at zero
@@ -75,7 +78,10 @@ class Skewed:
 
     def marginals(self):
         even = stats.norm.ppf((np.arange(20_000) + 0.5) / 20_000)
-        return {"a": (even / np.sqrt(self.shape), np.full(20_000, 1 / 20_000)), "b": (0.5 * even, np.full(20_000, 1 / 20_000))}
+        return {
+            "a": (even / np.sqrt(self.shape), np.full(20_000, 1 / 20_000)),
+            "b": (0.5 * even, np.full(20_000, 1 / 20_000)),
+        }
 
     def normal(self):
         return Mixture(np.zeros((1, 2)), np.diag([1.0, 0.5])[None], np.ones(1))
@@ -111,8 +117,8 @@ def skewed():
 def test_the_first_rung_says_how_far_it_is_off(skewed):
     truth, first, errors, _ = skewed
     off = abs(first["a"].value - truth["a"].value)
-    # Of skewness 0.2: the mean is off by 0.1 standard deviations. Each of 64 points is 1/64 of the weight: 0.03 deviations of a
-    # moment, and twice that at the ends, where the density is low.
+    # Of skewness 0.2: the mean is off by 0.1 standard deviations. Each of 64 points is 1/64 of the weight:
+    # 0.03 deviations of a moment, and twice that at the ends, where the density is low.
     assert off == pytest.approx(0.1 * truth["a"].std, rel=0.05)
     for name, known in truth.items():
         for part in ("value", "std", "low", "high"):
@@ -141,7 +147,8 @@ def test_the_last_rung_is_that_of_every_row(skewed):
     before, _, _ = skewed[-1][1]
     for part in ("value", "low", "high"):
         moved = getattr(estimates["a"], part) - getattr(before["a"], part)
-        # 256 points see a shift of a twentieth of a deviation to a sixteenth of it, an interval's end to a quarter
+        # 256 points see a shift of a twentieth of a deviation to a sixteenth of it, an interval's end to a
+        # quarter
         assert abs(moved - Whole.shift) < (0.3 if part == "value" else 1.2) * Whole.shift, part
     assert errors["a"].value < 0.3 * Whole.shift
 
@@ -150,10 +157,21 @@ def test_a_condensed_log_has_its_rows_back():
     time_s = 1e-5 * np.arange(30_000)
     drive = np.where(time_s < 0.01, 0.0, 100.0)
     noise = np.random.default_rng(0).normal(size=(2, 30_000))
-    log = sysid.Log("long", noise[0] + 1j * noise[1], time=time_s, drive=drive, frequency=np.full(30_000, 3e4), kind="transient")
+    log = sysid.Log(
+        "long",
+        noise[0] + 1j * noise[1],
+        time=time_s,
+        drive=drive,
+        frequency=np.full(30_000, 3e4),
+        kind="transient",
+    )
     trial = Trial.of(log, "transient")
     whole = trial.uncondensed()
-    assert len(trial.log) < 5000 and len(whole.log) == 30_000 and whole.noise.count.sum() == trial.noise.count.sum() == 30_000
+    assert (
+        len(trial.log) < 5000
+        and len(whole.log) == 30_000
+        and whole.noise.count.sum() == trial.noise.count.sum() == 30_000
+    )
     np.testing.assert_array_equal(whole.log.response, log.response)
     assert whole.uncondensed() is whole and Trial.of(whole.log, "transient", ()).whole is not None
 
@@ -162,7 +180,13 @@ def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatc
     time_s, frequency = 1e-6 * np.arange(20_000), np.full(20_000, 3e4)
     drive, noise = np.where(time_s < 2e-3, 0.0, 100.0), np.random.default_rng(0).normal(size=(2, 20_000))
     response = 2 * -np.expm1(-np.maximum(time_s - 2e-3, 0) / 1.5e-3) + 0.02 * (noise[0] + 1j * noise[1])
-    given = {"time": time_s, "drive": drive, "frequency": frequency, "kind": "transient", "sampling": "instant"}
+    given = {
+        "time": time_s,
+        "drive": drive,
+        "frequency": frequency,
+        "kind": "transient",
+        "sampling": "instant",
+    }
     fit = sysid.fit([sysid.Log("long", response, **given)])
     standard = sysid.sample(fit, accuracy="standard")
     # Every row is dearer than means of rows, of which there are a quarter.
@@ -176,7 +200,8 @@ def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatc
     assert left.accuracy == "standard" and left.result is fit.result
 
 
-# --- the budget of a run --------------------------------------------------------------------------------------------------
+# --- the budget of a run
+# --------------------------------------------------------------------------------------------------
 
 
 def budget(seconds, tmp_path, runs="", spent=0.0, **stages):
@@ -196,7 +221,10 @@ def test_a_budget_below_the_measured_floor_is_refused(tmp_path):
         # What the files took at most is set aside; half a second is a busy machine's pause.
         assert found.left == pytest.approx(10 - 3 - 1, abs=0.5)
     said = r"found 10 s, expected at least 12 s for these logs: load 2 s, files 1 s"
-    with budget(10, tmp_path, runs, load=2.0, spent=11.1) as found, pytest.raises(clock.BudgetError, match=said):
+    with (
+        budget(10, tmp_path, runs, load=2.0, spent=11.1) as found,
+        pytest.raises(clock.BudgetError, match=said),
+    ):
         assert found.left
     with budget(None, tmp_path, runs) as found:
         assert found.left is None
@@ -214,10 +242,14 @@ def test_runs_are_remembered_and_a_broken_record_is_none(tmp_path):
 
 def test_a_run_is_stopped_at_its_budget_and_leaves_nothing(tmp_path):
     command = [sys.executable, "-m", "sysid", str(SWEEP), "--budget", "0.4"]
-    nowhere = os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # no record yet: nothing is known before it begins
+    nowhere = os.environ | {
+        "XDG_CACHE_HOME": str(tmp_path / "cache")
+    }  # no record yet: nothing is known before it begins
     done = subprocess.run(command, cwd=tmp_path, env=nowhere, capture_output=True, text=True)
     assert done.returncode == 2 and done.stdout == "" and not list(tmp_path.iterdir()), done.stderr
-    said = re.search(r"--budget: found 0.4 s, expected more .* after (\S+) s; nothing was written", done.stderr)
+    said = re.search(
+        r"--budget: found 0.4 s, expected more .* after (\S+) s; nothing was written", done.stderr
+    )
     assert 0.4 < float(said[1]) < 1.2 * 0.4 + 5  # how late a busy machine may be to look at the clock
 
 
@@ -230,21 +262,37 @@ def test_the_bill_says_what_more_would_take():
     )
     assert "not known" in bill.sentence(float("nan"), None, None)
     assert [text.span(s) for s in (0.0123, 99.0, 600.0, 36000.0)] == ["0.012 s", "99 s", "10 min", "10 h"]
-    assert [r.name for r in accuracy.up_to("standard")] == ["quick", "standard"] and accuracy.above("exact") is None
+    assert [r.name for r in accuracy.up_to("standard")] == ["quick", "standard"] and accuracy.above(
+        "exact"
+    ) is None
 
 
 def test_a_cost_curve_adds_up_what_each_rung_stands_on():
     def rung(accuracy, value, error, below):
         estimates = {"tau": Estimate(value, 0.5, value - 1, value + 1)}
-        return SimpleNamespace(accuracy=accuracy, estimates=estimates, error=error, evaluations=64, below=below, seconds=0.0)
+        return SimpleNamespace(
+            accuracy=accuracy, estimates=estimates, error=error, evaluations=64, below=below, seconds=0.0
+        )
 
     quick = rung("quick", 1.2, 0.5, None)
     top = rung("exact", 1.0, 0.01, rung("standard", 1.05, 0.1, quick))
-    warm = {"load": 1.0, "load chains": 2.0, "read": 0.1, "fit": 3.0, "quick": 0.5, "standard": 4.0, "exact": 30.0}
+    warm = {
+        "load": 1.0,
+        "load chains": 2.0,
+        "read": 0.1,
+        "fit": 3.0,
+        "quick": 0.5,
+        "standard": 4.0,
+        "exact": 30.0,
+    }
     found = costcurve.curve(top, {name: 10 * s for name, s in warm.items()}, warm)
     assert [p.warm_s for p in found.points] == pytest.approx([4.6, 10.6, 40.6])
     assert [p.cold_s for p in found.points] == pytest.approx([46, 106, 406])
-    assert [p.distance for p in found.points] == [pytest.approx(0.4), pytest.approx(0.1), None]  # in standard deviations, 0.5
+    assert [p.distance for p in found.points] == [
+        pytest.approx(0.4),
+        pytest.approx(0.1),
+        None,
+    ]  # in standard deviations, 0.5
     assert costcurve.table(found.points)[1] == ("quick", "46 s", "4.6 s", "64", "0.5", "0.4")
     assert imread(io.BytesIO(costs.curve_figure(found.points)))[..., :3].std() > 0.01
     assert json.loads(outputs.to_json(found.as_dict()))["points"][0]["accuracy"] == "quick"

@@ -1,4 +1,5 @@
-"""Laws that hold whatever the numbers are: of the slowly varying model, of the order of logs, of the information in them."""
+"""Laws that hold whatever the numbers are: of the slowly varying model, of the order of logs, of the
+information in them."""
 
 from dataclasses import replace
 from functools import partial
@@ -28,11 +29,21 @@ NUMBERS = {"allow_nan": False, "allow_infinity": False}
 def transient(drive=STEPS, frequency=None, name="log", response=None, **given):
     frequency = np.full(ROWS, PLANT.f0) if frequency is None else frequency
     response = np.ones(ROWS, complex) if response is None else response
-    return sysid.Log(name, response, time=TIME, drive=drive, frequency=frequency, kind="transient", sampling="instant", **given)
+    return sysid.Log(
+        name,
+        response,
+        time=TIME,
+        drive=drive,
+        frequency=frequency,
+        kind="transient",
+        sampling="instant",
+        **given,
+    )
 
 
 def envelope(tau, offsets, around=PLANT.f0):
-    """The slowly varying response of a plate whose resonance lies at `around` to a drive `offsets` (n,) above it."""
+    """The slowly varying response of a plate whose resonance lies at `around` to a drive `offsets` (n,) above
+    it."""
     trial = Trial.of(transient(frequency=around + offsets), "transient")
     theta = np.array([np.log(PLANT.G), np.log(tau), 0.0, 0.0, 0.0, 0.0])
     return Course(trial, trial.hold((around, 24.0)), theta).envelope.forced
@@ -42,7 +53,8 @@ def envelope(tau, offsets, around=PLANT.f0):
 @given(st.floats(1e-5, 1.0), st.lists(st.floats(-2000, 2000, **NUMBERS), min_size=1, max_size=4))
 def test_mirrored_detunings_conjugate_the_slowly_varying_response(tau, levels):
     offsets = np.round(np.resize(np.repeat(levels, 30), ROWS), 3)
-    # f - f0 is rounded to half a unit in the last place of 32300 Hz; over the log that turns the phase by as much.
+    # f - f0 is rounded to half a unit in the last place of 32300 Hz; over the log that turns the phase by as
+    # much.
     turned = 2 * np.pi * np.spacing(PLANT.f0 + 2000.0) * TIME[-1]
     above, below = envelope(tau, offsets), envelope(tau, -offsets)
     assert np.max(np.abs(above - below.conj())) <= (turned + 1e-14) * 3 * PLANT.G * 100
@@ -69,7 +81,12 @@ def bench(seed):
     fast = reference.ringing(PLANT, TIME, STEPS, f, WARM + 2)
     settled = PLANT.f0 + np.linspace(-500, 500, 61)
     sweep = reference.steady(PLANT, np.full(61, 100.0), settled, np.full(61, 29.0))
-    given = {"drive": np.full(61, 100.0), "frequency": settled, "temperature": np.full(61, 29.0), "kind": "steady"}
+    given = {
+        "drive": np.full(61, 100.0),
+        "frequency": settled,
+        "temperature": np.full(61, 29.0),
+        "kind": "steady",
+    }
     return [
         transient(name="step", response=noisy(step), temperature=WARM),
         transient(name="fast", frequency=f, response=noisy(fast), temperature=WARM + 2),
@@ -85,7 +102,8 @@ def test_the_order_of_the_logs_changes_nothing():
         assert again.result is first.result
         for name, p in first.parameters.items():
             other = again.parameters[name]
-            # The search ends where a sum of squares has 1e-7 left to gain, 3e-4 standard deviations; other sums are less.
+            # The search ends where a sum of squares has 1e-7 left to gain, 3e-4 standard deviations; other
+            # sums are less.
             assert other.value == pytest.approx(p.value, abs=1e-3 * p.std), name
             assert other.std == pytest.approx(p.std, rel=1e-3), name
 
@@ -110,6 +128,8 @@ def test_another_log_never_lowers_the_information():
     for _ in range(3):
         theta = found.modes[0].theta + np.append([0.1, 0.1, 20.0, 2.0], [0, 0]) * rng.standard_normal(6)
         scale = np.array([1, 1, 100.0, 10.0])
-        known = [information(t, found.reference, theta)[:4, :4] * np.outer(scale, scale) for t in (*trials, longer)]
+        known = [
+            information(t, found.reference, theta)[:4, :4] * np.outer(scale, scale) for t in (*trials, longer)
+        ]
         for less, more in pairwise(accumulate(known)):
             assert np.linalg.eigvalsh(more - less)[0] > -1e-12 * np.trace(more)  # a sum over 10 000 products

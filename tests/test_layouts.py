@@ -1,4 +1,5 @@
-"""Traces below one another, tables that lie across, a channel a file: read as what was measured, or refused by line.
+"""Traces below one another, tables that lie across, a channel a file: read as what was measured, or refused
+by line.
 
 The truth is the circuit R, L, C beside C0, and a carrier of known level, in closed form.
 """
@@ -25,7 +26,12 @@ def impedance(seed=None):
     Z = 1 / (1j * omega * C0 + 1 / (R1 + 1j * omega * L1 + 1 / (1j * omega * C1)))
     rng = np.random.default_rng(seed)
     return Z * (
-        1 + (0.002 * (rng.standard_normal(len(F)) + 1j * rng.standard_normal(len(F))) if seed is not None else 0)
+        1
+        + (
+            0.002 * (rng.standard_normal(len(F)) + 1j * rng.standard_normal(len(F)))
+            if seed is not None
+            else 0
+        )
     )
 
 
@@ -35,7 +41,9 @@ ABOVE = '"4294A REV1.11"\r\n"DATE: Oct 10 2023"\r\n"SWEEP TYPE: LIN FREQ"\r\n"NU
 
 
 def trace(title, head, column, *others):
-    rows = "".join("\t".join(f"{x:.11e}" for x in row) + "\r\n" for row in zip(F, column, *others, strict=True))
+    rows = "".join(
+        "\t".join(f"{x:.11e}" for x in row) + "\r\n" for row in zip(F, column, *others, strict=True)
+    )
     return f"{title}{head}\r\n{rows}"
 
 
@@ -52,7 +60,9 @@ def raw_4294a(z, parts=("|Z|", "THETA"), said=True):
 def named_4294a(z):
     """With heads that say what they are."""
     pair = (("A", "|Z|[Ohm]", "|Z|"), ("B", "Theta[deg]", "THETA"))
-    return ABOVE + "".join(trace(f'"TRACE: {k}"\r\n', f"Frequency\t{head}", PARTS[part](z)) for k, head, part in pair)
+    return ABOVE + "".join(
+        trace(f'"TRACE: {k}"\r\n', f"Frequency\t{head}", PARTS[part](z)) for k, head, part in pair
+    )
 
 
 def blocks_e4990a(z):
@@ -66,7 +76,8 @@ def blocks_e4990a(z):
 
 def one_table(z):
     head = (
-        "!Agilent Technologies,E4990A,MY52,A.02.10\nBEGIN CH1_DATA\nFrequency(Hz), |Z|(Ohm)-data, theta-z(deg)-data\n"
+        "!Agilent Technologies,E4990A,MY52,A.02.10\nBEGIN CH1_DATA\nFrequency(Hz), |Z|(Ohm)-data,"
+        " theta-z(deg)-data\n"
     )
     return head + "".join(
         f"{f:+.11e}, {a:+.11e}, {b:+.11e}\n" for f, a, b in zip(F, np.abs(z), PARTS["THETA"](z), strict=True)
@@ -87,7 +98,9 @@ FILES = {
 def test_an_analyser_s_draft_reads_it_as_it_is_printed(save, form):
     path = save(FILES[form](Z))
     for (log,) in (read_logs(path), read_logs(path, columns=save(draft_of(path), "map.toml"))):
-        np.testing.assert_allclose(log.response, 1 / Z / (2 * np.pi * F), rtol=1e-9)  # of 12 digits, and an angle of them
+        np.testing.assert_allclose(
+            log.response, 1 / Z / (2 * np.pi * F), rtol=1e-9
+        )  # of 12 digits, and an angle of them
         assert (len(log), log.kind, log.drive_unit) == (201, "steady", "V")
 
 
@@ -97,7 +110,9 @@ def test_f0_and_tau_of_an_analyser_s_raw_file(save):
         path = save(raw_4294a(impedance(seed)))
         fit = sysid.fit(read_logs(path))
         assert fit.result.name == "successful", fit.warnings
-        z += [(fit.parameters[k].value - true) / fit.parameters[k].std for k, true in (("f0", F0), ("tau", TAU))]
+        z += [
+            (fit.parameters[k].value - true) / fit.parameters[k].std for k, true in (("f0", F0), ("tau", TAU))
+        ]
     assert np.max(np.abs(z)) < 3.8  # of 16 numbers that are nearly normal: by chance in one of 400
     assert np.sqrt(np.mean(np.square(z))) < 1.6
 
@@ -106,17 +121,29 @@ JOINED = 'quantity = "impedance"\njoin = "Frequency"\n[columns]\nfrequency = { c
 JOINED += 'magnitude = "|Z|[Ohm]"\nphase = "Theta[deg]"\n'
 
 
-NAMED = named_4294a(Z).replace("\r\n\r\n", "\r\n").split("\r\n")  # rows of A in lines 7 to 207, of B in 210 to 410
+NAMED = (
+    named_4294a(Z).replace("\r\n\r\n", "\r\n").split("\r\n")
+)  # rows of A in lines 7 to 207, of B in 210 to 410
 
 
 @pytest.mark.parametrize(
     ("line", "old", "new", "words"),
     [
-        (217, "3.18350", "3.18355", ["line 217", "column 'Frequency'", "3.18355", "as in line 14", "one measurement"]),
+        (
+            217,
+            "3.18350",
+            "3.18355",
+            ["line 217", "column 'Frequency'", "3.18355", "as in line 14", "one measurement"],
+        ),
         (217, "3.18350", "OL", ["line 217", "column 'Frequency'", "found OL"]),
         (410, None, None, ["line 210", "200 rows", "expected 201", "line 7"]),
         (300, None, None, ["line 210", "200 rows", "expected 201", "line 7"]),
-        (209, "Theta", "spare\tTheta", ["line 209", "'Frequency\\tspare\\tTheta[deg]'", "the header of another table"]),
+        (
+            209,
+            "Theta",
+            "spare\tTheta",
+            ["line 209", "'Frequency\\tspare\\tTheta[deg]'", "the header of another table"],
+        ),
         (209, "Frequency", "Freq", ["line 210", "Freq, Theta[deg]", "'Frequency' once"]),
         (208, "TRACE: B", "oops", []),
         (209, None, None, ["line 208", "TRACE: B", "the header of another table"]),
@@ -145,7 +172,10 @@ def test_traces_that_are_no_impedance_are_not_taken_for_one(save):
 def test_one_table_cannot_be_joined(save):
     path = save(one_table(Z))
     refused(
-        path, "1 table", "'Frequency(Hz)'", columns=save(JOINED.replace('"Frequency"', '"Frequency(Hz)"'), "map.toml")
+        path,
+        "1 table",
+        "'Frequency(Hz)'",
+        columns=save(JOINED.replace('"Frequency"', '"Frequency(Hz)"'), "map.toml"),
     )
 
 
@@ -175,7 +205,9 @@ def labone(*chunks, fields=("x", "y")):
         values = {"frequency": f, "grid": f, "x": s.real, "y": s.imag, "r": np.abs(s), "phase": np.angle(s)}
         values |= {"bandwidth": 10 + 0 * f, "xstddev": 1e-6 + 0 * f}
         for name in ("frequency", "grid", *fields, "r", "phase", "bandwidth", "xstddev"):
-            lines.append(f"{k};{148203983402 + k};{len(f)};{name};" + ";".join(f"{x:.12g}" for x in values[name]))
+            lines.append(
+                f"{k};{148203983402 + k};{len(f)};{name};" + ";".join(f"{x:.12g}" for x in values[name])
+            )
     return "\n".join(lines) + "\n"
 
 
@@ -209,8 +241,14 @@ def test_a_table_across_with_our_names_needs_no_mapping(save):
         (lambda t: t.replace(";y;", ";x;"), ["line 5", "'x' again", "line 4"]),
         (lambda t: t.replace(";y;", ";;"), ["line 5", "the name of a quantity"]),
         (lambda t: t.replace("x;" + f"{S[0].real:.12g}", "x;OL"), ["line 4, cell 5", "'x'", "'OL'"]),
-        (lambda t: t + "1;2;201;frequency;" + ";".join(map(str, F)) + "\n", ["line 10", "other quantities", "grid"]),
-        (lambda t: t.replace("phase;", "phase;;"), ["line 2", "found 201 numbers", "expected 202 as in line 7"]),
+        (
+            lambda t: t + "1;2;201;frequency;" + ";".join(map(str, F)) + "\n",
+            ["line 10", "other quantities", "grid"],
+        ),
+        (
+            lambda t: t.replace("phase;", "phase;;"),
+            ["line 2", "found 201 numbers", "expected 202 as in line 7"],
+        ),
     ],
 )
 def test_a_table_across_that_is_broken_is_refused_by_line(save, change, words):
@@ -229,7 +267,9 @@ CHANNELS += 'response = { column = "Volt", unit = "V", file = "*CH2.csv" }\n'
 
 
 def channel(values, time=TIME):
-    return "Second,Volt\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(time.tolist(), values.tolist(), strict=True))
+    return "Second,Volt\n" + "".join(
+        f"{a!r},{b!r}\n" for a, b in zip(time.tolist(), values.tolist(), strict=True)
+    )
 
 
 def test_two_files_of_one_capture_are_read_side_by_side(save):
@@ -263,14 +303,20 @@ def test_files_that_are_no_capture_are_refused(save):
     refused([first, second], "aCH2.csv, line 2", "'Second'", "1e-08", "aCH1.csv, line 2", columns=columns)
     save(channel(CARRIER).replace("\n3e-06,0.6", "\n3e-06,x0.6"), "aCH2.csv")
     refused([first, second], "aCH2.csv, line 5", "'Volt'", "expected a finite number", columns=columns)
-    refused([first, save(channel(CARRIER), "aCH2.csv"), save("1", "dCH1.csv")], "dCH1.csv", "no file", columns=columns)
+    refused(
+        [first, save(channel(CARRIER), "aCH2.csv"), save("1", "dCH1.csv")],
+        "dCH1.csv",
+        "no file",
+        columns=columns,
+    )
     save(CHANNELS.replace('"Volt", unit = "V", file = "*CH2', '"Vlot", unit = "V", file = "*CH2'), "map.toml")
     refused([first, second], "map.toml", "[columns] response", "did you mean 'Volt'", columns=columns)
 
 
 @pytest.mark.parametrize("first", ["-1e-6,,\n", "-1e-6,,0.1\n", "-1e-6,0.1,\n"])
 @pytest.mark.parametrize(
-    "above", ["x-axis,1,2\nsecond,Volt,Volt\n", "Time (s),CH1 (V),CH2 (V)\n", "Source,CH1,CH2\nTime (s),Volt,Volt\n"]
+    "above",
+    ["x-axis,1,2\nsecond,Volt,Volt\n", "Time (s),CH1 (V),CH2 (V)\n", "Source,CH1,CH2\nTime (s),Volt,Volt\n"],
 )
 def test_a_first_row_with_an_empty_cell_is_left_out(save, above, first):
     rows = "".join(f"{a!r},{b!r},{0.1 * b!r}\n" for a, b in zip(TIME.tolist(), CARRIER.tolist(), strict=True))
@@ -284,7 +330,9 @@ def test_a_first_row_with_an_empty_cell_is_left_out(save, above, first):
 def test_hostile_variants_are_read_or_refused_by_name(save, seed):
     """Truncated, of unequal lengths, lines doubled or dropped: a log, or a LogError that names the file."""
     rng = np.random.default_rng(seed)
-    text = [raw_4294a(Z), named_4294a(Z), blocks_e4990a(Z), labone((F, S), (F[:50], S[:50])), one_table(Z)][seed % 5]
+    text = [raw_4294a(Z), named_4294a(Z), blocks_e4990a(Z), labone((F, S), (F[:50], S[:50])), one_table(Z)][
+        seed % 5
+    ]
     lines = text.splitlines(keepends=True)
     for _ in range(3):
         a, b = sorted(rng.integers(0, len(lines), 2).tolist())

@@ -1,4 +1,5 @@
-"""The density that is sampled, against its definition: a response that is late in a sweep, integrated out by hand."""
+"""The density that is sampled, against its definition: a response that is late in a sweep, integrated out by
+hand."""
 
 import jax
 import numpy as np
@@ -13,7 +14,11 @@ from sysid.precision import float64
 
 ROWS, STEP = 120, 1e-3  # s; far longer than a radian of the carrier
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)
-TIME, FREQUENCY, DRIVE = STEP * np.arange(ROWS), PLANT.f0 + np.linspace(-300, 300, ROWS), np.append(0.0, np.full(ROWS - 1, 100.0))
+TIME, FREQUENCY, DRIVE = (
+    STEP * np.arange(ROWS),
+    PLANT.f0 + np.linspace(-300, 300, ROWS),
+    np.append(0.0, np.full(ROWS - 1, 100.0)),
+)
 RADIAN = 1 / (2 * np.pi * np.median(FREQUENCY))
 SHORT = 1e-6 * PLANT.tau  # of a difference: its error is a millionth of the rate
 
@@ -28,7 +33,8 @@ def response(G, tau, f0):
 
 
 def log_density(found, theta):
-    """-dof/2 log S - 1/2 log det B of a lateness whose real part has the deviation of a row, its imaginary part of a radian."""
+    """-dof/2 log S - 1/2 log det B of a lateness whose real part has the deviation of a row, its imaginary
+    part of a radian."""
     log, std = found.logs[0].log, found.logs[0].noise_std
     h, rate = response(*theta)
     row = np.hypot(STEP, RADIAN)
@@ -59,7 +65,8 @@ def test_density_of_a_late_sweep_is_that_of_its_definition(late):
 @float64
 @pytest.mark.parametrize("seed", range(20))
 def test_the_best_turn_is_that_of_a_search_over_all_angles(seed):
-    """|left - cos phi shape - sin phi ahead|^2 has up to two minima; a grid and a line search know no derivative."""
+    """|left - cos phi shape - sin phi ahead|^2 has up to two minima; a grid and a line search know no
+    derivative."""
     rng = np.random.default_rng(seed)
     left, shape, ahead = rng.normal(size=(3, 4)) + 1j * rng.normal(size=(3, 4))
 
@@ -68,7 +75,9 @@ def test_the_best_turn_is_that_of_a_search_over_all_angles(seed):
 
     around = np.linspace(0, 2 * np.pi, 2000)
     best = around[np.argmin([cost(phi) for phi in around])]
-    exact = minimize_scalar(cost, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-12}).x
+    exact = minimize_scalar(
+        cost, bounds=(best - 0.01, best + 0.01), method="bounded", options={"xatol": 1e-12}
+    ).x
     turn = complex(best_turn(left, shape, ahead))
     # a line search knows its minimum to the root of float64's rounding
     assert abs(turn - np.exp(1j * exact)) < 1e-7 and abs(abs(turn) - 1) < 1e-14

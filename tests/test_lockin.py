@@ -1,7 +1,9 @@
-"""Raw waveforms: what the lock-in makes of them, against the plant's closed-form motion; fits of them; and what is refused.
+"""Raw waveforms: what the lock-in makes of them, against the plant's closed-form motion; fits of them; and
+what is refused.
 
-The truth is m w'' + ds w' + c w = N v with the real, gated drive v, solved from change to change of the drive: a forced
-motion and a free one each, that fit position and velocity. It shares no code with the package.
+The truth is m w'' + ds w' + c w = N v with the real, gated drive v, solved from change to change of the
+drive: a forced motion and a free one each, that fit position and velocity. It shares no code with the
+package.
 """
 
 import dataclasses
@@ -32,14 +34,15 @@ def tau_of(plant):
 
 
 def steady(plant, drive, frequency):
-    """Exact settled Wd + j Wq: N jV / (c - m omega^2 + j omega ds) of w_c = (Wd + j Wq) e^{j theta}, v_c = jV e^{j theta}."""
+    """Exact settled Wd + j Wq: N jV / (c - m omega^2 + j omega ds) of w_c = (Wd + j Wq) e^{j theta}, v_c = jV
+    e^{j theta}."""
     w0, omega = 2 * np.pi * plant["f0"], 2 * np.pi * frequency
     return 1j * drive * plant["G"] * 2 / tau_of(plant) * w0 / (w0**2 - omega**2 + 2j * omega / tau_of(plant))
 
 
 def carrier(plant, time, drive, angle=0.0):
-    """Samples (v, w) at `time` of a drive [(begin, V, Hz), ...]: v = -V sin(theta), and theta runs on from change to change, or
-    begins anew at a fourth entry. `angle` (deg): by which w is shifted in phase."""
+    """Samples (v, w) at `time` of a drive [(begin, V, Hz), ...]: v = -V sin(theta), and theta runs on from
+    change to change, or begins anew at a fourth entry. `angle` (deg): by which w is shifted in phase."""
     shift = np.exp(1j * np.deg2rad(angle))
     w0, rate = 2 * np.pi * plant["f0"], 1 / tau_of(plant)
     pole = -rate + 1j * np.sqrt(w0**2 - rate**2)
@@ -56,7 +59,9 @@ def carrier(plant, time, drive, angle=0.0):
             return z.real, (1j * omega * z).real
 
         off = place - motion(begin)[0], speed - motion(begin)[1]
-        free = off[0] + 1j * (rate * -off[0] - off[1]) / pole.imag  # Re free = off[0], Re (pole free) = off[1]
+        free = (
+            off[0] + 1j * (rate * -off[0] - off[1]) / pole.imag
+        )  # Re free = off[0], Re (pole free) = off[1]
         turned = np.exp(pole * (time[here] - begin))
         w[here] = motion(time[here], shift)[0] + (shift * free * turned).real
         v[here] = -V * np.sin(omega * (time[here] - begin) + theta)
@@ -67,7 +72,8 @@ def carrier(plant, time, drive, angle=0.0):
 
 
 def samples(plant, drive, duration, rate=1e6, noise=0.0, seed=0):
-    """Time, drive, response; `noise` of the largest drive, and of the largest settled response, in each sample."""
+    """Time, drive, response; `noise` of the largest drive, and of the largest settled response, in each
+    sample."""
     time = np.arange(round(duration * rate)) / rate
     v, w = carrier(plant, time, drive)
     rng, top = np.random.default_rng(seed), max(abs(step[1]) for step in drive)
@@ -85,7 +91,9 @@ def save(tmp_path):
         with open(path, "w") as file:
             file.writelines(f"# {line}\n" for line in ("kind: waveform", *metadata))
             file.write(header + "\n")
-            file.writelines(f"{t:.9g},{a:.{digits}g},{b:.{digits}g}\n" for t, a, b in zip(*columns, strict=True))
+            file.writelines(
+                f"{t:.9g},{a:.{digits}g},{b:.{digits}g}\n" for t, a, b in zip(*columns, strict=True)
+            )
         return path
 
     return write
@@ -94,20 +102,31 @@ def save(tmp_path):
 def as_log(rows, **changes):
     fields = {"time": rows.time, "drive": rows.drive, "frequency": rows.frequency, "theta": rows.theta}
     bench = {"delay_s": rows.delay, "lockin_boxcar_s": rows.width}
-    return sysid.Log("wave", rows.response, kind="transient", sampling="instant", bench=bench, **(fields | changes))
+    return sysid.Log(
+        "wave", rows.response, kind="transient", sampling="instant", bench=bench, **(fields | changes)
+    )
 
 
 def relative(fit, plant):
     """{name: (error, standard deviation)} over the value."""
     truth, std = plant | {"tau": tau_of(plant)}, np.sqrt(np.diag(fit.covariance))
-    return {n: ((getattr(fit.plant, n) - truth[n]) / truth[n], s / truth[n]) for n, s in zip(fit.names, std, strict=True)}
+    return {
+        n: ((getattr(fit.plant, n) - truth[n]) / truth[n], s / truth[n])
+        for n, s in zip(fit.names, std, strict=True)
+    }
 
 
-# --- the truth, and the kernel --------------------------------------------------------------------------------------------
+# --- the truth, and the kernel
+# --------------------------------------------------------------------------------------------
 
 
 def test_the_closed_form_is_the_integral_of_the_equation_of_motion():
-    drive = [(0.0, 0.0, 32250.0), (1.005e-4, 100.0, 32250.0, 0.7), (6.002e-4, 60.0, 32400.0), (9.001e-4, 0.0, 32400.0)]
+    drive = [
+        (0.0, 0.0, 32250.0),
+        (1.005e-4, 100.0, 32250.0, 0.7),
+        (6.002e-4, 60.0, 32400.0),
+        (9.001e-4, 0.0, 32400.0),
+    ]
     time = np.arange(1300) * 1e-6
     w = carrier(PLATE, time, drive)[1]
     w0, rate = 2 * np.pi * PLATE["f0"], 1 / tau_of(PLATE)
@@ -118,12 +137,23 @@ def test_the_closed_form_is_the_integral_of_the_equation_of_motion():
         theta = anew[0] if anew else theta
 
         def motion(t, y, begin=begin, V=V, f=f, theta=theta):
-            return [y[1], -push * V * np.sin(2 * np.pi * f * (t - begin) + theta) - 2 * rate * y[1] - w0**2 * y[0]]
+            return [
+                y[1],
+                -push * V * np.sin(2 * np.pi * f * (t - begin) + theta) - 2 * rate * y[1] - w0**2 * y[0],
+            ]
 
         here = time[(time >= begin) & (time < end)]
-        solved = solve_ivp(motion, (begin, end), state, "DOP853", [*here, end], rtol=1e-11, atol=[1e-12, 1e-7])
-        found, state, theta = [*found, *solved.y[0, :-1]], solved.y[:, -1], theta + 2 * np.pi * f * (end - begin)
-    np.testing.assert_allclose(w, found, atol=1e-8)  # of 0.5: the integrator's tolerance over forty cycles, times 1e3
+        solved = solve_ivp(
+            motion, (begin, end), state, "DOP853", [*here, end], rtol=1e-11, atol=[1e-12, 1e-7]
+        )
+        found, state, theta = (
+            [*found, *solved.y[0, :-1]],
+            solved.y[:, -1],
+            theta + 2 * np.pi * f * (end - begin),
+        )
+    np.testing.assert_allclose(
+        w, found, atol=1e-8
+    )  # of 0.5: the integrator's tolerance over forty cycles, times 1e3
 
 
 @pytest.mark.parametrize("derivative", [False, True])
@@ -160,13 +190,17 @@ def test_the_frequency_of_the_drive():
     time, v = t * 1e-6, 100 * np.cos(2 * np.pi * 32300.123456 * t * 1e-6)
     v += np.random.default_rng(0).standard_normal(len(t))
     rows = demodulate(time, v, v)
-    # the least error that white noise of 1 % allows over 1e6 samples: sqrt(24/N^3) 0.01 rad/sample = 7.8e-6 Hz
+    # the least error that white noise of 1 % allows over 1e6 samples: sqrt(24/N^3) 0.01 rad/sample = 7.8e-6
+    # Hz
     assert np.ptp(rows.frequency) == 0
     assert rows.frequency[0] == pytest.approx(32300.123456, abs=5 * 7.8e-6)
-    assert strongest(v) * 1e6 / (2 * np.pi) == pytest.approx(32300.123, abs=0.5)  # the start: a thirtieth of its 15 Hz
+    assert strongest(v) * 1e6 / (2 * np.pi) == pytest.approx(
+        32300.123, abs=0.5
+    )  # the start: a thirtieth of its 15 Hz
 
 
-# --- steady responses, and signs -----------------------------------------------------------------------------------------
+# --- steady responses, and signs
+# -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("frequency", [32150.0, 32300.0, 32500.0])
@@ -191,7 +225,8 @@ def test_against_its_own_phase_the_drive_is_positive(V):
     assert rows.response[-1] == pytest.approx(steady(PLATE, 50.0, 32250.0), abs=1e-6)
 
 
-# --- rows and edges ------------------------------------------------------------------------------------------------------
+# --- rows and edges
+# ------------------------------------------------------------------------------------------------------
 
 
 def edges_of(rows):
@@ -200,10 +235,17 @@ def edges_of(rows):
 
 
 def test_rows_begin_at_the_edges_of_the_drive():
-    drive = [(0.0, 0.0, 32290.0), (3.21e-3, 80.0, 32290.0, 0.5), (9.1234e-3, -40.0, 32290.0), (14e-3, 0.0, 32290.0)]
+    drive = [
+        (0.0, 0.0, 32290.0),
+        (3.21e-3, 80.0, 32290.0, 0.5),
+        (9.1234e-3, -40.0, 32290.0),
+        (14e-3, 0.0, 32290.0),
+    ]
     rows = demodulate(*samples(PLATE, drive, 0.02, noise=0.01))
     at, V, f = edges_of(rows)
-    np.testing.assert_allclose(at, [3.21e-3, 9.1234e-3, 14e-3], atol=1.5e-6)  # a sample is 1 us; one more may hide in noise
+    np.testing.assert_allclose(
+        at, [3.21e-3, 9.1234e-3, 14e-3], atol=1.5e-6
+    )  # a sample is 1 us; one more may hide in noise
     np.testing.assert_allclose(V, [80, -40, 0], atol=0.05)  # 1 % of 80 V over some 5000 samples: 0.016
     np.testing.assert_allclose(f, 32290.0, atol=0.1)  # 0.8 V over 11000 samples: 0.01 Hz
     assert np.ptp(f) == 0
@@ -212,7 +254,12 @@ def test_rows_begin_at_the_edges_of_the_drive():
 
 
 def test_a_frequency_that_steps_with_its_phase_continued():
-    drive = [(0.0, 100.0, 32200.0), (7.0003e-3, 100.0, 32250.0), (13.1e-3, 100.0, 32255.0), (18e-3, 50.0, 32400.0)]
+    drive = [
+        (0.0, 100.0, 32200.0),
+        (7.0003e-3, 100.0, 32250.0),
+        (13.1e-3, 100.0, 32255.0),
+        (18e-3, 50.0, 32400.0),
+    ]
     rows = demodulate(*samples(PLATE, drive, 0.0225, noise=0.003))
     at, V, f = edges_of(rows)
     # phases of 5e-4 in each of some 80 blocks are lines to 1e-4 rad, which meet to 1e-4/(2 pi 5 Hz): 3 us
@@ -260,7 +307,8 @@ def test_temperature_follows_the_stretches(save):
     assert len(found) == len(rows.time)
 
 
-# --- fits ------------------------------------------------------------------------------------------------------------------
+# --- fits
+# ------------------------------------------------------------------------------------------------------------------
 
 
 def test_fits_are_unbiased_and_as_good_as_they_say(save):
@@ -270,11 +318,14 @@ def test_fits_are_unbiased_and_as_good_as_they_say(save):
         rng = np.random.default_rng(1000 + seed)
         begin, end = 1e-6 * rng.integers(2000, 2100), 1e-6 * rng.integers(10000, 10100)
         drive = [(0.0, 0.0, 32290.0), (begin, 100.0, 32290.0, 2 * np.pi * rng.random()), (end, 0.0, 32290.0)]
-        fit = sysid.fit(read_logs(save(*samples(PLATE, drive, 0.0165, noise=0.01, seed=seed), "temperature_degC: 24")))
+        fit = sysid.fit(
+            read_logs(save(*samples(PLATE, drive, 0.0165, noise=0.01, seed=seed), "temperature_degC: 24"))
+        )
         assert fit.result is sysid.Result.successful
         scores.append([error / std for error, std in relative(fit, PLATE).values()])
     scores = np.array(scores)
-    # Of each parameter, the mean of 24 unit normals and their sum of squares, at a chance of one in a thousand.
+    # Of each parameter, the mean of 24 unit normals and their sum of squares, at a chance of one in a
+    # thousand.
     assert np.all(np.abs(scores.mean(axis=0)) < 3.3 / np.sqrt(24)), scores.mean(axis=0)
     assert np.all(chi2.cdf(np.sum(scores**2, axis=0), 24) < 0.999), scores.std(axis=0)
     assert np.all(chi2.cdf(np.sum(scores**2, axis=0), 24) > 0.001), scores.std(axis=0)
@@ -282,7 +333,10 @@ def test_fits_are_unbiased_and_as_good_as_they_say(save):
 
 def test_an_edge_between_samples_moves_the_gain_alone():
     drive = [(0.0, 0.0, 32290.0), (2.0003e-3, 100.0, 32290.0, 0.4), (10.0003e-3, 0.0, 32290.0)]
-    G, tau, f0 = (v[0] for v in relative(sysid.fit([as_log(demodulate(*samples(PLATE, drive, 0.0165)))]), PLATE).values())
+    G, tau, f0 = (
+        v[0]
+        for v in relative(sysid.fit([as_log(demodulate(*samples(PLATE, drive, 0.0165)))]), PLATE).values()
+    )
     # 0.7 us of drive, of 1669 in tau, are missed: none at a zero of the carrier, twice the mean at a peak
     assert -2 * 0.7 / 1669 < G < -1e-4
     assert max(abs(tau), abs(f0)) < 0.05 * 0.7 / 1669  # a twentieth of what the gain may move
@@ -290,7 +344,8 @@ def test_an_edge_between_samples_moves_the_gain_alone():
 
 @pytest.mark.parametrize("theta", [0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4])
 def test_what_is_left_of_the_carrier_s_phase_at_an_edge(theta):
-    # Switched on at a peak or at a zero of the carrier, the response differs by 1/(2 Q) = 0.3 %: none of it is left.
+    # Switched on at a peak or at a zero of the carrier, the response differs by 1/(2 Q) = 0.3 %: none of it
+    # is left.
     drive = [(0.0, 0.0, 32290.0), (2e-3, 100.0, 32290.0, theta), (10e-3, 0.0, 32290.0)]
     time, v, w = samples(PLATE, drive, 0.0165)
     w += 2e-5 * np.random.default_rng(0).standard_normal(len(w))
@@ -300,14 +355,24 @@ def test_what_is_left_of_the_carrier_s_phase_at_an_edge(theta):
 
 
 def test_a_blade_of_q_8():
-    drive = [(0.0, 0.0, 880.0), (12e-3, 3.0, 880.0, 1.0), (0.352, 0.0, 880.0), (0.4, 1.0, 920.0, 0.2), (0.55, 3.0, 920.0)]
+    drive = [
+        (0.0, 0.0, 880.0),
+        (12e-3, 3.0, 880.0, 1.0),
+        (0.352, 0.0, 880.0),
+        (0.4, 1.0, 920.0, 0.2),
+        (0.55, 3.0, 920.0),
+    ]
     log = as_log(demodulate(*samples(BLADE, drive, 0.72, rate=1e5, noise=0.01)))
     assert np.median(np.diff(log.time)) == pytest.approx(2 / 880, rel=0.01)  # 0.8 tau
     for name, (error, std) in relative(sysid.fit([log]), BLADE).items():
         assert std < 0.02, name
         assert abs(error) < 4.5 * std, name
-    for name, (error, _) in relative(sysid.fit([as_log(demodulate(*samples(BLADE, drive, 0.72, rate=1e5)))]), BLADE).items():
-        assert abs(error) < 5e-4, name  # the mean of an exponential over 0.8 tau is taken to fourth order: 1e-4
+    for name, (error, _) in relative(
+        sysid.fit([as_log(demodulate(*samples(BLADE, drive, 0.72, rate=1e5)))]), BLADE
+    ).items():
+        assert abs(error) < 5e-4, (
+            name
+        )  # the mean of an exponential over 0.8 tau is taken to fourth order: 1e-4
 
 
 def test_a_quartz_at_four_samples_a_period():
@@ -324,7 +389,8 @@ def test_eight_bits(save):
     rounded = [np.round(x / full * 127) / 127 * full for x, full in ((v, 120.0), (w, 2.5))]
     fit = sysid.fit(read_logs(save(time, *rounded)))
     for name, (error, std) in relative(fit, PLATE).items():
-        # a step of 0.02 um is noise of 0.3 % of the response, but not quite white: within some six of its deviations
+        # a step of 0.02 um is noise of 0.3 % of the response, but not quite white: within some six of its
+        # deviations
         assert abs(error) < 6 * std + 1e-4, name
         assert std < 1e-3, name
 
@@ -335,7 +401,9 @@ def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
     v, _ = carrier(PLATE, time, drive)
     late, h = 150.3e-6, 1e-9
     after, before = (carrier(PLATE, time - late + s, [(-1.0, 0.0, 32290.0), *drive])[1] for s in (h, -h))
-    speed = (after - before) / (2 * h) * 1e-6  # m/s from um/s: central differences over 2 ns, good to (omega h)^2/6 = 7e-9
+    speed = (
+        (after - before) / (2 * h) * 1e-6
+    )  # m/s from um/s: central differences over 2 ns, good to (omega h)^2/6 = 7e-9
     columns = tmp_path / "map.toml"
     columns.write_text(
         'kind = "waveform"\nquantity = "velocity"\n[columns]\ntime = "t_s"\ndrive = "u_V"\n'
@@ -347,12 +415,16 @@ def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
         31e-6, abs=1e-6
     )  # what the delay is in excess of whole samples, and half a block
     G, tau, f0 = (v[0] for v in relative(sysid.fit([log]), PLATE | {"G": 0.02e-6}).values())
-    assert max(abs(G), abs(tau), 100 * abs(f0)) < 3e-4  # rounding of 0.3 samples of delay and edges, of 1670 in tau
+    assert (
+        max(abs(G), abs(tau), 100 * abs(f0)) < 3e-4
+    )  # rounding of 0.3 samples of delay and edges, of 1670 in tau
 
 
 def test_a_filter_that_is_asked_for_is_named_in_the_fit(save):
     drive = [(0.0, 0.0, 32300.0), (2e-3, 100.0, 32300.0), (10e-3, 0.0, 32300.0)]
-    (log,) = read_logs(save(*samples(PLATE, drive, 0.0165, noise=0.003), "lockin_tau_us: 100", "lockin_order: 2"))
+    (log,) = read_logs(
+        save(*samples(PLATE, drive, 0.0165, noise=0.003), "lockin_tau_us: 100", "lockin_order: 2")
+    )
     assert (log.bench["lockin_tau_s"], log.bench["lockin_order"]) == (pytest.approx(1e-4), 2.0)
     fit = sysid.fit([log])
     assert fit.result is sysid.Result.misfit
@@ -371,28 +443,35 @@ def test_the_samples_of_a_scene(tmp_path):
 
 @pytest.mark.parametrize("angle", [0.0, -9.0, 90.0])
 def test_a_rotation_turns_the_response_and_not_the_drive_s_path(angle):
-    """A phase shift is that of positive frequencies, of the forced motion and of the free one alike; the drive's edges stay."""
+    """A phase shift is that of positive frequencies, of the forced motion and of the free one alike; the
+    drive's edges stay."""
     plant = sysid.Plant(PLATE["G"], tau_of(PLATE), PLATE["f0"])
     edges = np.array([0.0, 1.0003e-3, 5.0007e-3])  # between samples, at no particular phase
     inputs = {"drive": sysid.Profile(edges, [0.0, 100.0, 0.0]), "frequency": sysid.Profile.constant(32290.0)}
     scene = sysid.Scene(plant, inputs, 91, 1e4, (EFFECTS["rotation"](angle),))
     (found,) = waveform(scene, 1e6)
-    v, w = carrier(PLATE, found.time, [(t, V, 32290.0) for t, V in zip(edges, (0.0, 100.0, 0.0), strict=True)], angle)
+    v, w = carrier(
+        PLATE, found.time, [(t, V, 32290.0) for t, V in zip(edges, (0.0, 100.0, 0.0), strict=True)], angle
+    )
     np.testing.assert_allclose(found.drive, v, rtol=0, atol=1e-9)  # 2000 rad of phase to 2e-16, times 100 V
     np.testing.assert_allclose(found.response, w, rtol=0, atol=1e-9)  # 2 um
 
 
 def test_a_rotation_leaves_the_gain_of_a_ring_down_s_samples(tmp_path):
-    """Turned with the drive's path, what an edge leaves behind is off by 2 sin(9 deg)/(4 Q) = 5e-4, and G by 4e-4."""
+    """Turned with the drive's path, what an edge leaves behind is off by 2 sin(9 deg)/(4 Q) = 5e-4, and G by
+    4e-4."""
     given = sysid.Scene.from_toml(SCENES / "ring_down.toml")
     quiet = [e for e in given.effects if e.kind != "noise" and e.name != "rotation"]
     scene = dataclasses.replace(given, effects=(*quiet, EFFECTS["rotation"](-9.0)))
     list(write_waveform(scene, 1e6, 0, tmp_path / "wave.csv"))
     found = sysid.fit(read_logs(tmp_path / "wave.csv")).plant
-    assert abs(found.G / PLATE["G"] - 1) < 1e-4  # an edge known to a tenth of a sample, 1e-7 s of tau = 1.67 ms
+    assert (
+        abs(found.G / PLATE["G"] - 1) < 1e-4
+    )  # an edge known to a tenth of a sample, 1e-7 s of tau = 1.67 ms
 
 
-# --- files -----------------------------------------------------------------------------------------------------------------
+# --- files
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def test_a_demodulated_log_reads_back_with_its_carrier_s_phase(save, tmp_path):
@@ -411,7 +490,9 @@ def test_sample_rate_instead_of_time(save, tmp_path):
     lines = save(time, v, w).read_text().splitlines()
     bare = [line.split(",", 1)[1] for line in lines[1:]]
     path = tmp_path / "bare.csv"
-    path.write_text("\n".join(["# sample_rate_MHz: 1", *bare]) + "\n")  # drive and response say that it is a waveform
+    path.write_text(
+        "\n".join(["# sample_rate_MHz: 1", *bare]) + "\n"
+    )  # drive and response say that it is a waveform
     (log,) = read_logs(path)
     np.testing.assert_allclose(log.time, expected.time, atol=1e-12)
     np.testing.assert_allclose(log.response, expected.response, atol=1e-7)

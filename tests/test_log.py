@@ -1,4 +1,5 @@
-"""Reading and writing logs: the contract's header, every way a bench file can be odd, and what each refusal says."""
+"""Reading and writing logs: the contract's header, every way a bench file can be odd, and what each refusal
+says."""
 
 import gzip
 import hashlib
@@ -39,14 +40,21 @@ def check_usual(log):
 
 
 def test_the_contract_file(save):
-    content = "# plate: A7\n# temperature_degC: 24.0\n# sampling: settled\n# lockin_tau_us: 300\n" + HEADER + ROWS
+    content = (
+        "# plate: A7\n# temperature_degC: 24.0\n# sampling: settled\n# lockin_tau_us: 300\n" + HEADER + ROWS
+    )
     path = save(content)
     log = read_one(path)
     check_usual(log)
     assert log.temperature.tolist() == [24.0] * 3
     assert log.sampling == "settled"
     assert log.bench == {"lockin_tau_s": 0.0003}
-    assert log.metadata == {"plate": "A7", "temperature_degC": "24.0", "sampling": "settled", "lockin_tau_us": "300"}
+    assert log.metadata == {
+        "plate": "A7",
+        "temperature_degC": "24.0",
+        "sampling": "settled",
+        "lockin_tau_us": "300",
+    }
     assert (log.name, log.path) == ("log.csv", str(path))
     assert log.sha256 == hashlib.sha256(content.encode()).hexdigest()
     assert log.notes == ()
@@ -55,7 +63,10 @@ def test_the_contract_file(save):
 
 
 def test_every_input_may_be_metadata_and_any_unit(save):
-    metadata = "# time: 12:31\n# frequency_kHz: 32.25\n# Temperature [K]: 297.15\n# voltage_mV: 500\n# force_mN: 250\n"
+    metadata = (
+        "# time: 12:31\n# frequency_kHz: 32.25\n# Temperature [K]: 297.15\n# voltage_mV: 500\n# force_mN:"
+        " 250\n"
+    )
     log = read_one(save(metadata + "time_ms,w_nm\n0,1\n12.5,2\n"))
     assert log.time.tolist() == [0.0, 0.0125]
     assert log.frequency.tolist() == [32250.0] * 2
@@ -122,11 +133,20 @@ def test_a_column_log_splits_the_file(save):
     ],
 )
 def test_inputs_by_other_usual_names_are_read_and_noted(save, header, name, values):
-    log = read_one(save(f"# temp_degC: 25\n{header}\n1,1\n2,1\n" if name != "drive" else f"{header},freq_Hz\n1,1,5\n2,1,5\n"))
+    log = read_one(
+        save(
+            f"# temp_degC: 25\n{header}\n1,1\n2,1\n"
+            if name != "drive"
+            else f"{header},freq_Hz\n1,1,5\n2,1,5\n"
+        )
+    )
     assert getattr(log, name).tolist() == pytest.approx(values)
     assert f"column {header.split(',')[0]} is read as {'voltage' if name == 'drive' else name}" in log.notes
     if name != "drive":
-        assert log.temperature.tolist() == [25.0, 25.0] and "metadata 'temp_degC' is read as temperature" in log.notes
+        assert (
+            log.temperature.tolist() == [25.0, 25.0]
+            and "metadata 'temp_degC' is read as temperature" in log.notes
+        )
 
 
 def test_another_name_gives_way_to_ours_and_to_a_unit_of_another_kind(save):
@@ -152,13 +172,21 @@ def test_other_columns_are_noted_and_never_read(save):
         pytest.param((HEADER + ROWS + "\n\n\r\n").encode(), id="blank lines at the end"),
         pytest.param((HEADER + "\n" + ROWS.replace("\n", "\n\n")).encode(), id="blank lines between"),
         pytest.param((HEADER + ROWS).rstrip("\n").encode(), id="no line end at the end"),
-        pytest.param(('"time_s", "voltage_V" ,"frequency_Hz" , wd_um,wq_um\n' + ROWS).encode(), id="quotes and blanks"),
+        pytest.param(
+            ('"time_s", "voltage_V" ,"frequency_Hz" , wd_um,wq_um\n' + ROWS).encode(), id="quotes and blanks"
+        ),
         pytest.param((HEADER + ROWS.replace(",", " , ")).encode(), id="blanks around numbers"),
-        pytest.param((HEADER + ROWS.replace("0.5", '"0.5"').replace('-"0.5"', "-0.5")).encode(), id="quoted numbers"),
+        pytest.param(
+            (HEADER + ROWS.replace("0.5", '"0.5"').replace('-"0.5"', "-0.5")).encode(), id="quoted numbers"
+        ),
         pytest.param((HEADER + ROWS).replace("\n", ",\n").encode(), id="empty column at the end"),
         pytest.param((HEADER + ROWS.replace("\n", ",\n")).encode(), id="empty column at the end of rows"),
-        pytest.param((HEADER + ROWS.replace("\n", ",\r\n")).encode(), id="empty column at the end of rows, CR LF"),
-        pytest.param((HEADER + ROWS.replace("\n", ",, \n")).encode(), id="two empty columns at the end of rows"),
+        pytest.param(
+            (HEADER + ROWS.replace("\n", ",\r\n")).encode(), id="empty column at the end of rows, CR LF"
+        ),
+        pytest.param(
+            (HEADER + ROWS.replace("\n", ",, \n")).encode(), id="two empty columns at the end of rows"
+        ),
         pytest.param(gzip.compress((HEADER + ROWS).encode(), mtime=0), id="gzip"),
         pytest.param((HEADER + ROWS).replace(",", ";").encode(), id="semicolons"),
         pytest.param((HEADER + ROWS).replace(",", ";").replace(".", ",").encode(), id="decimal commas"),
@@ -196,7 +224,10 @@ def test_blocks_and_their_lines(save, monkeypatch):
 
 # Lines above the header that carry no comment mark
 
-SETTINGS = "Model,MSO4034\nFirmware Version,2.93\n\ntemperature_degC: 80\nplate,B2\nSample Interval,1e-06,\n\nLabel,,\n"
+SETTINGS = (
+    "Model,MSO4034\nFirmware Version,2.93\n\ntemperature_degC: 80\nplate,B2\nSample"
+    " Interval,1e-06,\n\nLabel,,\n"
+)
 BARE = "time,voltage,frequency,wd,wq\n"
 
 
@@ -205,15 +236,27 @@ BARE = "time,voltage,frequency,wd,wq\n"
     [
         pytest.param(SETTINGS + HEADER + ROWS, "lines 1 to 8", id="settings"),
         pytest.param(SETTINGS + BARE + "s,V,Hz,um,um\n" + ROWS, "lines 1 to 8", id="row of units"),
-        pytest.param(SETTINGS + HEADER.strip() + ",Comment,\n" + ROWS, "Comment", id="a name without a column"),
+        pytest.param(
+            SETTINGS + HEADER.strip() + ",Comment,\n" + ROWS, "Comment", id="a name without a column"
+        ),
         pytest.param("BEGIN CH1_DATA\n" + HEADER + "\n" + ROWS + "END\n\n", "line 1", id="BEGIN and END"),
         pytest.param("BEGIN\n" + HEADER + ROWS + "END", "line 1", id="END without a line end"),
-        pytest.param((SETTINGS + HEADER + ROWS).replace("\n", "\r\n") + ",,,,\r\nEND\r\n", "lines 1 to 8", id="CR LF"),
-        pytest.param((SETTINGS + HEADER + ROWS).replace(",", "\t").replace(".", ","), "lines 1 to 8", id="decimal commas"),
+        pytest.param(
+            (SETTINGS + HEADER + ROWS).replace("\n", "\r\n") + ",,,,\r\nEND\r\n", "lines 1 to 8", id="CR LF"
+        ),
+        pytest.param(
+            (SETTINGS + HEADER + ROWS).replace(",", "\t").replace(".", ","),
+            "lines 1 to 8",
+            id="decimal commas",
+        ),
         pytest.param("***\nby hand\n" + (HEADER + ROWS).replace(",", "  "), "lines 1 to 2", id="blanks"),
         pytest.param("sep=;\n" + (HEADER + ROWS).replace(",", ";"), "line 1", id="the word of a spreadsheet"),
         pytest.param(gzip.compress((SETTINGS + HEADER + ROWS).encode(), mtime=0), "lines 1 to 8", id="gzip"),
-        pytest.param(SETTINGS.encode() + "Messung,größer\n".encode("cp1252") + (HEADER + ROWS).encode(), "1 to 9", id="cp1252"),
+        pytest.param(
+            SETTINGS.encode() + "Messung,größer\n".encode("cp1252") + (HEADER + ROWS).encode(),
+            "1 to 9",
+            id="cp1252",
+        ),
         pytest.param("a,b,c\n" * 190 + HEADER + ROWS, "lines 1 to 190", id="long"),
     ],
 )
@@ -248,7 +291,9 @@ def test_plates_that_are_named_below_a_line_without_a_mark_are_told_apart(save):
 
 def test_a_row_of_units_below_names_that_are_numbers(save, tmp_path):
     """As an oscilloscope writes its channels."""
-    (tmp_path / "map.toml").write_text('[columns]\ntime = "x-axis_second"\nvoltage = "1_Volt"\nw = "2_Volt"\n')
+    (tmp_path / "map.toml").write_text(
+        '[columns]\ntime = "x-axis_second"\nvoltage = "1_Volt"\nw = "2_Volt"\n'
+    )
     log = read_one(save("x-axis,1,2\nsecond,Volt,Volt\n0,1,2\n1,3,4\n2,5,6\n"), columns=tmp_path / "map.toml")
     assert (log.time.tolist(), log.drive.tolist(), log.response.tolist()) == ([0, 1, 2], [1, 3, 5], [2, 4, 6])
 
@@ -283,39 +328,59 @@ def test_a_bad_row_is_no_preamble(save, above, words):
 # Refusals of cells and rows
 
 
-@pytest.mark.parametrize("cell", ["", "nan", "NaN", "inf", "-inf", "1e999", "abc", "1_000", "0x10", "#", "1,5"])
+@pytest.mark.parametrize(
+    "cell", ["", "nan", "NaN", "inf", "-inf", "1e999", "abc", "1_000", "0x10", "#", "1,5"]
+)
 def test_a_bad_cell_is_named(save, cell):
     quoted = f'"{cell}"' if "," in cell else cell
     path = save("# plate: A7\n" + HEADER + ROWS.replace("0.25,-0.5", f"{quoted},-0.5"))
-    refused(path, path, "line 4", "'wd_um'", repr(cell) if cell else "an empty cell", "expected a finite number")
+    refused(
+        path, path, "line 4", "'wd_um'", repr(cell) if cell else "an empty cell", "expected a finite number"
+    )
 
 
 def test_a_refusal_names_the_way_out(save, tmp_path):
     rows = "".join(f"{k},{k * k}\n" for k in range(9))
     table = ("time_s,w_um\n" + rows).replace("\n5,25\n", "\n\n5,nan\n")
     path = save(table)
-    refused(path, "line 8", "leave the row out of the file, or read the others by rows = [[0, 5], [6, 9]] in a mapping file")
-    (tmp_path / "map.toml").write_text('rows = [[0, 5], [6, 9]]\namplitude = "peak"\n[columns]\ntime = "time_s"\nw = "w_um"\n')
+    refused(
+        path,
+        "line 8",
+        "leave the row out of the file, or read the others by rows = [[0, 5], [6, 9]] in a mapping file",
+    )
+    (tmp_path / "map.toml").write_text(
+        'rows = [[0, 5], [6, 9]]\namplitude = "peak"\n[columns]\ntime = "time_s"\nw = "w_um"\n'
+    )
     assert read_one(path, columns=tmp_path / "map.toml").time.tolist() == [0, 1, 2, 3, 4, 6, 7, 8]
     refused(save(table.replace("nan", "25").replace("8,64", "8,OL")), "rows = [[0, 8]] in")
     refused(save(table.replace("nan", "25").replace("0,0", "0,OL")), "rows = [[1, 9]] in")
     refused(save("time_s,w_um\n0,x\n"), "leave the row out of the file")
     split = save("time_s,w_um,log\n0,1,a\n1,x,a\n")
-    assert "rows =" not in str(refused(split, "leave the row out of the file"))  # which are counted in each experiment
+    assert "rows =" not in str(
+        refused(split, "leave the row out of the file")
+    )  # which are counted in each experiment
     assert "leave the row" not in str(refused(save("time_s,w_um\n2,1\n1,1\n"), "not below"))
 
 
 @pytest.mark.parametrize("remark", ["# pause", "# a,b,c,d,e,f", "pause"])
 def test_a_remark_among_the_rows_is_to_be_left_out(save, remark):
-    refused(save(HEADER + ROWS + remark + "\n" + ROWS), "line 5", "expected 5 as in the header; leave it out of the file")
+    refused(
+        save(HEADER + ROWS + remark + "\n" + ROWS),
+        "line 5",
+        "expected 5 as in the header; leave it out of the file",
+    )
     assert "leave it" not in str(refused(save(HEADER + ROWS + "1,2,3,4\n"), "line 5"))
 
 
 def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,")), "line 3", "found 4 columns", "expected 5")
     refused(save(HEADER + ROWS.replace("0.1,5.0,", "0.1,5,5,")), "line 3", "found 6 columns", "expected 5")
-    refused(save(HEADER + ROWS + "0.3,5.0,32"), "line 5", "found 3 columns", "last line", "still being written")
-    refused(save(HEADER + ROWS + "0.3,5.0,32300.0,0.1,1e-"), "line 5", "'wq_um'", "'1e-'", "still being written")
+    refused(
+        save(HEADER + ROWS + "0.3,5.0,32"), "line 5", "found 3 columns", "last line", "still being written"
+    )
+    refused(
+        save(HEADER + ROWS + "0.3,5.0,32300.0,0.1,1e-"), "line 5", "'wq_um'", "'1e-'", "still being written"
+    )
     refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
 
 
@@ -340,7 +405,9 @@ def test_units_written_out_are_their_signs(save, header):
     check_usual(read_one(save(header + "\n" + ROWS)))
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("kilohertz", 1e3), ("Megahertz", 1e6), ("MHz", 1e6), ("mHz", 1e-3)])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("kilohertz", 1e3), ("Megahertz", 1e6), ("MHz", 1e6), ("mHz", 1e-3)]
+)
 def test_a_unit_written_out_has_its_prefix(save, unit, factor):
     log = read_one(save(f"# temperature_Kelvin: 273.15\nfrequency_{unit},w_Volts_rms\n2,1\n"))
     assert log.frequency[0] == pytest.approx(2 * factor, rel=1e-15)  # one product
@@ -398,7 +465,9 @@ def test_metadata_that_is_refused(save, line, words):
 @pytest.mark.parametrize("key", ["temperature_Hz", "force_V", "frequency_MHZ", "lockin_tau_V"])
 def test_metadata_in_a_unit_of_the_wrong_kind_is_called_metadata(save, key):
     """And no mapping file is offered, which could say nothing of it."""
-    error = refused(save(f"# {key}: 3\n" + HEADER + ROWS), f"metadata {key!r}: found the unit", "expected a unit of")
+    error = refused(
+        save(f"# {key}: 3\n" + HEADER + ROWS), f"metadata {key!r}: found the unit", "expected a unit of"
+    )
     assert "column" not in str(error) and error.mapping is None
 
 
@@ -444,7 +513,9 @@ def test_a_line_that_is_nearly_metadata_is_a_warning(save, line, expected):
 def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save, line, expected):
     said = f"; did you mean {expected!r}?" if expected else ": found '5 V', expected a finite number"
     key = re.split(" *[:=]", line)[0]
-    assert read_one(save(f"# {line}\ntime_s,w_um\n0,1\n")).warnings == (f"log.csv: metadata {key!r} is not used{said}",)
+    assert read_one(save(f"# {line}\ntime_s,w_um\n0,1\n")).warnings == (
+        f"log.csv: metadata {key!r} is not used{said}",
+    )
     assert read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings == ()
 
 
@@ -486,10 +557,25 @@ def test_what_instruments_write_is_no_warning(save, name, above):
 
 
 def test_an_equals_sign_states_metadata_too(save):
-    log = read_one(save("#plate = A 7\n#sampling=settled\n#temperature_degC = 24\n#lockin_tau_us=300\n#x = 3\n" + HEADER + ROWS))
+    log = read_one(
+        save(
+            "#plate = A 7\n#sampling=settled\n#temperature_degC = 24\n#lockin_tau_us=300\n#x = 3\n"
+            + HEADER
+            + ROWS
+        )
+    )
     check_usual(log)
-    assert log.metadata == {"plate": "A 7", "sampling": "settled", "temperature_degC": "24", "lockin_tau_us": "300"}
-    assert (log.temperature.tolist(), log.bench, log.sampling) == ([24.0] * 3, {"lockin_tau_s": 0.0003}, "settled")
+    assert log.metadata == {
+        "plate": "A 7",
+        "sampling": "settled",
+        "temperature_degC": "24",
+        "lockin_tau_us": "300",
+    }
+    assert (log.temperature.tolist(), log.bench, log.sampling) == (
+        [24.0] * 3,
+        {"lockin_tau_s": 0.0003},
+        "settled",
+    )
     assert log.warnings == log.notes == ()
     refused(save("# plate: A7\n# plate = B2\n" + HEADER + ROWS), "metadata 'plate'", "twice")
     refused(save("# sampling = later\n" + HEADER + ROWS), "metadata 'sampling'", "'later'")
@@ -497,11 +583,15 @@ def test_an_equals_sign_states_metadata_too(save):
     assert (first.temperature, second.temperature[0]) == (None, 60.0)
 
 
-@pytest.mark.parametrize("line", ["phase_sign: -1", "Phase sign = -1", "phase_offset_deg: 30", "amplitude: rms"])
+@pytest.mark.parametrize(
+    "line", ["phase_sign: -1", "Phase sign = -1", "phase_offset_deg: 30", "amplitude: rms"]
+)
 def test_an_option_of_a_mapping_file_in_the_metadata_is_a_warning(save, line):
     (said,) = read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings
     key, value = re.split(" *[:=] *", line.lower().replace("se s", "se_s"))
-    assert "is not used" in said and f"a mapping file (--columns) of the line {key} = " in said and value in said
+    assert (
+        "is not used" in said and f"a mapping file (--columns) of the line {key} = " in said and value in said
+    )
     columns = save('phase_offset_deg = 0\nphase_sign = 1\namplitude = "peak"\n', "map.toml")
     assert read_one(save(f"# {line}\n" + HEADER + ROWS), columns=columns).warnings == ()
     stated = HEADER.replace("voltage_V", "voltage_V_rms").replace("_um", "_um_rms")
@@ -569,7 +659,9 @@ def test_units_follow_the_first_log(save):
     _, _, log = read_logs([still, um, nm])
     assert (log.response.tolist(), log.response_unit) == ([0.25], "um")
     assert (log.drive.tolist(), log.drive_unit) == ([0.5], "V")
-    refused([um, save("time_s,voltage_V,w_m/s\n0,1,1\n", "v.csv")], "v.csv", "response in m/s", "um", "um.csv")
+    refused(
+        [um, save("time_s,voltage_V,w_m/s\n0,1,1\n", "v.csv")], "v.csv", "response in m/s", "um", "um.csv"
+    )
     refused([um, save("time_s,duty,w_um\n0,1,1\n", "d.csv")], "d.csv", "drive in duty", "V")
 
 
@@ -597,7 +689,9 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
     refused(path, "map.toml", "amplitude", "'?'", columns=tmp_path / "map.toml")
 
 
-SAMPLES = ['kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w']
+SAMPLES = [
+    'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
+]
 KINDS = '  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
 
 
@@ -710,7 +804,11 @@ def test_a_log_checks_itself(fields, words):
 
 LARGEST = 9.8e37  # what is larger is no number, as instruments write it
 FINITE = st.floats(-LARGEST, LARGEST, width=64)
-BENCH = {"lockin_tau_s": st.floats(0, LARGEST), "lockin_order": st.sampled_from([1.0, 4.0]), "delay_s": FINITE}
+BENCH = {
+    "lockin_tau_s": st.floats(0, LARGEST),
+    "lockin_order": st.sampled_from([1.0, 4.0]),
+    "delay_s": FINITE,
+}
 
 
 @st.composite
@@ -729,7 +827,10 @@ def any_log(draw):
         "made",
         response,
         time=np.sort(draw(column)),
-        drive=draw(st.none() | (arrays.arrays(np.float64, count, elements=st.floats(-1, 1)) if unit == "duty" else column)),
+        drive=draw(
+            st.none()
+            | (arrays.arrays(np.float64, count, elements=st.floats(-1, 1)) if unit == "duty" else column)
+        ),
         frequency=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(0, LARGEST))),
         temperature=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(-273.15, LARGEST))),
         force=draw(maybe),
@@ -760,14 +861,18 @@ def test_a_written_log_reads_back_to_the_last_bit(tmp_path_factory, log):
         assert written is None or (written.dtype, written.tobytes()) == (read.dtype, read.tobytes())
     for name in ("kind", "sampling", "response_unit"):
         assert getattr(again, name) == getattr(log, name)
-    exact = log.temperature is not None and np.ptp(log.temperature) == 0  # which nobody read, and the file says so
+    exact = (
+        log.temperature is not None and np.ptp(log.temperature) == 0
+    )  # which nobody read, and the file says so
     assert again.bench == ({"temperature_std_degC": 0.0} if exact else {}) | dict(log.bench)
     assert log.drive is None or again.drive_unit == log.drive_unit
     assert again.metadata["plate"] == "A7"
     assert again.metadata["note"] == "a: b, c"
 
 
-MESS = st.sampled_from([b",", b"\n", b'"', b"#", b"\x00", b"\xff", b";", b"nan", b"\t", b" ", b"\r", b":", b"_", b"[", b"9"])
+MESS = st.sampled_from(
+    [b",", b"\n", b'"', b"#", b"\x00", b"\xff", b";", b"nan", b"\t", b" ", b"\r", b":", b"_", b"[", b"9"]
+)
 
 
 @settings(max_examples=300, deadline=None)
@@ -789,9 +894,13 @@ def test_a_damaged_file_is_read_or_refused(tmp_path_factory, edits):
 
 def test_what_was_probably_meant_is_told_with_the_fit(save, bench):
     log = bench.sweep()
-    rows = "\n".join(f"{f},{v},{w.real},{w.imag}" for f, v, w in zip(log.frequency, log.drive, log.response, strict=True))
+    rows = "\n".join(
+        f"{f},{v},{w.real},{w.imag}" for f, v, w in zip(log.frequency, log.drive, log.response, strict=True)
+    )
     path = save(f"# samplng: settled\nfrequency_Hz,voltage_V,wd_um,wq_um\n{rows}\n", "x.csv")
-    assert "x.csv: metadata 'samplng' is not used; did you mean 'sampling'?" in fit(read_logs([path])).warnings
+    assert (
+        "x.csv: metadata 'samplng' is not used; did you mean 'sampling'?" in fit(read_logs([path])).warnings
+    )
 
 
 def test_a_part_of_the_response_that_was_constant_may_stand_above_the_header(tmp_path):

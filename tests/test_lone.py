@@ -1,4 +1,5 @@
-"""A value that one reading decides is none: of a sweep in coarse steps one point shows the peak, and none whether it is right."""
+"""A value that one reading decides is none: of a sweep in coarse steps one point shows the peak, and none
+whether it is right."""
 
 import numpy as np
 import pytest
@@ -15,15 +16,17 @@ WARM = reference.REFERENCE_TEMPERATURE
 
 
 def swept(apart, seed, *, rows=61, amplitude=True, at=None, wrong=1.0, noise=0.003):
-    """Settled points `apart` half bandwidths apart, of which one lies `at` such beside the resonance, else anywhere within half a
-    step; noise of the peak. The nearest reads `wrong` times what it should."""
+    """Settled points `apart` half bandwidths apart, of which one lies `at` such beside the resonance, else
+    anywhere within half a step; noise of the peak. The nearest reads `wrong` times what it should."""
     rng = np.random.default_rng(seed)
     at = apart * rng.uniform(-0.5, 0.5) if at is None else at
     frequency = PLANT.f0 + HALF * (at + apart * (np.arange(rows) - rows // 2))
     clean = reference.steady(PLANT, np.ones(rows), frequency, WARM)
     y = clean + noise * PLANT.G * (rng.standard_normal(rows) + 1j * rng.standard_normal(rows))
     y[rows // 2] *= wrong
-    return sysid.Log("sweep", np.abs(y) if amplitude else y, drive=np.ones(rows), frequency=frequency, kind="steady")
+    return sysid.Log(
+        "sweep", np.abs(y) if amplitude else y, drive=np.ones(rows), frequency=frequency, kind="steady"
+    )
 
 
 def stepped(seed, rows=150, noise=0.01):
@@ -42,7 +45,8 @@ def errors_off(fit):
 
 
 def test_no_sweep_in_steps_of_ten_half_bandwidths_is_many_errors_off():
-    """Its tau was where noise had made it look narrow enough: 5 errors off and more, in 4 of 10 that determined one."""
+    """Its tau was where noise had made it look narrow enough: 5 errors off and more, in 4 of 10 that
+    determined one."""
     for seed in range(40):
         fit = sysid.fit([swept(10, seed)])
         off = errors_off(fit)
@@ -56,7 +60,10 @@ def test_the_reading_that_decides_is_named_right_or_wrong(wrong):
     fit = sysid.fit([swept(8, 0, at=0.2, wrong=wrong)])
     for name in ("G", "tau"):
         why = fit.parameters[name].why
-        assert f"that at {PLANT.f0 + 0.2 * HALF:.7g} Hz in sweep" in why and "record ten points or more from" in why, why
+        assert (
+            f"that at {PLANT.f0 + 0.2 * HALF:.7g} Hz in sweep" in why
+            and "record ten points or more from" in why
+        ), why
     assert fit.parameters["f0"].determined and max(errors_off(fit).values()) < 4
 
 
@@ -84,7 +91,9 @@ def test_what_is_left_without_a_reading_is_what_a_fit_without_it_has(amplitude):
     """C(-R) by the normal equations of all columns, the bench's among them, without the reading's rows."""
     fit = sysid.fit([swept(2, 4, rows=21, amplitude=amplitude), swept(3, 5, rows=15, amplitude=amplitude)])
     state, index = fit.modes[0], [NAMES.index(n) for n in fit.names]
-    views = [_on_a_floor(View(t, m, state, fit.reference)) for t, m in zip(state.trials, state.models, strict=True)]
+    views = [
+        _on_a_floor(View(t, m, state, fit.reference)) for t, m in zip(state.trials, state.models, strict=True)
+    ]
     shown = np.eye(len(NAMES))[index]
     grown, _ = _without_one(views, shown, index)
     size = np.linalg.norm(np.concatenate([v.rows(v.derivatives.T).T[:, index] for v in views]), axis=0)

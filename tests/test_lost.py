@@ -22,11 +22,20 @@ def recorded(seed, drive=100.0, std=STD, early=100):
     clean = reference.ringing(PLANT, time, held, frequency, np.full(ROWS, reference.REFERENCE_TEMPERATURE))
     rng = np.random.default_rng(seed)
     noise = std * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
-    return sysid.Log("step", clean + noise, time=time, drive=held, frequency=frequency, kind="transient", sampling="instant"), rng
+    return sysid.Log(
+        "step",
+        clean + noise,
+        time=time,
+        drive=held,
+        frequency=frequency,
+        kind="transient",
+        sampling="instant",
+    ), rng
 
 
 def dark(log, rng, rows=12, times=5):
-    """The log with as many stretches of zeros, one of which always hides some of the rise; and where they are."""
+    """The log with as many stretches of zeros, one of which always hides some of the rise; and where they
+    are."""
     begins = np.append(rng.integers(5, len(log) - rows, times - 1), rng.integers(95, 120))
     gone = np.isin(np.arange(len(log)), (begins[:, None] + np.arange(rows)).ravel())
     return replace(log, response=np.where(gone, 0.0, log.response)), gone
@@ -40,15 +49,21 @@ def test_a_fit_is_as_good_as_that_of_the_rows_that_are_left(seeds):
         found = sysid.fit([log])
         assert found.result is sysid.Result.successful, found.warnings
         assert found.warnings[0] == (
-            f"step: {gone.sum()} of {ROWS} rows read exactly zero, or what the row before them reads, amid a response that moves:"
+            f"step: {gone.sum()} of {ROWS} rows read exactly zero, or what the row before them reads, amid"
+            f" a response that moves:"
             " the signal was lost; they are left out"
         )
         assert len(found.logs[0].residual) == ROWS - gone.sum() and found.logs[0].rows == ROWS
         assert np.std(found.logs[0].residual) < 2 * STD
         scores.append(
-            [(p.value - t) / p.std for p, t in zip(found.parameters.values(), (PLANT.G, PLANT.tau, PLANT.f0), strict=False)]
+            [
+                (p.value - t) / p.std
+                for p, t in zip(found.parameters.values(), (PLANT.G, PLANT.tau, PLANT.f0), strict=False)
+            ]
         )
-    for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):  # G's interval is wider by what could be late
+    for name, z in zip(
+        ("tau", "f0"), np.array(scores).T[1:], strict=True
+    ):  # G's interval is wider by what could be late
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
 
@@ -65,8 +80,12 @@ def test_a_recorder_that_goes_on_with_its_last_reading_is_seen(seeds):
         log = replace(log, response=y)
         assert np.array_equal(lost(log), gone)
         found = sysid.fit([log])
-        assert found.result is sysid.Result.successful and "what the row before them reads" in found.warnings[0]
-        scores.append([(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined])
+        assert (
+            found.result is sysid.Result.successful and "what the row before them reads" in found.warnings[0]
+        )
+        scores.append(
+            [(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined]
+        )
     for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
@@ -97,8 +116,13 @@ def test_single_rows_that_repeat_the_one_before_are_seen(seeds, stored):
         # where the drive steps, and at the end, a row that repeats may be of a plate at rest
         assert set(differ) <= {99, 100, 101, ROWS - 2, ROWS - 1}
         found = sysid.fit([log])
-        assert found.result is sysid.Result.successful and f"{np.sum(lost(log))} of {ROWS} rows" in found.warnings[0]
-        scores.append([(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined])
+        assert (
+            found.result is sysid.Result.successful
+            and f"{np.sum(lost(log))} of {ROWS} rows" in found.warnings[0]
+        )
+        scores.append(
+            [(p.value - getattr(PLANT, n)) / p.std for n, p in found.parameters.items() if p.determined]
+        )
     for name, z in zip(("tau", "f0"), np.array(scores).T[1:], strict=True):
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
@@ -116,7 +140,8 @@ def test_points_of_a_sweep_that_repeat_the_one_before_are_seen():
 
 
 def test_a_recorder_is_coarse_where_its_own_numbers_are():
-    """Four digits: about 2 um the steps are as large as the noise, and rows repeat; about 0.01 um they are a thousandth of it."""
+    """Four digits: about 2 um the steps are as large as the noise, and rows repeat; about 0.01 um they are a
+    thousandth of it."""
     log, _ = recorded(1, std=6e-4)
     rounded = [float(f"{v:.3e}") for v in (log.response * np.exp(0.7j)).view(float)]
     log = replace(log, response=np.array(rounded).view(complex))
@@ -125,7 +150,8 @@ def test_a_recorder_is_coarse_where_its_own_numbers_are():
 
 
 def test_what_rests_without_noise_is_kept():
-    """Settled points of which each is read again, in succession or on the way back, and stairs, all to ten digits."""
+    """Settled points of which each is read again, in succession or on the way back, and stairs, all to ten
+    digits."""
     up = PLANT.f0 + np.linspace(-500, 500, 51)
     for f in (np.repeat(up, 3), np.repeat(up, 2), np.append(up, up[::-1])):
         y = reference.steady(PLANT, np.full(len(f), 100.0), f, reference.REFERENCE_TEMPERATURE)
@@ -134,23 +160,42 @@ def test_what_rests_without_noise_is_kept():
     for dwell in (3, 5, 7, 30):  # tau, from row to row
         levels = np.repeat(np.tile([20.0, 100.0, 40.0, 80.0, 55.0], 30), 12)
         rows, time = len(levels), dwell * PLANT.tau * np.arange(len(levels))
-        y = reference.ringing(PLANT, time, levels, np.full(rows, PLANT.f0 + 30), np.full(rows, reference.REFERENCE_TEMPERATURE))
+        y = reference.ringing(
+            PLANT, time, levels, np.full(rows, PLANT.f0 + 30), np.full(rows, reference.REFERENCE_TEMPERATURE)
+        )
         for digits in (3, 5, 10):
-            log = sysid.Log("stairs", np.round(y, digits), time=time, drive=levels, frequency=np.full(rows, PLANT.f0 + 30))
+            log = sysid.Log(
+                "stairs", np.round(y, digits), time=time, drive=levels, frequency=np.full(rows, PLANT.f0 + 30)
+            )
             assert np.sum(np.diff(log.response) == 0) > 20 and not np.any(lost(log)), (dwell, digits)
 
 
 def test_rows_that_a_sound_log_repeats_are_kept():
-    """Of an amplitude that is clipped, or both channels; a coarse recorder, a rest that reads zero, stairs without noise."""
+    """Of an amplitude that is clipped, or both channels; a coarse recorder, a rest that reads zero, stairs
+    without noise."""
     noisy, _ = recorded(1)
     turned = noisy.response * np.exp(0.7j)
     both = replace(noisy, response=np.minimum(turned.real, 1.0) + 1j * np.minimum(turned.imag, 1.0))
     clipped = replace(noisy, response=np.minimum(np.abs(noisy.response), 1.0))
-    rough = replace(noisy, response=0.1 * (np.round(noisy.response.real / 0.1) + 1j * np.round(noisy.response.imag / 0.1)))
+    rough = replace(
+        noisy, response=0.1 * (np.round(noisy.response.real / 0.1) + 1j * np.round(noisy.response.imag / 0.1))
+    )
     exact = replace(recorded(0, std=0.0)[0], response=np.round(recorded(0, std=0.0)[0].response, 2))
-    time, levels = 2e-3 * np.arange(90), np.repeat([0.0, 100.0, 40.0, 80.0], [5, 30, 30, 25])  # comes to rest within a few rows
-    drives = reference.ringing(PLANT, time, levels, np.full(90, PLANT.f0), np.full(90, reference.REFERENCE_TEMPERATURE))
-    stairs = sysid.Log("stairs", np.round(drives, 4), time=time, drive=levels, frequency=np.full(90, PLANT.f0), kind="transient")
+    time, levels = (
+        2e-3 * np.arange(90),
+        np.repeat([0.0, 100.0, 40.0, 80.0], [5, 30, 30, 25]),
+    )  # comes to rest within a few rows
+    drives = reference.ringing(
+        PLANT, time, levels, np.full(90, PLANT.f0), np.full(90, reference.REFERENCE_TEMPERATURE)
+    )
+    stairs = sysid.Log(
+        "stairs",
+        np.round(drives, 4),
+        time=time,
+        drive=levels,
+        frequency=np.full(90, PLANT.f0),
+        kind="transient",
+    )
     for log in (both, clipped, rough, exact, stairs):
         assert not np.any(lost(log)), log.name
         assert np.sum(np.diff(log.response) == 0) > 20
@@ -159,10 +204,15 @@ def test_rows_that_a_sound_log_repeats_are_kept():
 def test_zeros_that_a_sound_log_holds_are_kept():
     exact, _ = recorded(0, std=0.0)  # rest reads exactly zero
     time = np.arange(400) * 1e-3
-    decays = sysid.Log("decay", np.round(np.exp(-time / 0.02) * np.cos(40 * time), 3) + 0j, time=time, kind="transient")
+    decays = sysid.Log(
+        "decay", np.round(np.exp(-time / 0.02) * np.cos(40 * time), 3) + 0j, time=time, kind="transient"
+    )
     coarse = replace(exact, response=0.05 * np.round(exact.response / 0.05))
     noisy, _ = recorded(1)
-    rough = replace(noisy, response=0.05 * (np.round(noisy.response.real / 0.05) + 1j * np.round(noisy.response.imag / 0.05)))
+    rough = replace(
+        noisy,
+        response=0.05 * (np.round(noisy.response.real / 0.05) + 1j * np.round(noisy.response.imag / 0.05)),
+    )
     for log in (exact, coarse, noisy, rough, decays):
         assert not np.any(lost(log)), log.name
     assert np.any(rough.response == 0) and np.any(decays.response == 0)
@@ -186,9 +236,12 @@ def test_a_settled_sweep_loses_points(kind):
 
 @pytest.mark.parametrize("digits", [1, 2])
 def test_noise_about_zero_that_is_zero_now_and_then_is_kept(digits):
-    """Of noise of 1 in steps of 0.1 one row in 600 reads exactly zero in both channels: that is no signal that was lost."""
+    """Of noise of 1 in steps of 0.1 one row in 600 reads exactly zero in both channels: that is no signal
+    that was lost."""
     rng = np.random.default_rng(digits)
     noise = np.round(rng.standard_normal((2, 100_000)), digits)
-    log = sysid.Log("rest", noise[0] + 1j * noise[1], time=1e-4 * np.arange(100_000), kind="transient", sampling="instant")
+    log = sysid.Log(
+        "rest", noise[0] + 1j * noise[1], time=1e-4 * np.arange(100_000), kind="transient", sampling="instant"
+    )
     assert digits == 2 or np.count_nonzero(log.response == 0) > 50
     assert not np.any(lost(log))

@@ -1,4 +1,5 @@
-"""Mapping files: every key, what lock-in signals become, what is refused, and real files of other instruments."""
+"""Mapping files: every key, what lock-in signals become, what is refused, and real files of other
+instruments."""
 
 import math
 import textwrap
@@ -78,7 +79,9 @@ def test_signs_of_the_contract(read):
     assert log.response.imag.tolist() == [1, 3, 5]
 
 
-@pytest.mark.parametrize(("unit", "integral"), [("m/s", "m"), ("mm/s", "mm"), ("A", "A*s"), ("1", "s"), ("V", "V*s")])
+@pytest.mark.parametrize(
+    ("unit", "integral"), [("m/s", "m"), ("mm/s", "mm"), ("A", "A*s"), ("1", "s"), ("V", "V*s")]
+)
 def test_the_unit_of_a_velocity(read, unit, integral):
     toml = XY.replace("displacement", "velocity").replace('"X_V"', f'{{column = 1, unit = "{unit}"}}')
     toml = toml.replace('"Y_V"', f'{{column = 2, unit = "{unit}"}}')
@@ -94,7 +97,9 @@ def test_phase_sign_and_offset(read):
 def test_magnitude_and_phase_are_x_and_y(read, unit, scale):
     rows = zip([100, 200, 400], np.abs(SIGNAL), np.angle(SIGNAL) * scale, strict=True)
     table = "f_Hz,R_V,phi\n" + "".join(f"{f},{r!r},{p!r}\n" for f, r, p in np.array(list(rows)).tolist())
-    toml = XY.replace('x = "X_V"\ny = "Y_V"', f'magnitude = "R_V"\nphase = {{ column = "phi", unit = "{unit}" }}')
+    toml = XY.replace(
+        'x = "X_V"\ny = "Y_V"', f'magnitude = "R_V"\nphase = {{ column = "phi", unit = "{unit}" }}'
+    )
     near(read(toml, table)[0], 1j * SIGNAL)
 
 
@@ -106,7 +111,9 @@ def test_magnitude_alone_is_an_amplitude(read):
 
 @pytest.mark.parametrize(("unit", "result"), [("dB", "1"), ("dBm", "1"), ("dBV", "V")])
 def test_decibels(read, unit, result):
-    (log,) = read(f'amplitude = "peak"\n[columns]\ntime = "t_s"\nw = "P [{unit}]"', f"t_s,P [{unit}]\n0,-20\n1,6\n")
+    (log,) = read(
+        f'amplitude = "peak"\n[columns]\ntime = "t_s"\nw = "P [{unit}]"', f"t_s,P [{unit}]\n0,-20\n1,6\n"
+    )
     # 10^(6/20) = 1.995262314968880 as a table gives it, to 15 digits
     np.testing.assert_allclose(log.response, [0.1, 1.99526231496888], rtol=1e-14)
     assert log.response_unit == result
@@ -127,10 +134,14 @@ def test_amplitude_is_for_drive_and_response(read):
 
 
 def test_nothing_is_taken_for_granted_in_silence(read):
-    (log,) = read('[columns]\nfrequency = "f_Hz"\nx = "X_V"\ny = "Y_V"\nvoltage = { column = "T_C", unit = "V" }')
+    (log,) = read(
+        '[columns]\nfrequency = "f_Hz"\nx = "X_V"\ny = "Y_V"\nvoltage = { column = "T_C", unit = "V" }'
+    )
     near(log, 1j * SIGNAL)
     said = " ".join(log.notes)
-    assert all(word in said for word in ("voltage is taken as peak", "x is taken as peak", "quantity", "phase_sign"))
+    assert all(
+        word in said for word in ("voltage is taken as peak", "x is taken as peak", "quantity", "phase_sign")
+    )
     assert "map.toml" in said
     (log,) = read('[columns]\ntime = "f_s"\nw = "d_um_rms"', "f_s,d_um_rms\n0,1\n")
     assert (log.notes, log.response.tolist()) == ((), [math.sqrt(2)])
@@ -139,11 +150,15 @@ def test_nothing_is_taken_for_granted_in_silence(read):
 def test_scale_offset_and_unit(read):
     column = '{ column = "T_C", unit = "mK", scale = 1000.0, offset = 273150 }'
     (log,) = read(XY + f"temperature = {column}\n")
-    assert log.temperature.tolist() == pytest.approx([20, 21, 22], abs=1e-10)  # 273.15 is taken off numbers near 293
+    assert log.temperature.tolist() == pytest.approx(
+        [20, 21, 22], abs=1e-10
+    )  # 273.15 is taken off numbers near 293
 
 
 def test_constants_and_metadata(read):
-    toml = 'kind = "transient"\nsampling = "settled"\n' + XY.replace("frequency", "time").replace("f_Hz", "t_s")
+    toml = 'kind = "transient"\nsampling = "settled"\n' + XY.replace("frequency", "time").replace(
+        "f_Hz", "t_s"
+    )
     toml += '[constants]\nvoltage = "1 V_rms"\ntemperature = "293.15 K"\n'
     toml += '[metadata]\nplate = "A7"\nlockin_tau_ms = 3\n'
     (log,) = read(toml, TABLE.replace("f_Hz", "t_s"))
@@ -199,7 +214,9 @@ def test_what_else_a_mapping_without_columns_says(read, refused):
     assert log.frequency.tolist() == [100.5] * 3
     first, second = read('split_by = "run"\n', "run,time_s,w_um\na,0,1\nb,0,2\n")
     assert (first.name, second.name) == ("log.csv[a]", "log.csv[b]")
-    refused('[constants]\nvoltage = "1 V"\n', "[constants] voltage", "found voltage_V", "once", table=CONTRACT)
+    refused(
+        '[constants]\nvoltage = "1 V"\n', "[constants] voltage", "found voltage_V", "once", table=CONTRACT
+    )
     refused('[constants]\nduty = "1"\n', "[constants] duty", "found voltage_V", table=CONTRACT)
     refused('quantity = "velocity"\n', "quantity", "belongs to x and y", table=CONTRACT)
     refused("", "[columns]", "found no response", table=CONTRACT)
@@ -243,7 +260,13 @@ def test_rows_that_are_not_used_may_hold_anything(read, refused):
 
 def test_a_date_for_a_time_is_called_one(refused):
     toml = '[columns]\ntime = {column = "f_Hz", unit = "s"}\nw = "X_V"'
-    refused(toml, "line 3", "a date '2024-03-01T12:00'", "the seconds since", table=TABLE.replace("\n200", "\n2024-03-01T12:00"))
+    refused(
+        toml,
+        "line 3",
+        "a date '2024-03-01T12:00'",
+        "the seconds since",
+        table=TABLE.replace("\n200", "\n2024-03-01T12:00"),
+    )
 
 
 # How the file is written
@@ -288,7 +311,9 @@ def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
     assert (log.metadata, log.temperature) == ({"plate": "A7"}, None)
     refused("skip = 2\n" + XY, "line 6", "'x'", table=table.replace("200,3", "200,x"))
     refused("skip = 9\n" + XY, "found 7 lines", "9", table=table)
-    refused("skip = 0\n" + XY, "no column 'f_Hz'", table="BEGIN\n" + TABLE.replace("a", "1").replace("b", "1"))
+    refused(
+        "skip = 0\n" + XY, "no column 'f_Hz'", table="BEGIN\n" + TABLE.replace("a", "1").replace("b", "1")
+    )
 
 
 # Refusals
@@ -315,8 +340,16 @@ def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
         ('y = "Y_V"\n', 'y = "Y_V"\nw = "X_V"\n', ["found w, x, y"]),
         ('x = "X_V"\ny = "Y_V"', 'w = "X_V"', ["quantity", "belongs to x and y"]),
         ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nfrequency = "3 Hz"\n', ["[constants] frequency", "once"]),
-        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\ntemperature = "warm"\n', ["temperature", "'warm'", "20 degC"]),
-        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nvoltage = "1 V"\nduty = "1"\n', ["duty and voltage", "one of them"]),
+        (
+            'y = "Y_V"\n',
+            'y = "Y_V"\n[constants]\ntemperature = "warm"\n',
+            ["temperature", "'warm'", "20 degC"],
+        ),
+        (
+            'y = "Y_V"\n',
+            'y = "Y_V"\n[constants]\nvoltage = "1 V"\nduty = "1"\n',
+            ["duty and voltage", "one of them"],
+        ),
         ('frequency = "f_Hz"\n', "", ["without frequency or drive"]),
         ("phase_sign", "delimiter = ''\nphase_sign", ["delimiter", "one character"]),
         ("phase_sign", "rows = [2, 9]\nphase_sign", ["rows", "[2, 9]", "0 to 3"]),
@@ -336,7 +369,11 @@ def test_lines_that_are_skipped_are_counted_and_never_read(read, refused):
         ('"X_V"', '{ column = "X_V", scale = 0 }', ["[columns] x.scale", "0"]),
         ('"X_V"', '{ column = "X_V", unit = "9**9**9**9" }', ["[columns] x", "unit"]),
         ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\nwd = "1 um"\n', ["[constants] wd", "a column"]),
-        ('y = "Y_V"\n', 'y = "Y_V"\n[constants]\ntemperature = "-300 degC"\n', ["temperature", "-300", "absolute zero"]),
+        (
+            'y = "Y_V"\n',
+            'y = "Y_V"\n[constants]\ntemperature = "-300 degC"\n',
+            ["temperature", "-300", "absolute zero"],
+        ),
         ("[columns]", "a = " + "[" * 2000 + "]" * 2000 + "\n[columns]", ["TOML"]),
         ("[columns]", "a = " + "1" * 5000 + "\n[columns]", ["TOML"]),
         ("phase_sign", "split_by = 'swep'\nphase_sign", ["split_by", "did you mean 'sweep'"]),
@@ -458,7 +495,8 @@ def test_pzt_admittance():
     ],
 )  # fmt: skip
 def test_membrane_ring_downs(number, rows, start, stop, tau):
-    """The window of each file, and tau as a straight line through ln W gave it when the data were collected."""
+    """The window of each file, and tau as a straight line through ln W gave it when the data were
+    collected."""
     (log,) = real(f"ringdown_{number}", f"12*/measID_{number}_*")
     assert (len(log), log.kind, log.drive, log.response_unit) == (rows, "transient", None, "1")
     assert log.relative_noise
@@ -487,7 +525,9 @@ def phase_falls(log, low, high):
 
 
 def test_rms_is_of_drive_and_response_alone(read):
-    log = read('amplitude = "rms"\n[columns]\nfrequency = "f_Hz"\ntemperature = {column = "T_C", unit = "degC"}\nw = "X_V"\n')[0]
+    log = read(
+        'amplitude = "rms"\n[columns]\nfrequency = "f_Hz"\ntemperature = {column = "T_C", unit = "degC"}\nw = "X_V"\n'
+    )[0]
     np.testing.assert_array_equal(log.frequency, [100, 200, 400])
     np.testing.assert_array_equal(log.temperature, [20, 21, 22])
     np.testing.assert_allclose(log.response, np.sqrt(2) * np.array([1, 3, 5]), rtol=1e-15)  # one rounding

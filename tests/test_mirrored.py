@@ -25,7 +25,8 @@ def said(logs):
 @pytest.mark.parametrize("beside", [study(0.3), 1.0, study(4.0)])
 @seeds(1, 3)
 def test_it_is_named_beside_a_sweep(bench, seeds, beside):
-    """The resonance seems to be on the other side of the drive; the sweep was accused, or the step taken for noise."""
+    """The resonance seems to be on the other side of the drive; the sweep was accused, or the step taken for
+    noise."""
     for seed in seeds:
         step = bench.transient(seed=seed, frequency=bench.plant.f0 + beside * HALF_BANDWIDTH)
         result, sentences = said([conjugate(step), replace(bench.sweep(seed=seed + 9), name="sweep")])
@@ -36,7 +37,10 @@ def test_it_is_named_beside_a_sweep(bench, seeds, beside):
 
 def test_two_steps_are_named_together(bench):
     """Of one lock-in, beside a sweep of another."""
-    steps = [replace(bench.transient(seed=k, frequency=bench.plant.f0 + 60 + 30 * k), name=f"step {k}") for k in (1, 2)]
+    steps = [
+        replace(bench.transient(seed=k, frequency=bench.plant.f0 + 60 + 30 * k), name=f"step {k}")
+        for k in (1, 2)
+    ]
     _, sentences = said([*map(conjugate, steps), replace(bench.sweep(seed=9), name="sweep")])
     assert sentences and sentences[0].startswith("step 1, step 2:")
 

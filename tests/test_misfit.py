@@ -21,7 +21,8 @@ SCENES = SYNTHETIC / "scenes" / "plate"
 
 
 def simulated(name, seed, *effects, **changes):
-    """A log of a scene of data/synthetic with further effects, as someone writes it down who does not know of them."""
+    """A log of a scene of data/synthetic with further effects, as someone writes it down who does not know of
+    them."""
     scene = Scene.from_toml(SCENES / f"{name}.toml")
     kept = tuple(e for e in scene.effects if e.name not in {new.name for new in effects})
     log = replace(scene, effects=(*kept, *effects)).simulate(seed)
@@ -98,7 +99,11 @@ def softer_when_warm(bench):
 def millimetres(bench):
     """One log a thousand times too large: nm called um."""
     log = bench.transient(seed=15)
-    return [bench.transient(seed=14), bench.sweep(seed=16), replace(log, name="slipped", response=1000 * log.response)]
+    return [
+        bench.transient(seed=14),
+        bench.sweep(seed=16),
+        replace(log, name="slipped", response=1000 * log.response),
+    ]
 
 
 def millivolts(bench):
@@ -142,9 +147,15 @@ def test_what_logs_call_for_is_fitted(bench, logs, effects):
     """The plate is right with it, and without it, as of a bench that is known not to have it, a misfit."""
     made = logs(bench)
     fit = sysid.fit(made)
-    assert fit.result is Result.successful and {f.key for f in fit.findings if f.outcome == "fitted"} <= effects, fit.warnings
+    assert (
+        fit.result is Result.successful and {f.key for f in fit.findings if f.outcome == "fitted"} <= effects
+    ), fit.warnings
     warm = np.mean([log.temperature.mean() for log in made])
-    truth = {"G": bench.plant.G, "tau": bench.plant.tau, "f0": bench.plant.f0 + bench.plant.k_T * (warm - 24.0)}
+    truth = {
+        "G": bench.plant.G,
+        "tau": bench.plant.tau,
+        "f0": bench.plant.f0 + bench.plant.k_T * (warm - 24.0),
+    }
     for name, value in truth.items():
         assert abs(fit.parameters[name].value - value) < 4.5 * fit.parameters[name].std, (name, fit.warnings)
     assert sysid.fit(made, nuisances=NUISANCES).result is Result.misfit
@@ -152,27 +163,34 @@ def test_what_logs_call_for_is_fitted(bench, logs, effects):
 
 @seeds(8, 40)
 def test_logs_that_the_model_describes_are_not_doubted(bench, seeds):
-    """One of a hundred is the design: three or more of forty, or two or more of eight, have a probability below 1 %."""
+    """One of a hundred is the design: three or more of forty, or two or more of eight, have a probability
+    below 1 %."""
     ends = [sysid.fit([bench.transient(seed=100 + k), bench.sweep(seed=200 + k)]).result for k in seeds]
     assert sum(end is not Result.successful for end in ends) <= binom.ppf(0.99, len(seeds), 0.01), ends
 
 
 @pytest.mark.parametrize("effects", [(), (EFFECTS["self_heating"](),)])
 def test_a_slow_sweep_of_one_direction_cannot_exclude_that_the_plate_heats_itself(effects):
-    """A second at each of 101 frequencies. A plate that heats itself makes f0 7 Hz too low, 15 standard deviations, and what that
-    leaves in the residual chance may leave in one of a thousand."""
+    """A second at each of 101 frequencies. A plate that heats itself makes f0 7 Hz too low, 15 standard
+    deviations, and what that leaves in the residual chance may leave in one of a thousand."""
     scene = Scene.from_toml(SCENES.parent / "figure_6_sweep.toml")
     second = np.arange(101.0)
     frequency = sysid.Profile(second, scene.inputs["frequency"].at(second))
-    slow = replace(scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency})
+    slow = replace(
+        scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency}
+    )
     fit = sysid.fit([replace(slow, effects=(*scene.effects, *effects)).simulate(31)])
     assert any("as the plate heats itself" in said for said in fit.warnings), fit.warnings
 
 
 def test_a_coarse_recorder_is_named_and_not_called_saturated():
     for seed in range(4):
-        fine, coarse = (simulated("step_100V_24C", 70 + seed, EFFECTS["quantisation"](step=um)) for um in (0.01, 0.2))
-        assert not any("recorded in steps" in said or "saturated" in said for said in sysid.fit([fine]).warnings)
+        fine, coarse = (
+            simulated("step_100V_24C", 70 + seed, EFFECTS["quantisation"](step=um)) for um in (0.01, 0.2)
+        )
+        assert not any(
+            "recorded in steps" in said or "saturated" in said for said in sysid.fit([fine]).warnings
+        )
         said = sysid.fit([coarse]).warnings
         assert any("recorded in steps of 0.2 um" in warning for warning in said), said
         assert not any("saturated" in warning for warning in said), said
@@ -191,23 +209,27 @@ def test_a_filter_that_is_stated_is_modelled():
 
 
 def test_a_delay_within_a_row_is_covered(bench):
-    """Half a row late, not stated: the intervals of G and tau hold the truth, of a step and of a step beside a sweep."""
+    """Half a row late, not stated: the intervals of G and tau hold the truth, of a step and of a step beside
+    a sweep."""
     scene = Scene.from_toml(SCENES / "step_100V_24C.toml")
-    late = replace(replace(scene, effects=(*scene.effects, EFFECTS["delay"](time=50e-6))).simulate(60), bench={})
+    late = replace(
+        replace(scene, effects=(*scene.effects, EFFECTS["delay"](time=50e-6))).simulate(60), bench={}
+    )
     for logs in ([late], [late, simulated("sweep_24C", 61)]):
         fit = sysid.fit(logs)
         assert fit.result is Result.successful
         for name in ("G", "tau"):
             p = fit.parameters[name]
             assert abs(p.value - getattr(scene.plant, name)) < 4 * p.std
-    # beside a sweep the lateness is known, and without it G would be off by half a row's share of tau, 3 %, in 0.2 % of error
+    # beside a sweep the lateness is known, and without it G would be off by half a row's share of tau, 3 %,
+    # in 0.2 % of error
     assert fit.parameters["G"].std < 0.01 * scene.plant.G
 
 
 @pytest.mark.parametrize("late", [True, False])
 def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(late):
-    """A response that is late by a row shows at each frequency what belongs to the one before: by the log alone the resonance is
-    a step of the sweep away, with as good a fit."""
+    """A response that is late by a row shows at each frequency what belongs to the one before: by the log
+    alone the resonance is a step of the sweep away, with as good a fit."""
     plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)
     up = plant.f0 + np.linspace(-500, 500, 101)
 
@@ -216,7 +238,9 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
         begun = np.append(-40 * plant.tau, time[1:])  # settled at the first row
         noise = 2e-4 * np.random.default_rng(3).standard_normal((2, len(f))).T @ [1, 1j]
         rows = reference.ringing(plant, begun, np.ones(len(f)), held, np.full(len(f), 24.0)) + noise
-        return sysid.Log("swept", rows, time=time, drive=np.ones(len(f)), frequency=f, kind="transient", bench=bench)
+        return sysid.Log(
+            "swept", rows, time=time, drive=np.ones(len(f)), frequency=f, kind="transient", bench=bench
+        )
 
     def said(found):
         return any("the logs do not tell: read half way" in w for w in found.warnings)
@@ -268,7 +292,9 @@ def test_rows_that_share_their_time_stamps_are_named(bench, digits):
     if digits == 5:
         assert not said and found.result is sysid.Result.successful
         return
-    assert said[0].startswith(f"step: {len(log) - distinct} of {len(log)} rows") and "of one moment" in said[0]
+    assert (
+        said[0].startswith(f"step: {len(log) - distinct} of {len(log)} rows") and "of one moment" in said[0]
+    )
     assert not any("check its columns" in said for said in found.warnings)
     assert found.result is not sysid.Result.successful
 
@@ -279,13 +305,20 @@ def test_two_rows_of_one_moment_are_counted_and_fitted(bench):
     time[150] = time[149]
     found = sysid.fit([replace(log, time=time)])
     assert found.result is sysid.Result.successful
-    assert any(said.startswith("step: 1 of 240 rows have the time stamp of the row before") for said in found.warnings)
+    assert any(
+        said.startswith("step: 1 of 240 rows have the time stamp of the row before")
+        for said in found.warnings
+    )
 
 
 def misread(bench):
     """Of four sweeps one has its temperature read 3 degC too high."""
     logs = [bench.sweep(seed=20 + k, temperature=degC) for k, degC in enumerate((18.0, 24.0, 30.0, 36.0))]
-    return [*logs[:2], replace(logs[2], name="odd", temperature=logs[2].temperature + 3.0), logs[3]], -3.0 * bench.plant.k_T
+    return [
+        *logs[:2],
+        replace(logs[2], name="odd", temperature=logs[2].temperature + 3.0),
+        logs[3],
+    ], -3.0 * bench.plant.k_T
 
 
 def of_another_plate(bench):
@@ -301,12 +334,17 @@ def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(
     fit = sysid.fit(logs)
     said = [said for said in fit.warnings if "contradicts" in said or "drifts" in said or "residual" in said]
     assert fit.result is Result.misfit and len(said) == 1
-    found = re.fullmatch(r"odd: the resonance contradicts the other logs, about ([-+.\d]+) Hz off that of theirs; .*", said[0])
-    assert abs(float(found[1]) - off) < 1.5  # four times what a sweep and three others tell of their f0, 0.3 Hz
+    found = re.fullmatch(
+        r"odd: the resonance contradicts the other logs, about ([-+.\d]+) Hz off that of theirs; .*", said[0]
+    )
+    assert (
+        abs(float(found[1]) - off) < 1.5
+    )  # four times what a sweep and three others tell of their f0, 0.3 Hz
 
 
 def steps_that_drift(hertz, seeds):
-    """Steps of 200 rows, in each of which the resonance goes up by as much, at a temperature that nobody recorded."""
+    """Steps of 200 rows, in each of which the resonance goes up by as much, at a temperature that nobody
+    recorded."""
     plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=1.0)
     time, logs = 1e-4 * np.arange(200), []
     for seed in seeds:
@@ -320,11 +358,16 @@ def steps_that_drift(hertz, seeds):
 
 @seeds(4, 20)
 def test_what_all_logs_hold_alike_is_found_though_none_contradicts_the_others(seeds):
-    """A drift of a tenth of a bandwidth in each of three: each alone was a misfit, and all together were called successful."""
+    """A drift of a tenth of a bandwidth in each of three: each alone was a misfit, and all together were
+    called successful."""
     fit = sysid.fit(steps_that_drift(20.0, (1, 2, 3)))
     assert fit.result is Result.misfit
-    found = re.search(r"step 1: its resonance drifts by \+([\d.]+) Hz .*; and so in 2 other logs", " ".join(fit.warnings))
-    assert float(found[1]) == pytest.approx(20, abs=2)  # its error, by the noise, is 0.4 Hz; of a drift to first order
+    found = re.search(
+        r"step 1: its resonance drifts by \+([\d.]+) Hz .*; and so in 2 other logs", " ".join(fit.warnings)
+    )
+    assert float(found[1]) == pytest.approx(
+        20, abs=2
+    )  # its error, by the noise, is 0.4 Hz; of a drift to first order
     for k in seeds:
         assert sysid.fit(steps_that_drift(0.0, range(3 * k, 3 * k + 3))).result is Result.successful
 
@@ -341,12 +384,14 @@ def test_a_time_in_another_unit_is_named_by_tau(bench):
 
 
 def without_the_edge(log):
-    """Of the rows about the step, at the 20th, eight are missing: the first that is left has risen by a third."""
+    """Of the rows about the step, at the 20th, eight are missing: the first that is left has risen by a
+    third."""
     return taken(log, np.delete(np.arange(len(log)), np.arange(18, 26)))
 
 
 def test_a_step_whose_edge_is_missing_is_known_as_well_as_its_moment(bench):
-    """The drive changed anywhere in a gap of nine rows. Called a change at the row after it, G would be 6 of its errors off."""
+    """The drive changed anywhere in a gap of nine rows. Called a change at the row after it, G would be 6 of
+    its errors off."""
     for seed in range(4):
         step, sweep = without_the_edge(bench.transient(seed=80 + seed)), bench.sweep(seed=90 + seed)
         alone, both = sysid.fit([step]), sysid.fit([step, sweep])
@@ -368,7 +413,9 @@ def test_a_gap_before_a_step_that_is_recorded_where_it_was_is_none(bench):
 
 def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
     """The recorder counts on. What is then left might pass for noise."""
-    for seed in range(4):  # with the less noise it passes for noise that rows share, with the more for an outlier
+    for seed in range(
+        4
+    ):  # with the less noise it passes for noise that rows share, with the more for an outlier
         log = without_the_edge(bench.transient(seed=70 + seed, noise=(0.01, 0.002)[seed % 2]))
         fit = sysid.fit([replace(log, time=1e-4 * np.arange(len(log)))])
         assert fit.result is Result.misfit, fit.parameters
@@ -376,7 +423,8 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench):
 
 
 def test_rows_that_are_lost_amid_a_rise_are_named(bench):
-    """Three rows of a twentieth of tau, and the recorder counts on: tau was 7 of its errors off, or something else was named."""
+    """Three rows of a twentieth of tau, and the recorder counts on: tau was 7 of its errors off, or something
+    else was named."""
     first = []
     for seed in range(6):
         log = bench.transient(seed=seed, noise=0.005)
@@ -384,7 +432,9 @@ def test_rows_that_are_lost_amid_a_rise_are_named(bench):
         fit = sysid.fit([replace(taken(log, kept), time=log.time[: len(kept)])])
         assert fit.result is Result.misfit
         first.append(fit.warnings[-1].split("; or else ")[0])
-    assert sum("rows seem to be missing there" in said for said in first) >= 4  # the place is known to a tau or so
+    assert (
+        sum("rows seem to be missing there" in said for said in first) >= 4
+    )  # the place is known to a tau or so
 
 
 def test_of_two_logs_the_one_whose_temperature_is_not_recorded_is_doubted(bench):
@@ -398,20 +448,28 @@ def test_less_gain_and_damping_in_a_warmer_log_may_be_its_temperature(bench):
     other = object.__new__(type(bench))
     other.plant = replace(bench.plant, G=0.9 * bench.plant.G, tau=0.9 * bench.plant.tau)
     for degC, heat in ((24.0, False), (34.0, True)):
-        logs = [replace(b.sweep(seed=k, temperature=t), name=f"{t:g}") for k, (b, t) in enumerate(((bench, 24.0), (other, degC)))]
+        logs = [
+            replace(b.sweep(seed=k, temperature=t), name=f"{t:g}")
+            for k, (b, t) in enumerate(((bench, 24.0), (other, degC)))
+        ]
         fit = sysid.fit(logs)
         assert fit.result is Result.misfit
         said = next(w for w in fit.warnings if "was left on the plate" in w)
         assert ("G and tau fall with the temperature" in said) is heat
 
 
-@pytest.mark.parametrize(("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)])
+@pytest.mark.parametrize(
+    ("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)]
+)
 def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(bench, aside, expected):
-    """The largest of ten in a thousand rows, and the response is not where it is: it was an outlier whose row is the change's."""
+    """The largest of ten in a thousand rows, and the response is not where it is: it was an outlier whose row
+    is the change's."""
     log = bench.transient(seed=3, volts=np.repeat([0.0, 100.0], [20, 980]))
     rng, row = np.random.default_rng(3), int(np.flatnonzero(np.diff(log.drive))[0]) + 1
     later, response = log.response[row + 4] - log.response[row], log.response.copy()
-    response[rng.choice(np.arange(row + 20, 1000), 9, replace=False)] += 0.7 * abs(later) * np.exp(1j * np.arange(9))
+    response[rng.choice(np.arange(row + 20, 1000), 9, replace=False)] += (
+        0.7 * abs(later) * np.exp(1j * np.arange(9))
+    )
     response[row] += aside * later
     assert sysid.fit([replace(log, response=response)]).result is expected
 
@@ -428,7 +486,8 @@ def off(bench, fit, name="G"):
 
 
 def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench):
-    """30 us turn the phase by a degree in 100 Hz, and G by 1.8 %. With times, a sweep may be settled or not at first."""
+    """30 us turn the phase by a degree in 100 Hz, and G by 1.8 %. With times, a sweep may be settled or not
+    at first."""
     for seed, dwell in enumerate((None, 20e-3, 20e-3)):
         time = None if dwell is None else dwell * np.arange(101)
         log = bench.sweep(seed=100 + seed, noise=0.002, time=time)
@@ -436,7 +495,9 @@ def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench):
         fit = sysid.fit([late])
         assert off(bench, fit) > 6 and "or a sensor that is late by" in " ".join(fit.warnings)
         stated = sysid.fit([replace(late, bench={"delay_s": 30e-6})])
-        assert stated.result is Result.successful and all(abs(off(bench, stated, name)) < 4 for name in ("G", "tau", "f0"))
+        assert stated.result is Result.successful and all(
+            abs(off(bench, stated, name)) < 4 for name in ("G", "tau", "f0")
+        )
     wrong = sysid.fit([behind(log, 0.0, delay_s=1e-3)])
     assert wrong.result is Result.misfit
     assert any("does not fall along the sweep" in said for said in wrong.warnings), wrong.warnings
@@ -446,11 +507,15 @@ def test_a_sweep_that_turns_out_not_to_be_settled_has_its_turn_again():
     """What is undone where it is settled is done again, to the rounding of a turn and its inverse."""
     frequency, time = 32300 + np.linspace(-500, 500, 401), 4e-4 * np.arange(401)
     rows = np.exp(2j * np.pi * np.arange(401) / 401)
-    log = sysid.Log("swept", rows, time=time, drive=np.ones(401), frequency=frequency, bench={"delay_s": 2e-4})
+    log = sysid.Log(
+        "swept", rows, time=time, drive=np.ones(401), frequency=frequency, bench={"delay_s": 2e-4}
+    )
     settled = Trial.of(log, "steady")
     back = read_as(settled, None, 1.67e-3)
     assert back.kind == "transient"
-    assert np.max(np.abs(settled.log.response - rows)) > 0.1 and np.max(np.abs(back.log.response - rows)) < 1e-14
+    assert (
+        np.max(np.abs(settled.log.response - rows)) > 0.1 and np.max(np.abs(back.log.response - rows)) < 1e-14
+    )
 
 
 def unfed(bench, seed, noise=0.01):
@@ -475,7 +540,8 @@ def test_a_sensor_that_may_be_late_is_named_and_a_clean_sweep_is_not(bench):
 
 
 @pytest.mark.parametrize(
-    ("late", "noise"), [(10e-6, 0.001), study(50e-6, 0.001), (-60e-6, 0.01), study(50e-6, 0.01), study(150e-6, 0.01)]
+    ("late", "noise"),
+    [(10e-6, 0.001), study(50e-6, 0.001), (-60e-6, 0.01), study(50e-6, 0.01), study(150e-6, 0.01)],
 )
 def test_a_sweep_whose_points_may_be_late_leaves_G_open(bench, late, noise):
     """By as much as a feedthrough that looks like the delay; tau and f0 do not hang on it."""
@@ -488,27 +554,37 @@ def test_a_sweep_whose_points_may_be_late_leaves_G_open(bench, late, noise):
             found.append(off(bench, fit, name))
         share = abs(late) / bench.plant.tau * bench.plant.G
         if share > 6 * stated.parameters["G"].std:
-            assert fit.parameters["G"].std == pytest.approx(share, rel=0.15)  # a tenth of it is its second order
+            assert fit.parameters["G"].std == pytest.approx(
+                share, rel=0.15
+            )  # a tenth of it is its second order
     assert max(map(abs, scores["G"])) < 4.5  # what is not seen, of less than four errors, is not in them
-    assert all(np.sqrt(np.mean(np.square(scores[name]))) < 1.9 for name in ("tau", "f0"))  # six numbers: by chance in one of 1000
+    assert all(
+        np.sqrt(np.mean(np.square(scores[name]))) < 1.9 for name in ("tau", "f0")
+    )  # six numbers: by chance in one of 1000
 
 
 def test_sweeps_that_are_all_late_show_together_what_each_does_not(bench):
     """By about 3 errors of each one's feedthrough: G was 2.4 of its own off, in most without a word."""
 
     def fits(late):
-        swept = [[replace(behind(unfed(bench, 3 * s + k, 0.01), late), name=f"sweep {k}") for k in range(3)] for s in range(8)]
+        swept = [
+            [replace(behind(unfed(bench, 3 * s + k, 0.01), late), name=f"sweep {k}") for k in range(3)]
+            for s in range(8)
+        ]
         return [sysid.fit(logs) for logs in swept]
 
     scores = np.array([off(bench, fit, "G") for fit in fits(4e-6)])
-    assert np.sqrt(np.mean(scores**2)) < 1.6  # one, for a prior of the size itself; eight numbers: by chance in one of 300
+    assert (
+        np.sqrt(np.mean(scores**2)) < 1.6
+    )  # one, for a prior of the size itself; eight numbers: by chance in one of 300
     assert not any("late by" in w for fit in fits(0.0) for w in (*fit.warnings, *fit.notes))
 
 
 @pytest.mark.parametrize("turn", [study(1.0), 1j])
 @seeds(3, 12)
 def test_an_offset_that_drifts_in_a_step_is_named_and_fitted_on_request(bench, seeds, turn):
-    """By 2 % of the response from the first row to the last: it was a resonance that drifts, or a second one, or no misfit."""
+    """By 2 % of the response from the first row to the last: it was a resonance that drifts, or a second one,
+    or no misfit."""
     z = []
     for seed in seeds:
         log = bench.transient(seed=seed, noise=0.005)

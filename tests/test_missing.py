@@ -46,7 +46,9 @@ def test_rows_of_a_sweep_are_left_out_counted_and_named(save, cell):
     np.testing.assert_array_equal(log.response, SWEEP[kept])
     np.testing.assert_array_equal(log.frequency, F[kept])
     (note,) = log.notes
-    assert note.startswith("3 of 201 rows left out, without a number in wq_um: line 5, line 52, line 182; 1.5 %")
+    assert note.startswith(
+        "3 of 201 rows left out, without a number in wq_um: line 5, line 52, line 182; 1.5 %"
+    )
 
 
 @pytest.mark.parametrize("column", [0, 1, 2])
@@ -61,14 +63,21 @@ def test_a_fit_without_the_rows_is_as_sure_as_the_rule_says(save):
     for name in ("f0", "tau", "G"):
         a, b = whole.parameters.get(name), less.parameters.get(name)
         if a.std:
-            assert b.std / a.std < 1.1 / np.sqrt(1 - LOST)  # the noise is estimated anew, of 401 numbers: by 3.5 %
+            assert b.std / a.std < 1.1 / np.sqrt(
+                1 - LOST
+            )  # the noise is estimated anew, of 401 numbers: by 3.5 %
             assert abs(b.value - a.value) < 4 * a.std * np.sqrt(LOST / (1 - LOST))  # of what is lost, alone
 
 
 def test_the_rows_that_tell_most_are_refused(save):
     """Of a coarse sweep those on the resonance, 4 of 21; those far from it not."""
     refused(
-        save(sweep([10], step=10)), "line 12", "'wq_um'", "an empty cell", "a finite number", "% of what the log tells"
+        save(sweep([10], step=10)),
+        "line 12",
+        "'wq_um'",
+        "an empty cell",
+        "a finite number",
+        "% of what the log tells",
     )
     refused(save(sweep([9], step=10)), "line 11", "% of what the log tells")
     (log,) = read_logs(save(sweep([1], step=5)))

@@ -31,13 +31,16 @@ def held(t):
 
 
 def recorded(drive, seed, frequency=lambda t: np.full(len(t), 32290.0)):
-    """What a plate does whose drive has its value at every moment, and what is written down of it every STEP."""
+    """What a plate does whose drive has its value at every moment, and what is written down of it every
+    STEP."""
     t = np.arange(ROWS * FINE) * STEP / FINE
     middle = t + 0.5 * STEP / FINE
     response = reference.ringing(PLANT, t, drive(middle), frequency(middle), np.full(len(t), 24.0))[::FINE]
     y = np.exp(0.3j) * response + reference.noise(ROWS, 0.003, seed)
     time = t[::FINE]
-    return sysid.Log("moving", y, time=time, drive=drive(time), frequency=frequency(time), temperature=np.full(ROWS, 24.0))
+    return sysid.Log(
+        "moving", y, time=time, drive=drive(time), frequency=frequency(time), temperature=np.full(ROWS, 24.0)
+    )
 
 
 def off(fit):
@@ -67,7 +70,9 @@ def test_a_drive_that_is_held_from_row_to_row_is_not_doubted(seed):
 
 
 @pytest.mark.parametrize("seed", [0, study(1), study(2)])
-def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and_not_denied_where_it_is_not(seed):
+def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and_not_denied_where_it_is_not(
+    seed,
+):
     levels = np.repeat(np.random.default_rng(seed).uniform(0, 100, ROWS // 5), 5)
     log = recorded(lambda t: levels[np.minimum((t / STEP + 1e-9).astype(int), ROWS - 1)], seed)
     own = replace(log, drive=np.append(0.0, log.drive[:-1]))  # what was applied until the row
@@ -77,12 +82,19 @@ def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and
         assert any("say sampling: settled" in w for w in fit.warnings) == (sampling is None)
 
 
-@pytest.mark.parametrize(("sampling", "nuisances"), [(None, NOT_LATE), ("instant", NOT_LATE), (None, NUISANCES)])
+@pytest.mark.parametrize(
+    ("sampling", "nuisances"), [(None, NOT_LATE), ("instant", NOT_LATE), (None, NUISANCES)]
+)
 def test_rows_whose_inputs_are_not_stated_are_doubted_where_nothing_may_be_late(sampling, nuisances):
-    """A step whose rows belong to their own inputs, read as if they showed those of the row before: G is off by many errors."""
+    """A step whose rows belong to their own inputs, read as if they showed those of the row before: G is off
+    by many errors."""
     log = recorded(lambda t: np.where(t < 40 * STEP, 0.0, 100.0), seed=0)
     noisy = log.response + reference.noise(ROWS, 0.03, 1)
     own = replace(log, response=noisy, drive=np.append(log.drive[0], log.drive[:-1]), sampling=sampling)
     fit = sysid.fit([own], nuisances=nuisances)
-    said = [w for w in fit.warnings if "is not stated and matters here; taken as sampling: instant; settled would move" in w]
+    said = [
+        w
+        for w in fit.warnings
+        if "is not stated and matters here; taken as sampling: instant; settled would move" in w
+    ]
     assert bool(said) == (sampling is None and nuisances is NOT_LATE), fit.warnings

@@ -1,4 +1,5 @@
-"""The noise of a residual: level and correlation time of simulated Ornstein-Uhlenbeck noise, and when it is called white."""
+"""The noise of a residual: level and correlation time of simulated Ornstein-Uhlenbeck noise, and when it is
+called white."""
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ ROWS = 400
 
 
 def ornstein_uhlenbeck(clock, std, time, rng, channels=2):
-    """Noise of `std` per channel with correlation exp(-|t|/time), by its exact recursion from the stationary start."""
+    """Noise of `std` per channel with correlation exp(-|t|/time), by its exact recursion from the stationary
+    start."""
     white = rng.standard_normal((channels, len(clock)))
     keep = np.exp(-np.diff(clock) / time)
     for k in range(1, len(clock)):
@@ -37,7 +39,8 @@ def test_level_and_time_of_coloured_noise_on_irregular_grids(channels):
         # the maximum of a likelihood is biased by the order of its variance: 400 rows are 40 independent ones
         bias = logs.var()
         assert abs(logs.mean()) < 4 * logs.std() / np.sqrt(seeds) + bias
-    # 2 * 40 correlation times per channel: the level to 8 %, the time to twice that; a factor of two for irregular steps
+    # 2 * 40 correlation times per channel: the level to 8 %, the time to twice that; a factor of two for
+    # irregular steps
     assert level.std() < 0.2
     assert time.std() < 0.4
 
@@ -51,7 +54,9 @@ def test_white_noise_is_called_white():
     level, time = np.array(called).T
     # a gain of four in log-likelihood: chi-square of one parameter exceeds eight in 0.5 % of cases
     assert np.mean(time == 0) >= 0.95
-    assert abs(level[time == 0].mean() - 1) < 4 / np.sqrt(2 * 2 * ROWS * 200)  # an exact mean of exact estimates
+    assert abs(level[time == 0].mean() - 1) < 4 / np.sqrt(
+        2 * 2 * ROWS * 200
+    )  # an exact mean of exact estimates
 
 
 def test_the_level_of_white_noise_counts_degrees_of_freedom():
@@ -65,7 +70,9 @@ def test_scaling_times_and_levels_scales_the_answer():
     residual = ornstein_uhlenbeck(clock, 1.0, 5.0, rng)
     level, time = estimate(residual, clock, 2 * ROWS)
     scaled = estimate(1e-9 * residual, 1e6 * clock, 2 * ROWS)
-    assert scaled == pytest.approx((1e-9 * level, 1e6 * time), rel=1e-2)  # the search stops within 1e-3 of the logarithm
+    assert scaled == pytest.approx(
+        (1e-9 * level, 1e6 * time), rel=1e-2
+    )  # the search stops within 1e-3 of the logarithm
 
 
 def test_equal_time_stamps_and_tiny_inputs_stay_finite():
@@ -97,15 +104,21 @@ CLOCKS = {
 
 @pytest.mark.parametrize("clock", CLOCKS.values(), ids=CLOCKS)
 def test_whitened_products_are_those_of_the_inverse_covariance(clock):
-    """x^H R^-1 y and log det R, of the covariance R = exp(-|t - t'|/time) written out, for real and complex rows."""
+    """x^H R^-1 y and log det R, of the covariance R = exp(-|t - t'|/time) written out, for real and complex
+    rows."""
     rng = np.random.default_rng(7)
     clock = clock(rng)
-    times, rows = np.array([0.05, 0.7, 20.0]), rng.standard_normal((3, len(clock))) + 1j * rng.standard_normal((3, len(clock)))
+    times, rows = (
+        np.array([0.05, 0.7, 20.0]),
+        rng.standard_normal((3, len(clock))) + 1j * rng.standard_normal((3, len(clock))),
+    )
     for x in (rows, rows.real):
         grams, shrunk = _grams(x, np.diff(clock), times)
         for k, time in enumerate(times):
             covariance = np.exp(-np.abs(clock[:, None] - clock) / time)
-            np.testing.assert_allclose(grams[k], x @ np.linalg.solve(covariance, x.conj().T), rtol=1e-8)  # of a condition of 1e3
+            np.testing.assert_allclose(
+                grams[k], x @ np.linalg.solve(covariance, x.conj().T), rtol=1e-8
+            )  # of a condition of 1e3
             np.testing.assert_allclose(shrunk[k], np.linalg.slogdet(covariance)[1], rtol=1e-9)
 
 
@@ -114,11 +127,14 @@ def test_a_clock_whose_digits_end_is_steady():
     clock = np.round(np.cumsum(np.full(40, 1e-4 / 3)), 12)
     grams, _ = _grams(np.ones((1, 40)), np.diff(clock), np.array([1e-4]))
     assert len(np.unique(np.diff(clock))) > FEW_STEPS
-    assert grams[0, 0, 0] == pytest.approx(np.sum(np.linalg.inv(np.exp(-np.abs(clock[:, None] - clock) / 1e-4))), rel=1e-6)
+    assert grams[0, 0, 0] == pytest.approx(
+        np.sum(np.linalg.inv(np.exp(-np.abs(clock[:, None] - clock) / 1e-4))), rel=1e-6
+    )
 
 
 def short_step(seed, rho, rows=30, channels=2):
-    """A step of `rows` rows over six tau after 8 at rest, in noise of 1 % that each row shares with the one before."""
+    """A step of `rows` rows over six tau after 8 at rest, in noise of 1 % that each row shares with the one
+    before."""
     rng, n = np.random.default_rng([seed, 12]), rows + 8
     time, drive = 6 * 1.67e-3 / rows * np.arange(n), np.where(np.arange(n) < 8, 0.0, 100.0)
     noise = rng.standard_normal((2, n))
@@ -135,10 +151,13 @@ def short_step(seed, rho, rows=30, channels=2):
 @pytest.mark.parametrize("rho", [0.0, 0.5])
 @seeds(12, 80)
 def test_errors_of_a_log_too_short_to_show_its_colour_are_true(seeds, rho, channels):
-    """Taken for white, 80 % of the intervals of tau hold the truth at 0.5, and its spread is 1.6 of what it is said to be."""
+    """Taken for white, 80 % of the intervals of tau hold the truth at 0.5, and its spread is 1.6 of what it
+    is said to be."""
     tau = [sysid.fit([short_step(seed, rho, channels=channels)]).parameters["tau"] for seed in seeds]
     spread = np.std([(p.value - 1.67e-3) / p.std for p in tau])
-    left = 3 / np.sqrt(2 * len(seeds))  # of 80 seeds 0.24; of white noise the interval is a tenth wider than if that were known
+    left = 3 / np.sqrt(
+        2 * len(seeds)
+    )  # of 80 seeds 0.24; of white noise the interval is a tenth wider than if that were known
     assert 0.89 - left < spread < 1.06 + left
 
 
@@ -148,7 +167,8 @@ def test_noise_that_may_be_white_is_not_called_coloured():
 
 
 def sweep(seed, jump=0.0):
-    """200 points over ten half bandwidths, with noise of 3 % of the peak that is correlated by 0.9; and a `jump` of f0."""
+    """200 points over ten half bandwidths, with noise of 3 % of the peak that is correlated by 0.9; and a
+    `jump` of f0."""
     rng = np.random.default_rng(seed)
     x = np.linspace(-5, 5, 200)
     place = np.where(np.arange(200) > 102, x + jump, x)

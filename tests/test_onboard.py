@@ -223,13 +223,16 @@ def test_whatever_comes_in_what_goes_out_is_within_its_limits(tmp_path, method):
 
 
 def test_open_loop_drives_with_what_is_stated(pi):
-    """The demodulator tells the plate's response: Wq above zero below the resonance, as much as Wd half a bandwidth away."""
+    """The demodulator tells the plate's response: Wq above zero below the resonance, as much as Wd half a
+    bandwidth away."""
     _, bench = pi
     half = 1 / (2 * math.pi * TAU)
     rows = bench.run(duration=0.05, task=2.0, volts=20.0, begin=-half, noise=1e-4)
     assert (rows["mode"][5:] == 6).all() and not rows.fault.any()
     late = rows[rows.time > 0.03]
-    np.testing.assert_allclose([late.told_d.mean(), late.told_q.mean()], 0.2, rtol=5e-3)  # half of 20 V times 0.02 um/V
+    np.testing.assert_allclose(
+        [late.told_d.mean(), late.told_q.mean()], 0.2, rtol=5e-3
+    )  # half of 20 V times 0.02 um/V
     np.testing.assert_allclose(late.made, PLATE.f0 - half, rtol=0, atol=0.01)
 
 
@@ -238,7 +241,8 @@ def test_a_sweep_traces_the_resonance_and_ends_without_voltage(pi):
     rows = bench.run(duration=1.5, task=3.0, volts=20.0, begin=-200.0, noise=1e-4)
     driven = rows[rows.V > 0]
     assert driven.f.min() == PLATE.f0 - 200 and abs(driven.f.max() - PLATE.f0 - 200) < 1
-    # slow beside the plate: the largest amplitude is that of the resonance, some time constants after it was passed
+    # slow beside the plate: the largest amplitude is that of the resonance, some time constants after it was
+    # passed
     best = np.argmax(amplitude(driven))
     np.testing.assert_allclose(amplitude(driven)[best], 0.4, rtol=0.01)
     assert 0 <= driven.f[best] - PLATE.f0 < 3 * TAU * 400 / np.ptp(driven.time)
@@ -254,14 +258,23 @@ def test_the_tracker_comes_from_a_stated_offset(pi):
 
 @pytest.mark.parametrize("units", ["um/V", None])
 def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units):
-    """A start and two steps, under the lines that the plate's header has firmware print: within four standard deviations, and a
-    thousandth for the image at twice the carrier, of the plate on the bench."""
+    """A start and two steps, under the lines that the plate's header has firmware print: within four standard
+    deviations, and a thousandth for the image at twice the carrier, of the plate on the bench."""
     loop, bench = pi
     response, drive = (None, None) if units is None else units.split("/")
     loop = dataclasses.replace(loop, response_unit=response, drive_unit=drive)
     text = texts(loop, "dq_pi.h")[2].split('RECORD_HEADER "')[1].split('"')[0].replace("\\n", "\n")
-    rows = bench.run([(0.06, "reference", 0.5 * ASKED), (0.08, "reference", ASKED)], duration=0.1, f0=PLATE.f0 + 12.0)
-    told = zip(rows.time, rows.told_d, rows.told_q, np.append(0.0, rows.V[:-1]), np.append(PLATE.f0, rows.f[:-1]), strict=True)
+    rows = bench.run(
+        [(0.06, "reference", 0.5 * ASKED), (0.08, "reference", ASKED)], duration=0.1, f0=PLATE.f0 + 12.0
+    )
+    told = zip(
+        rows.time,
+        rows.told_d,
+        rows.told_q,
+        np.append(0.0, rows.V[:-1]),
+        np.append(PLATE.f0, rows.f[:-1]),
+        strict=True,
+    )
     text += "".join("{:.6f},{:.7g},{:.7g},{:.7g},{:.3f}\n".format(*row) for row in told)
     (tmp_path / "loop.csv").write_text(text)
     (log,) = sysid.read_logs([tmp_path / "loop.csv"])
@@ -269,5 +282,9 @@ def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units):
     fit = sysid.fit([log])
     for name, true in (("G", PLATE.G), ("tau", TAU), ("f0", PLATE.f0 + 12.0)):
         p = fit.parameters[name]
-        assert p.determined and abs(p.value - true) < 4 * p.std + 1e-3 * (name != "f0") * true, (name, p.value, p.std)
+        assert p.determined and abs(p.value - true) < 4 * p.std + 1e-3 * (name != "f0") * true, (
+            name,
+            p.value,
+            p.std,
+        )
     assert fit.parameters["tau"].std < 0.005 * TAU

@@ -21,7 +21,17 @@ from sysid.command import outputs
 from sysid.verdict.result import Result
 
 # What every fit.json holds, in its order.
-KEYS = ["schema", "result", "verdict", "plate", "created", "parameters", "derived", "covariance", "reference_temperature_degC"]
+KEYS = [
+    "schema",
+    "result",
+    "verdict",
+    "plate",
+    "created",
+    "parameters",
+    "derived",
+    "covariance",
+    "reference_temperature_degC",
+]
 KEYS += ["uncertainty", "warnings", "notes", "findings", "logs", "models", "advice", "change"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
@@ -41,7 +51,9 @@ def test_fit_json_has_the_promised_keys_in_order():
     assert set(content["versions"]) == {"python", "sysid", "jax", "optimistix", "emcee", "numpy", "pandas"}
 
 
-SCHEMA = json.loads((Path(outputs.__file__).parents[1] / "report" / "fit.schema.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads(
+    (Path(outputs.__file__).parents[1] / "report" / "fit.schema.json").read_text(encoding="utf-8")
+)
 
 
 def holds(content):
@@ -57,10 +69,16 @@ def test_the_schema_is_one_and_names_every_key():
 
 @pytest.mark.parametrize("result", list(Result))
 def test_fit_json_keeps_its_schema_however_it_ended(result):
-    holds(outputs.document(standin.posterior(result=result, missing=("G",), modes=({"value": 1.0},)), None, ["careful"]))
+    holds(
+        outputs.document(
+            standin.posterior(result=result, missing=("G",), modes=({"value": 1.0},)), None, ["careful"]
+        )
+    )
 
 
-@pytest.mark.parametrize(("key", "value"), [("result", "good"), ("parameters", {}), ("extra", 1), ("seed", -1), ("logs", [])])
+@pytest.mark.parametrize(
+    ("key", "value"), [("result", "good"), ("parameters", {}), ("extra", 1), ("seed", -1), ("logs", [])]
+)
 def test_the_schema_refuses_what_is_none_of_ours(key, value):
     content = outputs.document(standin.posterior(), None, []) | {key: value}
     with pytest.raises(jsonschema.ValidationError):
@@ -86,12 +104,16 @@ def test_covariance_and_derived_quantities_agree_with_the_parameters():
     content = outputs.document(posterior, None, [])
     names, matrix = content["covariance"]["names"], np.array(content["covariance"]["matrix"])
     assert names == ["G", "tau", "f0"]
-    np.testing.assert_allclose(np.sqrt(np.diag(matrix)), [content["parameters"][n]["std"] for n in names], rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(matrix)), [content["parameters"][n]["std"] for n in names], rtol=1e-12
+    )
     # Q = pi f0 tau, its relative error that of tau: f0's is a thousand times less
     Q, tau = content["derived"]["Q"], content["parameters"]["tau"]
     assert Q["value"] == pytest.approx(np.pi * 32300 * tau["value"], rel=1e-4)
     assert Q["std"] / Q["value"] == pytest.approx(tau["std"] / tau["value"], rel=0.01)
-    assert content["derived"]["half_bandwidth"]["value"] == pytest.approx(1 / (2 * np.pi * tau["value"]), rel=1e-3)
+    assert content["derived"]["half_bandwidth"]["value"] == pytest.approx(
+        1 / (2 * np.pi * tau["value"]), rel=1e-3
+    )
 
 
 def test_a_parameter_that_is_not_determined_is_null_with_a_reason():
@@ -175,12 +197,15 @@ def test_a_set_replaces_the_older_one_and_stale_controllers_go(older):
 
 
 def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatch):
-    """Whatever the moment at which the process is killed: it goes out first and comes in last, controllers next to it."""
+    """Whatever the moment at which the process is killed: it goes out first and comes in last, controllers
+    next to it."""
     seen = []
 
     def replace(source, target):
         rename(source, target)
-        seen.append({path.name: path.read_text().split()[0] for path in older.iterdir() if path.name in outputs.FILES})
+        seen.append(
+            {path.name: path.read_text().split()[0] for path in older.iterdir() if path.name in outputs.FILES}
+        )
 
     rename = os.replace
     monkeypatch.setattr(os, "replace", replace)
@@ -195,7 +220,8 @@ def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatc
 
 @pytest.mark.parametrize("failing", range(9))
 def test_an_older_set_stands_when_a_rename_fails(older, monkeypatch, failing):
-    """No space for a name, a file that another program holds: each of the six that go out and of the three that come in."""
+    """No space for a name, a file that another program holds: each of the six that go out and of the three
+    that come in."""
     before, calls = read(older), []
 
     def replace(source, target):
@@ -251,7 +277,16 @@ def test_an_interrupt_while_files_move_does_not_leave_a_mixture(older, monkeypat
 
     rename, before = os.replace, signal.getsignal(signal.SIGINT)  # a job in the background ignores interrupts
     monkeypatch.setattr(os, "replace", replace)
-    stage(older, outputs.FIT, outputs.REPORT, outputs.DRAWS, outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, outputs.PLATE)
+    stage(
+        older,
+        outputs.FIT,
+        outputs.REPORT,
+        outputs.DRAWS,
+        outputs.CONTROLLER,
+        outputs.HEADER,
+        outputs.SOURCE,
+        outputs.PLATE,
+    )
     assert all(text.startswith("newer") for name, text in read(older).items() if name != "notes.txt")
     assert signal.getsignal(signal.SIGINT) is before
 
@@ -288,8 +323,12 @@ def test_digests_are_those_of_the_files(tmp_path):
     contents = {"a": b"one", "b": b"two"}
     for name, content in reversed(contents.items()):
         (tmp_path / name).write_bytes(content)
-    assert list(outputs.digests(tmp_path).items()) == [(n, hashlib.sha256(c).hexdigest()) for n, c in contents.items()]
+    assert list(outputs.digests(tmp_path).items()) == [
+        (n, hashlib.sha256(c).hexdigest()) for n, c in contents.items()
+    ]
 
 
 def test_an_unsuccessful_result_is_its_sentence():
-    assert outputs.document(standin.posterior(result=Result.misfit), None, [])["result"] == Result.misfit.value
+    assert (
+        outputs.document(standin.posterior(result=Result.misfit), None, [])["result"] == Result.misfit.value
+    )

@@ -1,4 +1,5 @@
-"""The course of a log in plain numpy, and what small changes of the physics add to it, against the closed form."""
+"""The course of a log in plain numpy, and what small changes of the physics add to it, against the closed
+form."""
 
 from dataclasses import replace
 
@@ -17,15 +18,29 @@ THETA = np.array([np.log(PLANT.G), np.log(PLANT.tau), 0.0, PLANT.k_T, 0.0, 0.0])
 
 
 def rows_far_apart(n=60, spacing=(0.3, 3.0), seed=0):
-    """Times, drive, frequency and temperature that change from row to row, rows a good part of tau or more apart."""
+    """Times, drive, frequency and temperature that change from row to row, rows a good part of tau or more
+    apart."""
     rng = np.random.default_rng(seed)
     time = np.cumsum(PLANT.tau * rng.uniform(*spacing, n))
-    return time - time[0], rng.uniform(0, 100, n), PLANT.f0 + rng.uniform(-300, 300, n), 24 + rng.uniform(-5, 5, n)
+    return (
+        time - time[0],
+        rng.uniform(0, 100, n),
+        PLANT.f0 + rng.uniform(-300, 300, n),
+        24 + rng.uniform(-5, 5, n),
+    )
 
 
 def course(time, drive, frequency, temperature, **bench):
-    given = {"drive": drive, "frequency": frequency, "temperature": temperature, "bench": bench, "sampling": "instant"}
-    trial = Trial.of(sysid.Log("log", np.ones(len(time), complex), time=time, kind="transient", **given), "transient")
+    given = {
+        "drive": drive,
+        "frequency": frequency,
+        "temperature": temperature,
+        "bench": bench,
+        "sampling": "instant",
+    }
+    trial = Trial.of(
+        sysid.Log("log", np.ones(len(time), complex), time=time, kind="transient", **given), "transient"
+    )
     return Course(trial, trial.hold((PLANT.f0, REFERENCE_TEMPERATURE)), THETA)
 
 
@@ -45,7 +60,9 @@ def test_derivatives_of_rows_far_apart_are_those_of_the_closed_form():
     for k, (name, size) in enumerate(WITHIN.items()):
         expected = changed(inputs, **{name: size}) * scale.get(name, 1.0)
         # two differences, of steps whose squares are below 1e-7
-        np.testing.assert_allclose(found[1:, k], expected[1:], rtol=0, atol=1e-6 * np.max(np.abs(expected)))  # from rest
+        np.testing.assert_allclose(
+            found[1:, k], expected[1:], rtol=0, atol=1e-6 * np.max(np.abs(expected))
+        )  # from rest
 
 
 def test_a_resonance_that_drifts_is_one_that_is_held_from_row_to_row_at_its_value_halfway():
@@ -61,8 +78,8 @@ def test_a_resonance_that_drifts_is_one_that_is_held_from_row_to_row_at_its_valu
 
 @pytest.mark.parametrize("order", [1, 4])
 def test_what_a_change_adds_behind_a_filter_is_filtered(order):
-    """Of rows a twentieth of the filter's time constant apart; the filter is that of tests/reference.py's rows, by exact steps
-    from row to row of a response that is straight in between."""
+    """Of rows a twentieth of the filter's time constant apart; the filter is that of tests/reference.py's
+    rows, by exact steps from row to row of a response that is straight in between."""
     n, lockin = 3000, 2e-4
     time, drive = lockin / 20 * np.arange(n), np.where(np.arange(n) < 200, 0.0, 100.0)
     inputs = time, drive, np.full(n, PLANT.f0 + 40.0), np.full(n, 24.0)
@@ -74,9 +91,13 @@ def test_what_a_change_adds_behind_a_filter_is_filtered(order):
         expected = passed
     found = course(*inputs, lockin_tau_s=lockin, lockin_order=order)
     trial = found.trial
-    at = np.searchsorted(time, trial.log.time)  # a long log's rows are means; that of an even number lies between two rows
+    at = np.searchsorted(
+        time, trial.log.time
+    )  # a long log's rows are means; that of an even number lies between two rows
     given = found.derivatives()[:, 2]
-    np.testing.assert_allclose(given, expected[np.minimum(at, n - 1)], rtol=0, atol=5e-3 * np.max(np.abs(expected)))
+    np.testing.assert_allclose(
+        given, expected[np.minimum(at, n - 1)], rtol=0, atol=5e-3 * np.max(np.abs(expected))
+    )
 
 
 def fast_sweep(degC, seed, rows=80, flicker=0.02):
@@ -94,8 +115,8 @@ def fast_sweep(degC, seed, rows=80, flicker=0.02):
 
 @seeds(3, 12)
 def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps(seeds):
-    """Its shape was off by a seventh, so that what the logs tell of f0 was taken to tell their thermometers' errors: f0 and k_T
-    20 standard deviations off."""
+    """Its shape was off by a seventh, so that what the logs tell of f0 was taken to tell their thermometers'
+    errors: f0 and k_T 20 standard deviations off."""
     scores = {"f0": [], "k_T": []}
     for seed in seeds:
         plant, logs = None, []

@@ -1,4 +1,5 @@
-"""What to record next: an experiment does what was promised of it, and the promise comes before it is recorded."""
+"""What to record next: an experiment does what was promised of it, and the promise comes before it is
+recorded."""
 
 import functools
 from dataclasses import replace
@@ -13,17 +14,22 @@ import sysid
 
 
 def recorded(bench, experiment, seed, std=0.02):
-    """The log that the bench gives of an experiment, by tests/reference.py, with rotation and noise of `std` um a channel."""
+    """The log that the bench gives of an experiment, by tests/reference.py, with rotation and noise of `std`
+    um a channel."""
     log = experiment.log(np.zeros(experiment.rows, complex), bench.transient())
     inputs = log.drive, log.frequency, log.temperature
-    clean = reference.steady(bench.plant, *inputs) if log.time is None else reference.ringing(bench.plant, log.time, *inputs)
+    clean = (
+        reference.steady(bench.plant, *inputs)
+        if log.time is None
+        else reference.ringing(bench.plant, log.time, *inputs)
+    )
     noise = reference.noise(len(log), std, seed, np.zeros(len(log)), 0.0)
     return experiment.log(np.exp(0.7j) * clean + noise, log)
 
 
 def after(bench, logs, parameter, seed):
-    """The error that was promised over the one that there is, once the first advice is followed; NaN where the logs differ, as by
-    chance some do, which is in the error then."""
+    """The error that was promised over the one that there is, once the first advice is followed; NaN where
+    the logs differ, as by chance some do, which is in the error then."""
     best = sysid.advise(sysid.fit(logs), parameter)[0]
     found = sysid.fit([*logs, recorded(bench, best.experiment, 100 + seed)])
     differ = any("the logs differ" in w for w in (*found.warnings, *found.notes))
@@ -36,7 +42,9 @@ def after(bench, logs, parameter, seed):
 )
 @seeds(3, 8)
 def test_the_error_shrinks_to_what_was_promised(bench, seeds, parameter, given):
-    make = {"sweep": lambda s: bench.sweep(seed=s, noise=0.01), "step": lambda s: bench.transient(seed=s)}[given]
+    make = {"sweep": lambda s: bench.sweep(seed=s, noise=0.01), "step": lambda s: bench.transient(seed=s)}[
+        given
+    ]
     ratios = np.array([after(bench, [make(seed)], parameter, seed) for seed in seeds])
     ratios = ratios[np.isfinite(ratios)]
     assert len(ratios) > len(seeds) / 2
@@ -70,7 +78,9 @@ def test_without_a_drive_or_a_frequency_there_is_no_advice(bench):
 
 
 def test_a_parameter_that_there_is_not_is_refused(bench):
-    with pytest.raises(ValueError, match="found 'Q', expected one of G, tau, f0, k_T, worst, margin, settling"):
+    with pytest.raises(
+        ValueError, match="found 'Q', expected one of G, tau, f0, k_T, worst, margin, settling"
+    ):
         sysid.advise(sysid.fit([bench.sweep()]), "Q")
 
 
@@ -84,7 +94,8 @@ def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
         best = sysid.advise(sysid.fit(logs), "margin", design=design, temperatures=[24.0])[0]
         fit = sysid.fit([*logs, recorded(bench, best.experiment, 100 + seed, 2 * noise)])
         found, exact = (design(source).promise.disk for source in (sysid.sample(fit), fit))
-        # Each is the third worst of 400 plants, known to 9 % of what is lacking, of a posterior that is not quite normal.
+        # Each is the third worst of 400 plants, known to 9 % of what is lacking, of a posterior that is not
+        # quite normal.
         assert abs((exact - found) - (best.best - best.after)) < 0.15 * (best.best - best.before)
         assert best.best - best.after < 0.5 * (best.best - best.before)
 
@@ -93,14 +104,22 @@ def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
 def test_the_settling_time_shrinks_as_foreseen(bench):
     logs = [bench.transient(noise=0.1)]
     best = sysid.advise(sysid.fit(logs), "settling", design=controller.design, temperatures=[24.0])[0]
-    after = controller.design(sysid.sample(sysid.fit([*logs, recorded(bench, best.experiment, 100)]))).promise.settling
-    assert best.after < best.before and after == pytest.approx(best.after, abs=1.5e-4)  # a sample time of 0.1 ms is its grain
+    after = controller.design(
+        sysid.sample(sysid.fit([*logs, recorded(bench, best.experiment, 100)]))
+    ).promise.settling
+    assert best.after < best.before and after == pytest.approx(
+        best.after, abs=1.5e-4
+    )  # a sample time of 0.1 ms is its grain
 
 
 @pytest.mark.study  # a design for each experiment, as for the margin above
 def test_a_margin_there_is_none_of_yet(bench):
-    log = bench.transient(dt=5e-4)  # a row is a third of tau, and a feedthrough of nearly the response hides it
-    log = replace(log, response=log.response + 0.8 * np.exp(0.7j) * bench.plant.G * np.append(0.0, log.drive[:-1]))
+    log = bench.transient(
+        dt=5e-4
+    )  # a row is a third of tau, and a feedthrough of nearly the response hides it
+    log = replace(
+        log, response=log.response + 0.8 * np.exp(0.7j) * bench.plant.G * np.append(0.0, log.drive[:-1])
+    )
     fit = sysid.fit([log])
     assert not fit.parameters["G"].determined
     best = sysid.advise(fit, "margin", design=controller.design, temperatures=[24.0])[0]
@@ -119,7 +138,8 @@ def test_a_promise_needs_a_design_that_can_be_had(bench):
 
 @pytest.mark.parametrize("side", [1.0, study(-1.0)])
 def test_of_two_solutions_whichever_is_true_is_settled(bench, side):
-    """The amplitude of a step beside the resonance: on which side, the next log has to tell, and the promise is for both."""
+    """The amplitude of a step beside the resonance: on which side, the next log has to tell, and the promise
+    is for both."""
     half_bandwidth = 1 / (2 * np.pi * bench.plant.tau)
     drive_at = bench.plant.f0 + 1.5 * side * half_bandwidth
     step = bench.transient(frequency=drive_at, seed=3)
@@ -130,7 +150,9 @@ def test_of_two_solutions_whichever_is_true_is_settled(bench, side):
     log = recorded(bench, best.experiment, 7)
     found = sysid.fit([*logs, replace(log, response=np.abs(log.response))]).parameters["f0"]
     assert found.determined and abs(found.value - bench.plant.f0) < 4 * found.std
-    low, high = best.between  # of either; one plate in ten is outside, and an error is known to 5 % where its noise is estimated
+    low, high = (
+        best.between
+    )  # of either; one plate in ten is outside, and an error is known to 5 % where its noise is estimated
     assert 0.8 * low < found.std < 1.2 * high
 
 
@@ -138,7 +160,9 @@ def test_elsewhere_than_the_resonance_may_be_the_promise_is_two_numbers(bench):
     """Nothing is known of k_T: ten degrees away the resonance may lie a bandwidth beside what is driven."""
     fit = sysid.fit([bench.sweep(), bench.transient()])
     found = sysid.advise(fit, "k_T", temperatures=[34.0])
-    step = next(a for a in found if a.experiment.kind == "step")  # a sweep over five half bandwidths is as good anywhere
+    step = next(
+        a for a in found if a.experiment.kind == "step"
+    )  # a sweep over five half bandwidths is as good anywhere
     assert step.rough and step.between[0] < step.after < step.between[1]
     assert "to between ± " in str(step) and " and ± " in str(step)
     warm = sysid.fit([bench.sweep(), bench.sweep(temperature=30.0), bench.transient()])
@@ -148,7 +172,8 @@ def test_elsewhere_than_the_resonance_may_be_the_promise_is_two_numbers(bench):
 @pytest.mark.parametrize("window", [study(0.2), 0.4])
 @seeds(2, 8)
 def test_where_tau_is_hardly_known_what_is_left_lies_between(bench, seeds, window):
-    """A window shorter than tau: what a longer one brings goes with a power of tau, which is known to 10 to 50 %."""
+    """A window shorter than tau: what a longer one brings goes with a power of tau, which is known to 10 to
+    50 %."""
     kept = []
     for seed in seeds:
         logs = [bench.transient(dt=window * bench.plant.tau / 220, seed=seed)]

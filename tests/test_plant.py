@@ -1,4 +1,5 @@
-"""The plant against the matrix exponential of its differential equation, the closed transfer function, and itself."""
+"""The plant against the matrix exponential of its differential equation, the closed transfer function, and
+itself."""
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +45,8 @@ def exact(plant, time, drive, frequency, temperature, start=0j):
 
 
 def random_inputs(plant, rng, rows=ROWS, warms=False):
-    """Irregular times, some of them equal, and inputs that change at random rows; the temperature only when it `warms`."""
+    """Irregular times, some of them equal, and inputs that change at random rows; the temperature only when
+    it `warms`."""
     time = np.cumsum(rng.exponential(0.3 * plant.tau, rows) * (rng.random(rows) > 0.1))
     levels = rng.integers(0, 6, rows // 10)
     held = np.repeat(levels, 10)
@@ -85,7 +87,8 @@ def test_a_resonance_that_moves_keeps_the_slow_mode_continuous():
     inputs = random_inputs(PLATE, np.random.default_rng(7), warms=True)
     found, truth = np.asarray(PLATE.transient(*inputs, both_modes=True)), exact(PLATE, *inputs)
     moves = PLATE.k_T * np.ptp(inputs[3]) / PLATE.f0
-    # w and w' are continuous: a jump of the resonance passes d w0/(2 w0) of one mode to the other, six times at most
+    # w and w' are continuous: a jump of the resonance passes d w0/(2 w0) of one mode to the other, six times
+    # at most
     assert np.max(np.abs(found - truth)) < 3 * abs(moves) * np.max(np.abs(truth))
     assert np.max(np.abs(found - truth)) < 5e-3 * np.max(np.abs(truth))
 
@@ -93,7 +96,9 @@ def test_a_resonance_that_moves_keeps_the_slow_mode_continuous():
 @pytest.mark.parametrize("Q", [0.6, 2.0, 8.0, 170.0, 5e4, 1e7])
 def test_steady_is_the_closed_transfer_function(Q):
     plant = Plant(G=0.7, tau=Q / (np.pi * 5e6), f0=5e6)
-    detuning = np.concatenate([[0.0], np.geomspace(1e-3, 3, 20), -np.geomspace(1e-3, 1, 20)]) / (2 * np.pi * plant.tau)
+    detuning = np.concatenate([[0.0], np.geomspace(1e-3, 3, 20), -np.geomspace(1e-3, 1, 20)]) / (
+        2 * np.pi * plant.tau
+    )
     frequency = plant.f0 + detuning
     frequency = frequency[frequency > 0.05 * plant.f0]
     w, w0, ds = 2 * np.pi * frequency, 2 * np.pi * plant.f0, 2 / plant.tau
@@ -117,10 +122,14 @@ def test_signs_are_the_paper_s():
     assert below.imag > 0 > above.imag  # W_q > 0 below resonance: the frequency must rise
     assert at == pytest.approx(2.0, abs=1e-12)  # G V along d
     assert below.real > 0 and above.real > 0
-    np.testing.assert_allclose([below / 2, above / 2], [0.785 + 0.412j, 0.785 - 0.411j], atol=2e-3)  # a carrier integration
+    np.testing.assert_allclose(
+        [below / 2, above / 2], [0.785 + 0.412j, 0.785 - 0.411j], atol=2e-3
+    )  # a carrier integration
     warmer = np.asarray(PLATE.steady(100.0, PLATE.f0, 28.0))
     assert warmer.imag < 0  # k_T < 0: the resonance falls below the drive
-    np.testing.assert_allclose(abs(warmer) / 2, 0.920, atol=2e-3)  # 8 % in 4 degC; w0/omega is 0.1 % below one
+    np.testing.assert_allclose(
+        abs(warmer) / 2, 0.920, atol=2e-3
+    )  # 8 % in 4 degC; w0/omega is 0.1 % below one
 
 
 def test_a_free_decay_turns_at_the_detuning():
@@ -135,7 +144,9 @@ def test_without_a_frequency_it_is_the_first_order_model():
     plant = Plant(G=0.02, tau=2e-3)
     time = np.linspace(0, 8e-3, ROWS)
     np.testing.assert_allclose(plant.transient(time, 100.0), 2 * -np.expm1(-time / 2e-3), atol=1e-14)
-    np.testing.assert_allclose(plant.transient(time, 100.0, np.full(ROWS, 32e3)), 2 * -np.expm1(-time / 2e-3), atol=1e-14)
+    np.testing.assert_allclose(
+        plant.transient(time, 100.0, np.full(ROWS, 32e3)), 2 * -np.expm1(-time / 2e-3), atol=1e-14
+    )
     assert np.asarray(plant.steady(100.0)) == pytest.approx(2.0)
     assert plant.Q is None
 
@@ -151,17 +162,22 @@ def test_splitting_an_interval_changes_nothing(both_modes):
     # a tiny change on every second row, taken back: intervals are split although equal inputs would be joined
     doubled[0][1::2] *= 1 + 2e-16
     split = LOW_Q.transient(halves, *doubled, both_modes=both_modes)
-    np.testing.assert_allclose(split[::2], whole, rtol=0, atol=3e-14 * np.max(np.abs(whole)))  # 60 roundings of 2e-16
+    np.testing.assert_allclose(
+        split[::2], whole, rtol=0, atol=3e-14 * np.max(np.abs(whole))
+    )  # 60 roundings of 2e-16
 
 
 @pytest.mark.parametrize("both_modes", [False, True])
 def test_laws_of_scale_hold_to_the_last_bit(both_modes):
-    """Twice the drive or the gain, half of every time at twice every frequency: powers of two round nothing."""
+    """Twice the drive or the gain, half of every time at twice every frequency: powers of two round
+    nothing."""
     time, drive, frequency, temperature = random_inputs(LOW_Q, np.random.default_rng(5), 30)
     rows = LOW_Q.transient(time, drive, frequency, temperature, both_modes=both_modes)
     louder = LOW_Q.transient(time, 2.0**40 * drive, frequency, temperature, both_modes=both_modes)
     np.testing.assert_array_equal(louder, 2.0**40 * rows)
-    stronger = Plant(LOW_Q.G / 8, LOW_Q.tau, LOW_Q.f0).transient(time, drive, frequency, both_modes=both_modes)
+    stronger = Plant(LOW_Q.G / 8, LOW_Q.tau, LOW_Q.f0).transient(
+        time, drive, frequency, both_modes=both_modes
+    )
     np.testing.assert_array_equal(stronger, rows / 8)
     quicker = Plant(LOW_Q.G, LOW_Q.tau / 2**20, LOW_Q.f0 * 2**20)
     found = quicker.transient(time / 2**20, drive, frequency * 2**20, both_modes=both_modes)
@@ -171,7 +187,8 @@ def test_laws_of_scale_hold_to_the_last_bit(both_modes):
 def test_a_mirrored_detuning_mirrors_q():
     detuning = np.array([1.0, 30.0, 95.0, 400.0])
     above, below = (np.asarray(PLATE.steady(100.0, PLATE.f0 + s * detuning)) for s in (1, -1))
-    # (w0/omega) and (w0^2 - omega^2)/(2 omega) differ from their mirror images by the relative detuning, twice that in W
+    # (w0/omega) and (w0^2 - omega^2)/(2 omega) differ from their mirror images by the relative detuning,
+    # twice that in W
     assert np.all(np.abs(above - below.conj()) <= 4 * detuning / PLATE.f0 * np.abs(above))
 
 
@@ -211,7 +228,8 @@ def test_a_delay_is_a_response_that_comes_later():
 
 @pytest.mark.parametrize(("order", "smoothing"), [(1, 3e-4), (4, 1e-4), study(3, 2e-3), study(2, 1e-6)])
 def test_a_lock_ins_filter_is_a_cascade_of_poles(order, smoothing):
-    """Against the matrix exponential of the slow mode and its stages, at resonance and beside it, slower and faster than tau."""
+    """Against the matrix exponential of the slow mode and its stages, at resonance and beside it, slower and
+    faster than tau."""
     tau, time = 8e-4, np.arange(60) * 1e-4
     drive = np.select([time < 0.95e-3, time < 3e-3], [0.0, 1.0], 0.3)
     frequency = np.where(time < 4e-3, 32e3, 31.7e3)
@@ -229,10 +247,13 @@ def test_a_lock_ins_filter_is_a_cascade_of_poles(order, smoothing):
         matrix[0, 0], matrix[0, -1] = complex(s.slow[i]), push
         for j in range(1, order + 1):
             matrix[j, j - 1], matrix[j, j] = 1 / smoothing, -1 / smoothing
-        matrix[1, -1] += push / complex(s.fast[i]) / smoothing  # what the fast mode settles at goes through the filter too
+        matrix[1, -1] += (
+            push / complex(s.fast[i]) / smoothing
+        )  # what the fast mode settles at goes through the filter too
         state = expm(matrix * h) @ state
         rows.append(state[order])
-    # a filter of a microsecond has e^-100 left of a step: expm loses digits to its largest entries, not the cascade
+    # a filter of a microsecond has e^-100 left of a step: expm loses digits to its largest entries, not the
+    # cascade
     np.testing.assert_allclose(found.forced, rows, atol=1e-11)
 
 
@@ -248,13 +269,16 @@ def test_equal_inputs_are_one_interval_and_arrays_stay_as_they_were():
     np.testing.assert_array_equal(drive, given[1])
 
 
-# --- derivatives --------------------------------------------------------------------------------------------------------
+# --- derivatives
+# --------------------------------------------------------------------------------------------------------
 
 
 def scalar(p, time, drive, frequency, both_modes):
     """A real number that all of G, tau, f0, k_T move."""
     plant = Plant(p[0], p[1], p[2], p[3])
-    rows = plant.transient(time, drive, frequency, np.linspace(24, 27, len(time)), both_modes=both_modes, start=p[4])
+    rows = plant.transient(
+        time, drive, frequency, np.linspace(24, 27, len(time)), both_modes=both_modes, start=p[4]
+    )
     return jnp.sum(rows.real * np.arange(len(time))) + jnp.sum(jnp.abs(rows - 0.3) ** 2)
 
 
@@ -268,7 +292,8 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    ("case", "both_modes"), [*((c, True) for c in CASES), ("all", False), *(study(c, False) for c in CASES if c != "all")]
+    ("case", "both_modes"),
+    [*((c, True) for c in CASES), ("all", False), *(study(c, False) for c in CASES if c != "all")],
 )
 def test_gradients_are_finite_and_those_of_differences(case, both_modes):
     drive, detuning, dt = CASES[case]
@@ -282,7 +307,9 @@ def test_gradients_are_finite_and_those_of_differences(case, both_modes):
         differences = [(value(p + s) - value(p - s)) / (2 * s.max()) for s in np.diag(steps)]
     assert np.all(np.isfinite(gradient))
     # central differences of relative step 1e-5 keep nine digits of the value, five or six of its derivative
-    np.testing.assert_allclose(gradient, differences, rtol=2e-5, atol=1e-6 * max(1.0, np.max(np.abs(gradient))))
+    np.testing.assert_allclose(
+        gradient, differences, rtol=2e-5, atol=1e-6 * max(1.0, np.max(np.abs(gradient)))
+    )
 
 
 def test_gradients_go_through_the_plant_itself():
@@ -290,7 +317,9 @@ def test_gradients_go_through_the_plant_itself():
         slope = jax.grad(lambda plant: jnp.abs(plant.steady(100.0, 32250.0, 26.0)))(PLATE)
         assert isinstance(slope, Plant)
         found = np.array([slope.G, slope.tau, slope.f0, slope.k_T])
-        assert pytest.approx(abs(np.asarray(PLATE.steady(100.0, 32250.0, 26.0))) / PLATE.G) == slope.G  # linear in G
+        assert (
+            pytest.approx(abs(np.asarray(PLATE.steady(100.0, 32250.0, 26.0))) / PLATE.G) == slope.G
+        )  # linear in G
         assert slope.k_T == pytest.approx(2 * slope.f0)  # 2 degC above the reference
         assert np.all(np.isfinite(found)) and np.all(found != 0)
 
@@ -329,12 +358,19 @@ def test_far_beyond_its_domain_it_stays_finite():
 @pytest.mark.parametrize("mode", [{}, {"carrier": True}, {"both_modes": True}], ids=str)
 def test_many_plants_in_numpy_are_each_the_same_as_compiled(mode):
     rng, rows = np.random.default_rng(0), 161
-    time, level = np.cumsum(rng.exponential(3e-4, rows)), np.minimum(np.arange(rows), 144)  # 144 intervals: lanes of 9
+    time, level = (
+        np.cumsum(rng.exponential(3e-4, rows)),
+        np.minimum(np.arange(rows), 144),
+    )  # 144 intervals: lanes of 9
     drive, frequency = (v[level] for v in (rng.normal(0, 50, rows), rng.normal(32.2e3, 100, rows)))
-    hold = hold_inputs(time, drive, frequency, reference=(32.2e3, 0.0), theta=rng.uniform(0, 6, rows), delay=1e-5)
+    hold = hold_inputs(
+        time, drive, frequency, reference=(32.2e3, 0.0), theta=rng.uniform(0, 6, rows), delay=1e-5
+    )
     hold = hold._replace(spread=np.full(rows, 1e-10))
     tau, shift = np.array([1e-5, 8e-4, 0.3]), np.array([-200.0, 3.0, 90.0])
-    many = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+    many = hold._replace(
+        **{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"}
+    )
     found = respond(tau, 2 * np.pi * (many.offset + shift), many, xp=np, **mode)
     assert all(type(v) is np.ndarray and v.shape == (rows, len(tau)) for v in found)
     compiled = jax.jit(lambda tau, shift: respond(tau, 2 * np.pi * (hold.offset + shift), hold, **mode))

@@ -1,4 +1,5 @@
-"""The posterior: agrees with the fit where the fit is right, repeats itself, and leaves the host program alone."""
+"""The posterior: agrees with the fit where the fit is right, repeats itself, and leaves the host program
+alone."""
 
 import jax
 import numpy as np
@@ -36,8 +37,9 @@ def test_mean_and_spread_are_the_fit_s(posterior, fit):
     for name, p in posterior.summary().items():
         if name not in std:
             continue
-        # Monte-Carlo error of a mean of n draws, and of a standard deviation; and how far a Student-t of 200 degrees of
-        # freedom and the curvature of exp(log tau) are from the normal of the fit: 1 % of a standard deviation, 1 %
+        # Monte-Carlo error of a mean of n draws, and of a standard deviation; and how far a Student-t of 200
+        # degrees of freedom and the curvature of exp(log tau) are from the normal of the fit: 1 % of a
+        # standard deviation, 1 %
         error = std[name] / np.sqrt(posterior.ess)
         assert abs(p.value - getattr(fit.plant, name)) < Z * error + 0.01 * std[name]
         assert p.std == pytest.approx(std[name], rel=Z / np.sqrt(2 * posterior.ess) + 0.01)
@@ -49,7 +51,9 @@ def test_draws_correlate_as_the_covariance_says(posterior, fit):
     draws = np.array([posterior.draws[name].ravel() for name in fit.names])
     std = np.sqrt(np.diag(fit.covariance))
     # a correlation from n draws: 1/sqrt(n)
-    np.testing.assert_allclose(np.corrcoef(draws), fit.covariance / np.outer(std, std), atol=Z / np.sqrt(posterior.ess))
+    np.testing.assert_allclose(
+        np.corrcoef(draws), fit.covariance / np.outer(std, std), atol=Z / np.sqrt(posterior.ess)
+    )
 
 
 def test_the_truth_is_a_likely_draw(posterior, bench):
@@ -96,7 +100,10 @@ def test_a_budget_takes_the_best_rung_that_fits_and_its_name_replays_it(fit):
     hurried, at_ease = sysid.sample(fit, budget=1e-3), sysid.sample(fit, accuracy="standard", budget=600)
     assert (hurried.accuracy, at_ease.accuracy) == ("quick", "standard")
     again = sysid.sample(fit, accuracy=hurried.accuracy)
-    assert again.draws["tau"].tobytes() == hurried.draws["tau"].tobytes() and again.estimates == hurried.estimates
+    assert (
+        again.draws["tau"].tobytes() == hurried.draws["tau"].tobytes()
+        and again.estimates == hurried.estimates
+    )
     assert sysid.sample(fit, budget=1.0, starting=1e3, accuracy="standard").accuracy == "quick"
     with pytest.raises(ValueError, match=r"accuracy 'exakt', expected one of quick, standard, exact"):
         sysid.sample(fit, accuracy="exakt")
@@ -119,7 +126,8 @@ def test_two_modes_are_both_drawn_and_neither_is_reported_as_a_value(bench):
     p = posterior.summary()["f0"]
     assert not p.determined and p.value is None and len(p.modes) == 2
     weight = next(mode["weight"] for mode in p.modes if mode["value"] > 32220)
-    # weights of equally wide modes; a chain that jumps between two modes counts them as its effective draws allow
+    # weights of equally wide modes; a chain that jumps between two modes counts them as its effective draws
+    # allow
     assert abs(side.mean() - weight) < Z * 0.5 / np.sqrt(min(posterior.ess, 400)) + 0.02
     assert posterior.summary()["tau"].determined
 

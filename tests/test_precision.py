@@ -1,4 +1,5 @@
-"""Programs: made beside what goes on, in 64 bits, whatever options JAX knows, kept on disk; what the command leaves unloaded."""
+"""Programs: made beside what goes on, in 64 bits, whatever options JAX knows, kept on disk; what the command
+leaves unloaded."""
 
 import os
 import subprocess
@@ -40,7 +41,9 @@ def test_a_program_is_made_beside_and_used(program, beside):
     x, groups = np.array([1.0, 2.0]), (np.array([1e-12, 1.0]),)
     program.prepare(lambda: (x, ("up",), groups))
     (begun,) = program.programs.values()
-    np.testing.assert_array_equal(program(x, ("up",), groups), [1 + 1e-12, 3.0])  # float32 would lose the first
+    np.testing.assert_array_equal(
+        program(x, ("up",), groups), [1 + 1e-12, 3.0]
+    )  # float32 would lose the first
     assert list(program.programs.values()) == [begun]
     np.testing.assert_array_equal(program(x, ("down",), groups), [1 - 1e-12, 1.0])
     assert len(program.programs) == 2
@@ -85,7 +88,8 @@ def test_the_command_does_without_the_libraries_that_emcee_does_not_need():
     subprocess.run([sys.executable, "-W", "error", "-c", script], check=True)
 
 
-# --- kept on disk ---------------------------------------------------------------------------------------------------------
+# --- kept on disk
+# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -125,7 +129,12 @@ def test_a_program_is_compiled_once_for_all_processes(keepable, folder, made):
 
 @pytest.mark.parametrize(
     "spoilt",
-    [lambda b: b"", lambda b: b[:-1], lambda b: b[:32] + b[33:], lambda b: sha256(b"other").digest() + b"other"],
+    [
+        lambda b: b"",
+        lambda b: b[:-1],
+        lambda b: b[:32] + b[33:],
+        lambda b: sha256(b"other").digest() + b"other",
+    ],
     ids=["empty", "cut off", "a byte less", "foreign"],
 )
 def test_a_broken_program_is_made_anew_and_mended(keepable, folder, made, spoilt):
@@ -212,10 +221,15 @@ def test_a_fit_is_the_same_bytes_with_kept_programs_and_without(bundled, folder,
 
     first, count = bits(), len(made)
     assert count and bits() == first and len(made) == count
-    script = "import jax, sysid, sys; before = dict(jax.config.values); fit = sysid.fit(sysid.read_logs(sys.argv[1]))"
+    script = (
+        "import jax, sysid, sys; before = dict(jax.config.values); fit ="
+        " sysid.fit(sysid.read_logs(sys.argv[1]))"
+    )
     script += "; assert dict(jax.config.values) == before"
     script += "; print(fit.covariance.tobytes().hex() + fit.modes[0].theta.tobytes().hex(), end='')"
-    done = subprocess.run([sys.executable, "-c", script, log.path], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script, log.path], capture_output=True, text=True, check=True
+    )
     assert done.stdout == first and len(list(folder.iterdir())) == count
     monkeypatch.setenv(kept.SWITCH, "off")
     assert bits() == first and len(made) == 2 * count

@@ -1,4 +1,5 @@
-"""Presets: each on a file of the layout that its instrument writes, of a resonance in closed form; the recognised need none."""
+"""Presets: each on a file of the layout that its instrument writes, of a resonance in closed form; the
+recognised need none."""
 
 import re
 import tomllib
@@ -21,7 +22,9 @@ from sysid.logs.mapfile import load_mapping
 
 F0, TAU = 32300.0, 1.67e-3
 F = np.arange(31800.0, 32801.0, 20.0)
-S = 0.05 / (1 + 2j * np.pi * (F - F0) * TAU) * np.exp(0.4j)  # a signal X + jY against cos(omega t), e^{+j omega t}
+S = (
+    0.05 / (1 + 2j * np.pi * (F - F0) * TAU) * np.exp(0.4j)
+)  # a signal X + jY against cos(omega t), e^{+j omega t}
 Y = 2j * np.pi * F * 2e-9 + 5e-4 / (1 + 2j * np.pi * (F - F0) * TAU)  # S, of a plate with its capacitance
 Z = 1 / Y
 CURRENT = Y / (2 * np.pi * F)  # the charge that 1 V drives, as Wd + jWq of a current
@@ -92,17 +95,27 @@ DIGILENT = """#Digilent WaveForms {} Analyzer{}
 BODE = 'Frequency (Hz);"Trace 1: Gain: Real ";"Trace 1: Gain: Imaginary ";Trace 1: Gain: Magnitude (dB);"Trace 2: Gain: Real ";'
 BODE += '"Trace 2: Gain: Imaginary ";Trace 2: Gain: Phase (°)\n'
 BODE_Z = "Frequency (Hz);Trace 1: Impedance: Magnitude (Ω);Trace 2: Impedance: Phase (°)\n"
-MOKU = "% Moku:Go Frequency Response Analyzer\n% Channel 1 - DC coupling, 10 Vpp range, amplitude 100 mVpp, offset 0.000 0 V\n"
+MOKU = (
+    "% Moku:Go Frequency Response Analyzer\n% Channel 1 - DC coupling, 10 Vpp range, amplitude 100 mVpp,"
+    " offset 0.000 0 V\n"
+)
 MOKU += "% Linear sweep, measuring fundamental\n% Acquired 2024-03-31 T 12:00:00 +0200\n"
 MOKU += "% Frequency (Hz), Channel 1 Magnitude (dB), Channel 1 Phase (deg)\n"
-ENA = "!CSV A.01.01\n!Keysight Technologies,E5061B,MY49304567,A.03.50\n!Date: Monday, March 31, 2024 12:00:00\n"
+ENA = (
+    "!CSV A.01.01\n!Keysight Technologies,E5061B,MY49304567,A.03.50\n!Date: Monday, March 31, 2024 12:00:00\n"
+)
 TIMES = 0.05 * np.arange(len(F))
-# Of each preset: a file and what it is in the plate's frame (a response, or None of raw samples), with its name and mode.
+# Of each preset: a file and what it is in the plate's frame (a response, or None of raw samples), with its
+# name and mode.
 FILES = {
     "e4990a": [("log.csv", one_table, None), ("log.csv", blocks_e4990a, None)],
     "hp4294a": [("log.txt", raw_4294a, None), ("log.txt", named_4294a, None)],
-    "touchstone": [("log.s1p", touchstone("# Hz S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)],
-    "nanovna": [("log.s1p", touchstone("# HZ S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)],
+    "touchstone": [
+        ("log.s1p", touchstone("# Hz S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)
+    ],
+    "nanovna": [
+        ("log.s1p", touchstone("# HZ S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)
+    ],
     "labone": [("log.csv", labone((F, S)), 1j * RMS * S)],
     "sr865": [
         (
@@ -112,7 +125,11 @@ FILES = {
         )
     ],
     "bode100": [
-        ("log.csv", BODE + rows(F, S.real, S.imag, decibel(S)[0], S.real, S.imag, decibel(S)[1], sep=";"), 1j * S),
+        (
+            "log.csv",
+            BODE + rows(F, S.real, S.imag, decibel(S)[0], S.real, S.imag, decibel(S)[1], sep=";"),
+            1j * S,
+        ),
         ("log.csv", BODE_Z + rows(F, *parts(Z), sep=";"), CURRENT),
     ],
     "moku": [("log.csv", MOKU + rows(F, *decibel(S), sep=", "), 1j * S)],
@@ -133,8 +150,16 @@ FILES = {
         ),
     ],
     "keysight-vna": [
-        ("log.csv", ENA + "BEGIN CH1_DATA\nFREQ(HZ),S21(DB),S21(DEG)\n" + rows(F, *decibel(S)) + "END\n", 1j * S),
-        ("log.csv", ENA + "BEGIN CH1_DATA\nFREQ(HZ),S21(REAL),S21(IMAG)\n" + rows(F, S.real, S.imag) + "END\n", 1j * S),
+        (
+            "log.csv",
+            ENA + "BEGIN CH1_DATA\nFREQ(HZ),S21(DB),S21(DEG)\n" + rows(F, *decibel(S)) + "END\n",
+            1j * S,
+        ),
+        (
+            "log.csv",
+            ENA + "BEGIN CH1_DATA\nFREQ(HZ),S21(REAL),S21(IMAG)\n" + rows(F, S.real, S.imag) + "END\n",
+            1j * S,
+        ),
     ],
     "rs-vna": [("log.csv", "freq[Hz];re:Trc1_S21;im:Trc1_S21\n" + rows(F, S.real, S.imag, sep=";"), 1j * S)],
     "hioki": [("log.csv", "FREQUENCY[Hz],Z[ohm],PHASE[deg]\n" + rows(F, *parts(Z)), CURRENT)],
@@ -145,10 +170,14 @@ FILES = {
         ("log.csv", "Time(s),CH1(V),CH2(V)\n" + rows(T, DRIVE, ANSWER), None),
     ],
     "siglent-scope": [("log.csv", siglent(), None)],
-    "picoscope": [("log.csv", "Time,Channel A,Channel B\n(ms),(V),(V)\n\n" + rows(1e3 * T, DRIVE, ANSWER), None)],
+    "picoscope": [
+        ("log.csv", "Time,Channel A,Channel B\n(ms),(V),(V)\n\n" + rows(1e3 * T, DRIVE, ANSWER), None)
+    ],
     **{name: [("log.csv", stream(name), RING * RMS * 1j)] for name in TICK},
 }
-SAMPLES = [pytest.param(name, *of, id=f"{name}-{k}") for name, files in FILES.items() for k, of in enumerate(files)]
+SAMPLES = [
+    pytest.param(name, *of, id=f"{name}-{k}") for name, files in FILES.items() for k, of in enumerate(files)
+]
 TRACES = ("e4990a", "hp4294a")  # over the frequencies of their own module
 SCOPES = [name for name in FILES if name.endswith("scope")]
 AUTOMATIC = ("e4990a", "hp4294a", "touchstone", "hioki")
@@ -166,7 +195,9 @@ def is_what_it_should_be(log, name, expected):
         return
     if name in TRACES:
         expected = 1 / test_layouts.Z / (2 * np.pi * test_layouts.F)
-    np.testing.assert_allclose(log.response, expected, rtol=1e-8)  # of twelve digits, some of them in decibels
+    np.testing.assert_allclose(
+        log.response, expected, rtol=1e-8
+    )  # of twelve digits, some of them in decibels
     if name in TICK:
         np.testing.assert_allclose(log.time - log.time[0], 1e-4 * np.arange(60), atol=1 / TICK[name])
         assert log.kind == "transient" and np.all(log.frequency == 32290)
@@ -185,7 +216,12 @@ def test_no_preset_recognises_the_files_of_another():
         for other, files in FILES.items():
             if not one.recognised or other == name or {name, other} == {"touchstone", "nanovna"}:
                 continue
-            lines = [line.lstrip("#%! \"") for _, text, _ in files if isinstance(text, str) for line in text.splitlines()[:20]]
+            lines = [
+                line.lstrip('#%! "')
+                for _, text, _ in files
+                if isinstance(text, str)
+                for line in text.splitlines()[:20]
+            ]
             assert not one.wrote(lines), (name, other)
 
 
@@ -205,14 +241,16 @@ RECOGNISED = [p for p in SAMPLES if preset.presets()[p.values[0]].recognised or 
 
 
 @pytest.mark.parametrize(("name", "file", "content", "expected"), RECOGNISED)
-def test_a_recognised_instrument_needs_no_preset_or_is_asked_what_its_signal_shows_alone(save, name, file, content, expected):
+def test_a_recognised_instrument_needs_no_preset_or_is_asked_what_its_signal_shows_alone(
+    save, name, file, content, expected
+):
     path = written(save, file, content)
     if name in (*AUTOMATIC, "nanovna") or expected is CURRENT:
         (log,) = read_logs(path)
         is_what_it_should_be(log, name, expected)
         assert any(note.startswith("read as preset:") for note in log.notes)
         return
-    error = refused(path, "quantity", f"--columns preset:{name} assumes quantity = \"displacement\"")
+    error = refused(path, "quantity", f'--columns preset:{name} assumes quantity = "displacement"')
     live = [line for line in error.mapping.splitlines() if not line.startswith("#")]
     assert [line.partition(" =")[0] for line in live if '"?"' in line.partition("  #")[0]] == ["quantity"]
     (log,) = read_logs(path, columns=save(f'preset = "{name}"\nquantity = "displacement"\n', "map.toml"))
@@ -255,7 +293,14 @@ def test_labone_s_hdf5_holds_a_chunk_a_log(tmp_path):
             header = np.zeros(1, [("systemtime", "u8"), ("name", "S32")])
             header["name"] = f"History_{k}"
             group["chunkheader"] = header
-            for name, values in {"frequency": F, "grid": F, "x": S.real, "y": S.imag, "r": abs(S), "phase": np.angle(S)}.items():
+            for name, values in {
+                "frequency": F,
+                "grid": F,
+                "x": S.real,
+                "y": S.imag,
+                "r": abs(S),
+                "phase": np.angle(S),
+            }.items():
                 group[name] = (1 + k) * values if name in "xyr" else values
             group["timestamp"] = np.array([148203983402 + k], "u8")
     first, second = read_logs(tmp_path / "sweep.h5", columns="preset:labone")
@@ -268,16 +313,23 @@ def test_labone_s_hdf5_holds_a_chunk_a_log(tmp_path):
 def test_names_of_presets(save):
     assert preset.named("mfli") is preset.named("labone")
     refused(save("a,b\n1,2\n"), "preset:e4990b", "did you mean 'e4990a'?", columns="preset:e4990b")
-    refused(save("a,b\n1,2\n"), "map.toml, preset", "expected one of", columns=save('preset = "x"\n', "map.toml"))
+    refused(
+        save("a,b\n1,2\n"), "map.toml, preset", "expected one of", columns=save('preset = "x"\n', "map.toml")
+    )
 
 
 def test_a_preset_of_another_kind_of_file_says_what_it_found(save):
-    for text in ("time_ms,T (degC)\n0,1\n1,2\n2,4\n", "Frequency(Hz), Cp(F)-data, D-data\n1,2e-9,3\n2,2e-9,4\n3,2e-9,5\n"):
+    for text in (
+        "time_ms,T (degC)\n0,1\n1,2\n2,4\n",
+        "Frequency(Hz), Cp(F)-data, D-data\n1,2e-9,3\n2,2e-9,4\n3,2e-9,5\n",
+    ):
         error = refused(save(text), "found no response", "preset:e4990a", columns="preset:e4990a")
         assert error.mapping
 
 
-@pytest.mark.parametrize("line", ["find = 3", 'find = true\n[columns]\nx = { scale = 2 }\n[units]\nx = "parsec"'])
+@pytest.mark.parametrize(
+    "line", ["find = 3", 'find = true\n[columns]\nx = { scale = 2 }\n[units]\nx = "parsec"']
+)
 def test_what_a_mapping_file_gets_wrong_is_named(save, line):
     refused(written(save, *FILES["sr865"][0][:2]), "map.toml", "expected", columns=save(line, "map.toml"))
 
@@ -285,7 +337,10 @@ def test_what_a_mapping_file_gets_wrong_is_named(save, line):
 def test_the_command_lists_them_and_prints_one(capsys, save):
     assert command.main([]) == 0
     out = capsys.readouterr().out
-    assert all(re.search(rf"^{name}\s+\S", out, re.M) for name in FILES) and max(map(len, out.splitlines())) <= 80
+    assert (
+        all(re.search(rf"^{name}\s+\S", out, re.M) for name in FILES)
+        and max(map(len, out.splitlines())) <= 80
+    )
     assert command.main(["sr865"]) == 0
     text = capsys.readouterr().out
     assert tomllib.loads(text)["amplitude"] == "rms"

@@ -17,8 +17,8 @@ def noisy(bench, seed=0, **given):
 
 @pytest.mark.parametrize("name", ["tau", "f0", "G"])
 def test_a_prior_counts_as_one_more_measurement(bench, name):
-    """Of a normal posterior: precisions add, and the mean is theirs. A lone parameter is stated, half as sure as the logs are,
-    one of its standard deviations off what they say."""
+    """Of a normal posterior: precisions add, and the mean is theirs. A lone parameter is stated, half as sure
+    as the logs are, one of its standard deviations off what they say."""
     logs = [noisy(bench), bench.sweep(seed=1, noise=0.1)]
     first = sysid.fit(logs)
     told = (*first.warnings, *first.notes)
@@ -117,4 +117,7 @@ def test_the_command_takes_priors(bench, tmp_path, capsys):
     for bad in ("tau", "tau=1", "tau=1+-x", "Q=1+-1"):
         with pytest.raises(SystemExit) as stop:
             main([str(path), f"--prior={bad}"])
-        assert stop.value.code == 2 and "expected a name, a value and a standard deviation" in capsys.readouterr().err
+        assert (
+            stop.value.code == 2
+            and "expected a name, a value and a standard deviation" in capsys.readouterr().err
+        )

@@ -1,4 +1,5 @@
-"""What amplitudes tell whose noise is coloured in Wd and Wq, against estimates from drawn noise and dense covariances."""
+"""What amplitudes tell whose noise is coloured in Wd and Wq, against estimates from drawn noise and dense
+covariances."""
 
 from dataclasses import replace
 
@@ -20,7 +21,9 @@ def test_errors_are_those_of_estimates_from_noise_of_both_channels():
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
     trial = replace(with_noise(Trial.of(log, "steady"), 0.01, MEMORY), floor=1e-4)
-    course = Course(trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0]))
+    course = Course(
+        trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
+    )
     design = course.design()
     design = design[:, np.any(design != 0, axis=0)]
     assert design.shape[1] == 3  # gain, width, place
@@ -47,5 +50,7 @@ def test_a_phase_that_stays_costs_nothing():
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
     trial = replace(with_noise(Trial.of(log, "steady"), 1e-5, MEMORY), floor=1e-10)
-    course = Course(trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0]))
+    course = Course(
+        trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
+    )
     assert efficiency(trial, course) > 0.999

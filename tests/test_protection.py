@@ -1,4 +1,5 @@
-"""What is exported is safe from its first power-up: miswirings, runaways and bad inputs, at simulated plates."""
+"""What is exported is safe from its first power-up: miswirings, runaways and bad inputs, at simulated
+plates."""
 
 import math
 from types import SimpleNamespace
@@ -17,7 +18,9 @@ ASKED = 1.995  # um: 100 V
 
 
 def designed(limit=160.0, **given):
-    return controller.design(PLATE, voltage_limit=limit, amplitude=ASKED, frequency_window=(32000.0, 32600.0), **given)
+    return controller.design(
+        PLATE, voltage_limit=limit, amplitude=ASKED, frequency_window=(32000.0, 32600.0), **given
+    )
 
 
 NAN = complex(math.nan, math.nan)
@@ -45,19 +48,27 @@ BROKEN = {
 
 @pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), study("adaptive", 350.0)])
 def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
-    """Never 1.5 times the amplitude, before the fault nor after it, and never in run; what is sound comes to run."""
+    """Never 1.5 times the amplitude, before the fault nor after it, and never in run; what is sound comes to
+    run."""
     lanes = MISWIRED | SOUND
     found = play(designed(limit, method=method), list(lanes.values()), 5600, ASKED)
     for n, name in enumerate(lanes):
         W, mode, fault = (found[field][:, n] for field in ("W", "mode", "fault"))
         assert W.max() < 1.5 * ASKED, name
-        assert np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.25 * ASKED / G + 1e-9
+        assert (
+            np.abs(found["V"][(mode >= FIND) & (mode < RUN), n]).max(initial=0.0) <= 1.25 * ASKED / G + 1e-9
+        )
         find = (mode == FIND) & (np.arange(len(mode)) > 0)  # a tenth is asked, as much is driven
         assert np.abs(found["V"][find, n]).max(initial=0.0) <= 1.25 * 0.1 * ASKED / G + 1e-9
         if name in SOUND:
             assert mode[-1] == RUN and not fault.any() and abs(W[-1] / ASKED - 1) < 0.06, name
         else:
-            assert mode[-1] == FAULT and RUN not in mode and W[-1] < 1e-3 and (found["V"][mode == FAULT, n] == 0.0).all(), name
+            assert (
+                mode[-1] == FAULT
+                and RUN not in mode
+                and W[-1] < 1e-3
+                and (found["V"][mode == FAULT, n] == 0.0).all()
+            ), name
 
 
 @pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), study("pi", 350.0), study("adaptive", 350.0)])
@@ -88,14 +99,20 @@ def test_an_input_that_is_not_finite_is_held_and_counted(bad):
     state, machine = loop.machine.init(), loop.machine
     for k in range(10):
         odd = {"share": bad, "voltage": bad, "offset": bad} if k == 5 else {}
-        state, *_ = machine.step(state, bad if k == 5 else 1.0, 0j, None, enable=False, task=9.0 if k == 5 else 0.0, **odd)
+        state, *_ = machine.step(
+            state, bad if k == 5 else 1.0, 0j, None, enable=False, task=9.0 if k == 5 else 0.0, **odd
+        )
     assert state.held.count == 5 and state.held[:2] == (1.0, 1.0)
     state, *_ = machine.step(state, 2 * ASKED, 0j, None, enable=False, share=1.5)
-    assert state.held.count == 7 and state.held[:2] == (ASKED, 1.0)  # what is out of range is taken for the end
+    assert state.held.count == 7 and state.held[:2] == (
+        ASKED,
+        1.0,
+    )  # what is out of range is taken for the end
 
 
 def test_a_quiet_sensor_at_rest_is_not_dead():
-    """Reference zero, noise below a tenth of a bit: what is left of the drive is less than the sensor can show."""
+    """Reference zero, noise below a tenth of a bit: what is left of the drive is less than the sensor can
+    show."""
     loop = designed(rig=controller.Rig(adc=controller.rig.Adc(12.0, 2.75, 517e3)))
     asked = lambda k: ASKED if k < AT else 0.0  # noqa: E731
     found = play(
@@ -113,14 +130,18 @@ def test_a_thermometer_s_85_degrees_move_the_frequency_within_the_range():
     rig = controller.Rig(thermometer=True, coldest=14.0, warmest=39.0)
     fit = SimpleNamespace(parameters={n: SimpleNamespace(value=v, determined=True, why=None) for n, v in vars(PLATE).items()},
                           units={"G": "um/V"}, reference_temperature=24.0, logs=())  # fmt: skip
-    loop = controller.design(fit, voltage_limit=160.0, amplitude=ASKED, frequency_window=(31500.0, 33100.0), rig=rig)
+    loop = controller.design(
+        fit, voltage_limit=160.0, amplitude=ASKED, frequency_window=(31500.0, 33100.0), rig=rig
+    )
     found = play(loop, [Lane()], 2500, ASKED, temperature=lambda k: 85.0 if k < 30 else 24.0)
     assert np.abs(found["f"] - F0).max() < 15 * 10.16 + 10 and found["mode"][-1, 0] == RUN
 
 
 def test_a_clipped_converter_ends_the_drive():
     found = play(designed(), [Lane()], 1700, ASKED, clipped=lambda k: k >= 1600)
-    assert FAULTS[int(found["fault"][-1, 0])] == "clipped" and int(np.argmax(found["fault"][:, 0] > 0)) == 1649
+    assert (
+        FAULTS[int(found["fault"][-1, 0])] == "clipped" and int(np.argmax(found["fault"][:, 0] > 0)) == 1649
+    )
 
 
 def test_a_fault_ends_by_a_reset_with_enable_low_alone():
@@ -130,38 +151,67 @@ def test_a_fault_ends_by_a_reset_with_enable_low_alone():
     lane = Lane(f0=60.0, spoil=lambda W, k: NAN if lost(k) else W)
     found = play(designed(), [lane], 3300, ASKED, **resets)
     mode, f = found["mode"][:, 0], found["f"][:, 0]
-    assert (mode[1660:1800] == FAULT).all() and (mode[1801:1810] == OFF).all() and mode[1811] == FIND and mode[-1] == RUN
+    assert (
+        (mode[1660:1800] == FAULT).all()
+        and (mode[1801:1810] == OFF).all()
+        and mode[1811] == FIND
+        and mode[-1] == RUN
+    )
     assert f[1700] == F0  # after a fault nothing that was learned is believed
     again = play(designed(), [Lane(f0=60.0)], 3300, ASKED, enable=lambda k: not 1600 <= k < 1700)
     mode, f = again["mode"][:, 0], again["f"][:, 0]
     assert (mode[1601:1700] == OFF).all() and mode[-1] == RUN
-    # It goes on where it was, within four times the tracker's noise: 0.004 of the small amplitude moves an update by
-    # 0.3/(2 pi tau) times as much, of which the next leaves 0.7.
+    # It goes on where it was, within four times the tracker's noise: 0.004 of the small amplitude moves an
+    # update by 0.3/(2 pi tau) times as much, of which the next leaves 0.7.
     noise = 0.3 / (2 * math.pi * TAU) * 0.004 / (0.1 * ASKED) / math.sqrt(1 - 0.7**2)
     assert np.abs(f[1601:] - F0 - 60).max() < 4 * noise
 
 
 def test_tasks_of_commissioning():
-    """Open loop at a voltage and a frequency; a sweep; the amplitude loop without its tracker; a tracker begun at an offset."""
+    """Open loop at a voltage and a frequency; a sweep; the amplitude loop without its tracker; a tracker
+    begun at an offset."""
     half, one = 1 / (2 * math.pi * TAU), designed()
     opened = play(one, [Lane()], 400, 0.0, task=2.0, voltage=16.0, offset=-half)
-    assert (opened["mode"][1:] == OPEN).all() and (opened["V"][1:] == 16.0).all() and opened["f"][1:] == pytest.approx(F0 - half)
+    assert (
+        (opened["mode"][1:] == OPEN).all()
+        and (opened["V"][1:] == 16.0).all()
+        and opened["f"][1:] == pytest.approx(F0 - half)
+    )
     assert opened["W"][-1, 0] == pytest.approx(G * 16 / math.sqrt(2), rel=1e-3)
     swept = play(one, [Lane()], 2200, 0.0, task=3.0, voltage=16.0, offset=-250.0)
     f, W = swept["f"][1:, 0], swept["W"][1:, 0]
-    assert (swept["mode"][1:] == SWEEP).all() and (np.diff(f) >= -1e-9).all() and f[-1] == pytest.approx(F0 + 250, abs=0.3)
+    assert (
+        (swept["mode"][1:] == SWEEP).all()
+        and (np.diff(f) >= -1e-9).all()
+        and f[-1] == pytest.approx(F0 + 250, abs=0.3)
+    )
     at = int(np.argmax(W))
-    assert abs(f[at] - F0) < 0.15 * half and W[at] == pytest.approx(G * 16, rel=0.02) and swept["V"][-1, 0] == 0.0
+    assert (
+        abs(f[at] - F0) < 0.15 * half
+        and W[at] == pytest.approx(G * 16, rel=0.02)
+        and swept["V"][-1, 0] == 0.0
+    )
     held = play(one, [Lane(f0=20.0)], 1500, 0.4, task=1.0)
     assert (held["f"] == F0).all() and held["mode"][-1, 0] == RUN
     far = play(one, [Lane()], 1500, 0.4, offset=half)
-    assert far["f"][1, 0] == pytest.approx(F0 + half) and abs(far["f"][-1, 0] - F0) < 0.1 * half and far["mode"][-1, 0] == RUN
+    assert (
+        far["f"][1, 0] == pytest.approx(F0 + half)
+        and abs(far["f"][-1, 0] - F0) < 0.1 * half
+        and far["mode"][-1, 0] == RUN
+    )
     assert {FIND, SOFT, LOCK} <= set(far["mode"][:, 0])
-    wrong = play(one, [Lane(G=3.0)], 400, 0.0, task=2.0, voltage=16.0)  # a plate that answers three times as much
+    wrong = play(
+        one, [Lane(G=3.0)], 400, 0.0, task=2.0, voltage=16.0
+    )  # a plate that answers three times as much
     assert FAULTS[int(wrong["fault"][-1, 0])] == "above"
 
 
 def test_what_is_asked_in_run_may_change_at_once():
     """Two hundred changes a second, braking and all: nothing is a fault."""
-    found = play(designed(350.0), [Lane(), Lane(f0=80.0)], 6000, lambda k: ASKED if k < AT or k % 100 < 50 else 0.05 * ASKED)
+    found = play(
+        designed(350.0),
+        [Lane(), Lane(f0=80.0)],
+        6000,
+        lambda k: ASKED if k < AT or k % 100 < 50 else 0.05 * ASKED,
+    )
     assert (found["fault"] == 0).all() and (found["mode"][-1] == RUN).all()

@@ -20,8 +20,9 @@ def rounded(response, step, noise, rng):
 
 
 def step_log(bits, noise, seed, rows=160, spacing=0.07, response=None):
-    """A step off resonance by the closed form of its envelope: W = G V (1 - e^(lambda t))/(1 - j x), x the detuning in half
-    bandwidths, over a range of 2.4 times its size. Q is 250: the fast mode is a fifth of a step of eight bits."""
+    """A step off resonance by the closed form of its envelope: W = G V (1 - e^(lambda t))/(1 - j x), x the
+    detuning in half bandwidths, over a range of 2.4 times its size. Q is 250: the fast mode is a fifth of a
+    step of eight bits."""
     rng = np.random.default_rng(seed)
     x, turn = rng.normal(), np.exp(1j * rng.uniform(-np.pi, np.pi))
     time = spacing * TAU * np.arange(rows)
@@ -31,7 +32,9 @@ def step_log(bits, noise, seed, rows=160, spacing=0.07, response=None):
     shown = rounded(clean, 2.4 * SIZE / 2**bits, noise, rng)
     frequency = np.full(rows, F0 - x * HALF_BANDWIDTH)
     shown = shown if response is None else response(shown)
-    return sysid.Log("step", shown, time=time, drive=drive, frequency=frequency, kind="transient", sampling="instant")
+    return sysid.Log(
+        "step", shown, time=time, drive=drive, frequency=frequency, kind="transient", sampling="instant"
+    )
 
 
 def sweep_log(bits, noise, seed, rows=100):
@@ -52,20 +55,27 @@ def errors(logs):
         assert fit.result is sysid.Result.successful, fit.warnings
         known = fit.parameters
         assert all(known[n].determined for n in ("G", "tau", "f0")), known
-        found.append([(known[n].value - true) / known[n].std for n, true in (("G", G), ("tau", TAU), ("f0", F0))])
+        found.append(
+            [(known[n].value - true) / known[n].std for n, true in (("G", G), ("tau", TAU), ("f0", F0))]
+        )
     return np.array(found)
 
 
 @pytest.mark.parametrize(("bits", "noise"), [(8, 0.0), study(8, 0.05), study(8, 0.2), (6, 0.1)])
 @seeds(4, 16)
 def test_steps_of_few_bits_are_fitted_with_true_intervals(seeds, bits, noise):
-    """Without its rounding in the noise most are taken for a drift or a second resonance, or are off by ten errors."""
+    """Without its rounding in the noise most are taken for a drift or a second resonance, or are off by ten
+    errors."""
     rows, spacing = (160, 0.07) if bits == 8 else (400, 0.03)
     z = errors(step_log(bits, noise, seed, rows, spacing) for seed in seeds)
     assert np.max(np.abs(z)) < 4
-    assert np.all(np.sqrt(np.mean(z**2, axis=0)) < most(seeds, 2.8))  # 1.5 of 16: by chance in one of a thousand
+    assert np.all(
+        np.sqrt(np.mean(z**2, axis=0)) < most(seeds, 2.8)
+    )  # 1.5 of 16: by chance in one of a thousand
     least = 0.3 if len(seeds) > 4 else 0.15  # few may all be near by chance
-    assert np.all(np.sqrt(np.mean(z[:, 1:] ** 2, axis=0)) > least)  # the intervals are no guess: G's hangs on lateness
+    assert np.all(
+        np.sqrt(np.mean(z[:, 1:] ** 2, axis=0)) > least
+    )  # the intervals are no guess: G's hangs on lateness
 
 
 @pytest.mark.parametrize("bits", [5, 8])
@@ -110,7 +120,8 @@ def test_the_shared_part_of_a_rounding_error_is_that_of_many_readings(noise):
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.25])
 def test_no_sum_of_rows_has_a_smaller_variance_than_their_weights_say(noise):
-    """Rows of a rise and its plateau, wherever the steps lie: their mean, their slope, the mean of the plateau."""
+    """Rows of a rise and its plateau, wherever the steps lie: their mean, their slope, the mean of the
+    plateau."""
     rng, rows = np.random.default_rng(4), np.arange(200)
     clean = 20 * (1 - np.exp(-rows / 25))
     places = (np.arange(2000)[:, None] + rng.uniform(size=(2000, 1))) / 2000
@@ -120,7 +131,9 @@ def test_no_sum_of_rows_has_a_smaller_variance_than_their_weights_say(noise):
     assert np.all((own > 0) & (own <= 1)) and own[-1] < 0.5
     for sums in (np.ones(200), rows - 100.0, rows > 150, rows < 30):
         weight = sums / spread**2
-        assert np.std(shown @ weight) <= 1.03 * std * np.linalg.norm(weight * spread)  # 2000 draws tell it to 1.6 %
+        assert np.std(shown @ weight) <= 1.03 * std * np.linalg.norm(
+            weight * spread
+        )  # 2000 draws tell it to 1.6 %
 
 
 def test_a_log_in_steps_says_what_they_cost_and_one_in_fine_ones_does_not():
@@ -142,9 +155,13 @@ def test_an_amplitude_in_steps_is_fitted_with_true_intervals():
     for seed in range(16):
         rng, rows, step = np.random.default_rng(seed), np.arange(200), 2.4 * SIZE / 128
         drive = np.where(rows >= 20, VOLTS, 0.0)
-        clean = SIZE * np.where(rows >= 20, 1 - np.exp(-0.05 * (rows - 20)), 0.0) + rng.uniform(-0.5, 0.5) * step
+        clean = (
+            SIZE * np.where(rows >= 20, 1 - np.exp(-0.05 * (rows - 20)), 0.0) + rng.uniform(-0.5, 0.5) * step
+        )
         shown = step * np.round(clean / step + 0.05 * rng.standard_normal(200))
-        log = sysid.Log("plant", shown, time=0.05 * TAU * rows, drive=drive, kind="transient", sampling="instant")
+        log = sysid.Log(
+            "plant", shown, time=0.05 * TAU * rows, drive=drive, kind="transient", sampling="instant"
+        )
         known = sysid.fit([log]).parameters
         found.append([(known[n].value - true) / known[n].std for n, true in (("G", G), ("tau", TAU))])
     z = np.array(found)

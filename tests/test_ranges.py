@@ -1,4 +1,5 @@
-"""What a log alone shows against its rows: a range that was changed, a few clipped rows, damping that goes with the amplitude."""
+"""What a log alone shows against its rows: a range that was changed, a few clipped rows, damping that goes
+with the amplitude."""
 
 from dataclasses import replace
 
@@ -18,8 +19,12 @@ N, EARLY, DT = 220, 20, 1e-4
 def step(seed, level=0.01, rows=N):
     """1 V from row EARLY on, at resonance, in white noise."""
     time, drive, frequency = DT * np.arange(rows), 1.0 * (np.arange(rows) >= EARLY), np.full(rows, PLANT.f0)
-    response = reference.ringing(PLANT, time, drive, frequency, np.full(rows, 24.0)) + reference.noise(rows, level, seed)
-    return sysid.Log("step", response, time=time, drive=drive, frequency=frequency, kind="transient", sampling="instant")
+    response = reference.ringing(PLANT, time, drive, frequency, np.full(rows, 24.0)) + reference.noise(
+        rows, level, seed
+    )
+    return sysid.Log(
+        "step", response, time=time, drive=drive, frequency=frequency, kind="transient", sampling="instant"
+    )
 
 
 def scaled(log, row, by):
@@ -29,10 +34,15 @@ def scaled(log, row, by):
 @pytest.mark.parametrize("row", [28, 40, 100])
 @pytest.mark.parametrize("by", [0.1, 10.0, 1000.0])
 def test_a_range_that_changes_amid_a_transient_is_named(row, by):
-    """Eight rows after the change and later: it was called a late trigger, or a response that is not of one resonance."""
+    """Eight rows after the change and later: it was called a late trigger, or a response that is not of one
+    resonance."""
     fit = sysid.fit([scaled(step(row), row, by)])
     assert fit.result in (Result.misfit, Result.undetermined)
-    said = [w for w in fit.warnings if f"from row {row} (counted from 0) on its response is {by:g} times as large" in w]
+    said = [
+        w
+        for w in fit.warnings
+        if f"from row {row} (counted from 0) on its response is {by:g} times as large" in w
+    ]
     assert said, fit.warnings
 
 
@@ -50,7 +60,8 @@ def test_no_range_changes_in_what_goes_on():
 
 
 def decay(seed, softening):
-    """|W| of dW/dt = -(1 + softening W^2) W/tau in noise, without drive and frequency: W^-2 + s = (1 + s) e^(2t/tau)."""
+    """|W| of dW/dt = -(1 + softening W^2) W/tau in noise, without drive and frequency: W^-2 + s = (1 + s)
+    e^(2t/tau)."""
     time = DT * np.arange(150)
     w = ((1 + softening) * np.exp(2 * time / PLANT.tau) - softening) ** -0.5
     return sysid.Log("bare", np.abs(w + reference.noise(len(time), 0.005, seed)), time=time, kind="transient")
@@ -80,7 +91,8 @@ def sweep(seed, limit):
 
 
 def test_a_few_clipped_rows_are_no_chance():
-    """Three to five rows of a peak that is cut by 2 %: G and tau were 2.8 and 2.4 of their errors too small."""
+    """Three to five rows of a peak that is cut by 2 %: G and tau were 2.8 and 2.4 of their errors too
+    small."""
     for seed in range(10):
         fit = sysid.fit([sweep(seed, 0.98)])
         assert fit.result is Result.misfit and "rows lie exactly at 0.98" in " ".join(fit.warnings)

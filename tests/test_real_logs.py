@@ -1,7 +1,9 @@
-"""Measured logs of other people's instruments: each read through its mapping file and fitted; skipped where they are absent.
+"""Measured logs of other people's instruments: each read through its mapping file and fitted; skipped where
+they are absent.
 
-The reference answers are published ones, or fits made elsewhere with another program. A tolerance is four standard deviations
-of the difference: of this fit's own error and the reference's, or, where the reference states none, its last printed digit.
+The reference answers are published ones, or fits made elsewhere with another program. A tolerance is four
+standard deviations of the difference: of this fit's own error and the reference's, or, where the reference
+states none, its last printed digit.
 """
 
 from pathlib import Path
@@ -27,7 +29,11 @@ def fitted(pattern: str, mapping: str) -> sysid.Fit:
     [
         ("mcta_1", 1.53, 0.005),  # printed with three digits
         ("mcta_2", 6.06, 0.005),
-        ("mcta_3", 12.1, 0.33),  # the error of a fit made elsewhere: the source states none, and a background slope matters
+        (
+            "mcta_3",
+            12.1,
+            0.33,
+        ),  # the error of a fit made elsewhere: the source states none, and a background slope matters
     ],
 )
 def test_wires_have_the_width_that_their_owners_state(file, width, error):
@@ -52,8 +58,8 @@ def test_an_interfering_line_is_not_called_a_good_fit():
 def test_temperature_coefficient_of_a_reed():
     fit = fitted("02*/reed_temperature_sweeps.csv", "reed_temperature_window")
     k_T = fit.parameters["k_T"]
-    # Q rises from 10.5 to 11.1 with the temperature in fits of one sweep at a time, which explains a part of what is left:
-    # beside it a line interferes, so that neither is named
+    # Q rises from 10.5 to 11.1 with the temperature in fits of one sweep at a time, which explains a part of
+    # what is left: beside it a line interferes, so that neither is named
     assert fit.result is sysid.Result.misfit
     assert any("no known effect explains it" in said for said in fit.warnings)
     assert abs(k_T.value + 0.02662) < 4 * np.hypot(k_T.std, 0.00078)
@@ -61,7 +67,14 @@ def test_temperature_coefficient_of_a_reed():
 
 @pytest.mark.parametrize(
     ("number", "tau"),
-    [study(2542, 31.459), (722, 2.29), study(3413, 0.47425), study(795, 4.471), study(488, 158.69), (596, 0.10507)],
+    [
+        study(2542, 31.459),
+        (722, 2.29),
+        study(3413, 0.47425),
+        study(795, 4.471),
+        study(488, 158.69),
+        (596, 0.10507),
+    ],
 )
 def test_ring_downs_of_membranes(number, tau):
     fit = fitted(f"12*/measID_{number}_*", f"ringdown_{number}")

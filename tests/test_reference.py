@@ -28,7 +28,8 @@ def test_it_shares_no_code_with_the_package():
 
 
 def mechanics(plant, w0):
-    """ds, c, N for m = 1:  tau = 2 m/ds,  w0^2 = c/m,  G = N/(ds w0)  (w0: 2 pi f0 at 24 degC, where G is stated)."""
+    """ds, c, N for m = 1:  tau = 2 m/ds,  w0^2 = c/m,  G = N/(ds w0)  (w0: 2 pi f0 at 24 degC, where G is
+    stated)."""
     ds = 2 / plant.tau
     return ds, w0**2, plant.G * ds * w0
 
@@ -72,12 +73,15 @@ def test_low_q_solves_the_rotating_frame_equation():
 def test_low_q_needs_its_fast_mode():
     """The check above can fail: with the fast mode settled, the error is the ripple, about 1/(4 Q) = 3 %."""
     plant = PLANTS["low_q"]
-    error = reference.ringing(replace(plant, ripple=False), *step_and_release()) - reference.ringing(plant, *step_and_release())
+    error = reference.ringing(replace(plant, ripple=False), *step_and_release()) - reference.ringing(
+        plant, *step_and_release()
+    )
     assert np.max(np.abs(error)) > 0.02 * plant.G * 10
 
 
 def complex_carrier(plant, time, voltage, frequency, tau, w0):
-    """Z from  m w'' + ds w' + c w = N jV e^{j theta}, whose real part is the bench's carrier; theta is continuous."""
+    """Z from  m w'' + ds w' + c w = N jV e^{j theta}, whose real part is the bench's carrier; theta is
+    continuous."""
     _, _, N = mechanics(plant, 2 * np.pi * plant.f0)
     theta = np.append(0.0, np.cumsum(2 * np.pi * frequency[:-1] * np.diff(time)))
     state, out = np.zeros(2, complex), np.zeros(len(time), complex)
@@ -104,9 +108,12 @@ def changing(columns):
     return [given[name] if name in columns else np.full(61, still[name]) for name in given]
 
 
-@pytest.mark.parametrize("columns", [("voltage", "frequency"), ("voltage", "tau"), ("voltage", "temperature")])
+@pytest.mark.parametrize(
+    "columns", [("voltage", "frequency"), ("voltage", "tau"), ("voltage", "temperature")]
+)
 def test_changes_of_the_inputs_and_of_the_plate_match_the_carrier(columns):
-    """Both modes: w and w' are continuous across changes of voltage, frequency, damping and resonance, and so is the phase."""
+    """Both modes: w and w' are continuous across changes of voltage, frequency, damping and resonance, and so
+    is the phase."""
     plant, time = replace(PLATE, ripple=True), 1e-4 * np.arange(61)
     voltage, frequency, tau, temperature = changing(columns)
     got = reference.ringing(plant, time, voltage, frequency, temperature, tau)
@@ -116,7 +123,8 @@ def test_changes_of_the_inputs_and_of_the_plate_match_the_carrier(columns):
 
 
 def phase_space_pair(plant, time, voltage, frequency):
-    """Z of the real carrier  m w'' + ds w' + c w = N V Re[j e^{j theta}]:  2 e^{-j theta} times its mode e^{j wd t}."""
+    """Z of the real carrier  m w'' + ds w' + c w = N V Re[j e^{j theta}]:  2 e^{-j theta} times its mode e^{j
+    wd t}."""
     ds, c, N = mechanics(plant, 2 * np.pi * plant.f0)
     omega, wd = 2 * np.pi * frequency, np.sqrt(c - 1 / plant.tau**2)
 
@@ -132,7 +140,9 @@ def test_detuned_step_matches_the_real_carrier_within_its_ripple(detuning):
     plant, time = PLATE, 2.3e-5 * np.arange(400)  # 2.3e-5 s is no multiple of the carrier's period
     columns = np.ones(400), np.full(400, plant.f0 + detuning), np.full(400, 24.0)
     error = reference.ringing(plant, time, *columns) - phase_space_pair(plant, time, 1.0, plant.f0 + detuning)
-    ripple = 1 / (2 * np.pi * plant.f0 * plant.tau)  # 1/(2 Q): 1/(4 Q) of the pair, 1/(4 Q) of the settled fast mode
+    ripple = 1 / (
+        2 * np.pi * plant.f0 * plant.tau
+    )  # 1/(2 Q): 1/(4 Q) of the pair, 1/(4 Q) of the settled fast mode
     # The bound holds when the start has decayed; before that, what is left of it adds at most a few per cent.
     assert np.max(np.abs(error)) < 1.05 * ripple * plant.G
     assert np.max(np.abs(error)) > 0.9 * ripple * plant.G  # and it is the ripple that one sees
@@ -140,8 +150,11 @@ def test_detuned_step_matches_the_real_carrier_within_its_ripple(detuning):
 
 def test_signs_below_and_above_resonance():
     plant = replace(PLATE, G=1.0)
-    below, above = (complex(reference.steady(plant, 1.0, plant.f0 + detuning, 24.0)) for detuning in (-50, 50))
-    # Numbers demodulated from an integration of the carrier, to three decimals: its ripple 1/(2 Q) = 3e-3 is in them.
+    below, above = (
+        complex(reference.steady(plant, 1.0, plant.f0 + detuning, 24.0)) for detuning in (-50, 50)
+    )
+    # Numbers demodulated from an integration of the carrier, to three decimals: its ripple 1/(2 Q) = 3e-3 is
+    # in them.
     assert below == pytest.approx(0.785 + 0.412j, abs=3e-3)
     assert above == pytest.approx(0.785 - 0.411j, abs=3e-3)
     assert below.imag > 0 > above.imag
@@ -184,12 +197,16 @@ def test_a_step_at_resonance_rises_as_one_exponential():
 
 def test_the_resonance_moves_with_temperature():
     """k_T (T - 24) in Hz moves the peak: the plate 4 degC warmer, at its old resonance, loses 8 %."""
-    loss = 1 - abs(reference.steady(PLATE, 1.0, PLATE.f0, 28.0) / reference.steady(PLATE, 1.0, PLATE.f0, 24.0))
+    loss = 1 - abs(
+        reference.steady(PLATE, 1.0, PLATE.f0, 28.0) / reference.steady(PLATE, 1.0, PLATE.f0, 24.0)
+    )
     assert loss == pytest.approx(0.08, abs=0.002)  # "8 %" has one digit; w0/omega adds 0.1 %
     assert reference.steady(PLATE, 1.0, PLATE.f0, 28.0).imag < 0  # warmer: the resonance is below the drive
 
 
 def test_the_finger_takes_half_at_one_and_a_half_newton():
     G, tau = reference.touched(PLATE, np.array([0.0, 0.5, 1.0, 1.5]))
-    np.testing.assert_allclose(G / PLATE.G, [1, 0.59, 0.53, 0.5], atol=0.005)  # the law's table has two digits
+    np.testing.assert_allclose(
+        G / PLATE.G, [1, 0.59, 0.53, 0.5], atol=0.005
+    )  # the law's table has two digits
     np.testing.assert_allclose(G / tau, PLATE.G / PLATE.tau, rtol=1e-15)  # b = G/tau holds no damping

@@ -1,4 +1,5 @@
-"""Noise that goes with the response, as of impedance analysers and of records in dB: found, named, and the errors true."""
+"""Noise that goes with the response, as of impedance analysers and of records in dB: found, named, and the
+errors true."""
 
 import numpy as np
 import pytest
@@ -10,16 +11,24 @@ import sysid
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 ROWS = 101
-FREQUENCY = PLANT.f0 + np.linspace(-1300, 1300, ROWS)  # 13 half bandwidths: the response falls to a thirteenth
+FREQUENCY = PLANT.f0 + np.linspace(
+    -1300, 1300, ROWS
+)  # 13 half bandwidths: the response falls to a thirteenth
 
 
 def sweep(seed, relative, floor, amplitude=False, decibel=False):
-    """Settled points: of d and q, or the amplitude alone; noise of `relative` of the response and of `floor` of its largest."""
+    """Settled points: of d and q, or the amplitude alone; noise of `relative` of the response and of `floor`
+    of its largest."""
     rng = np.random.default_rng([seed, 9])
     clean = reference.steady(PLANT, np.full(ROWS, 100.0), FREQUENCY, np.full(ROWS, 24.0))
     (a, b), largest = rng.standard_normal((2, 2, ROWS)), np.max(np.abs(clean))
     rows = clean + floor * largest * (a[0] + 1j * a[1]) + relative * np.abs(clean) * (b[0] + 1j * b[1])
-    given = {"drive": np.full(ROWS, 100.0), "frequency": FREQUENCY, "kind": "steady", "relative_noise": decibel}
+    given = {
+        "drive": np.full(ROWS, 100.0),
+        "frequency": FREQUENCY,
+        "kind": "steady",
+        "relative_noise": decibel,
+    }
     return sysid.Log("sweep", np.abs(rows) if amplitude else np.exp(0.7j) * rows, **given)
 
 
@@ -29,20 +38,31 @@ def deviations(logs):
     for log in logs:
         fit = sysid.fit([log])
         assert fit.result.name == "successful", fit.warnings
-        found.append([(fit.parameters[n].value - getattr(PLANT, n)) / fit.parameters[n].std for n in ("G", "tau", "f0")])
+        found.append(
+            [
+                (fit.parameters[n].value - getattr(PLANT, n)) / fit.parameters[n].std
+                for n in ("G", "tau", "f0")
+            ]
+        )
     return np.array(found)
 
 
 def held(z):
-    """Whether enough intervals hold the truth: of 120 of them 114 +- 2.4 should (three of a log are not independent: 4), less 3.5
-    of these."""
+    """Whether enough intervals hold the truth: of 120 of them 114 +- 2.4 should (three of a log are not
+    independent: 4), less 3.5 of these."""
     return np.sum(np.abs(z) < 1.96) >= 0.95 * z.size - 3.5 * 4 * np.sqrt(z.size / 120)
 
 
 @pytest.mark.parametrize("amplitude", [False, True])
 @pytest.mark.parametrize(
     ("relative", "floor", "decibel"),
-    [(0.01, 0.0, False), study(0.01, 0.002, False), study(0.01, 0.0, True), study(0.0, 0.007, True), (0.01, 0.002, True)],
+    [
+        (0.01, 0.0, False),
+        study(0.01, 0.002, False),
+        study(0.01, 0.0, True),
+        study(0.0, 0.007, True),
+        (0.01, 0.002, True),
+    ],
 )
 @seeds(10, 40)
 def test_errors_are_true(seeds, relative, floor, decibel, amplitude):
@@ -67,7 +87,8 @@ def test_of_even_noise_no_part_is_taken_for_relative(seeds):
 
 
 def test_a_wrong_model_at_the_peak_is_no_noise():
-    """A response that is compressed at its largest: what is left is largest at the peak too, but neighbours share it."""
+    """A response that is compressed at its largest: what is left is largest at the peak too, but neighbours
+    share it."""
     log = sweep(0, 0.0, 0.001)
     size = np.abs(log.response)
     bent = log.response * (1 - 0.1 * (size / size.max()) ** 2)
@@ -79,13 +100,27 @@ def swept(seed, relative, floor, ups=1):
     """A sweep with its times, two tau for a row; or a step on resonance after twenty rows at rest."""
     rng, n = np.random.default_rng([seed, 10]), 200
     if ups:
-        time, volts, frequency = 2 * PLANT.tau * np.arange(n), np.full(n, 100.0), np.linspace(PLANT.f0 - 700, PLANT.f0 + 700, n)
+        time, volts, frequency = (
+            2 * PLANT.tau * np.arange(n),
+            np.full(n, 100.0),
+            np.linspace(PLANT.f0 - 700, PLANT.f0 + 700, n),
+        )
     else:
-        time, volts, frequency = 1e-4 * np.arange(n), np.where(np.arange(n) < 20, 0.0, 100.0), np.full(n, PLANT.f0)
+        time, volts, frequency = (
+            1e-4 * np.arange(n),
+            np.where(np.arange(n) < 20, 0.0, 100.0),
+            np.full(n, PLANT.f0),
+        )
     clean = reference.ringing(PLANT, time, volts, frequency, np.full(n, 24.0))
     (a, b), largest = rng.standard_normal((2, 2, n)), np.max(np.abs(clean))
     rows = clean + floor * largest * (a[0] + 1j * a[1]) + relative * np.abs(clean) * (b[0] + 1j * b[1])
-    given = {"drive": volts, "frequency": frequency, "kind": "transient", "sampling": "instant", "bench": {"delay_s": 0.0}}
+    given = {
+        "drive": volts,
+        "frequency": frequency,
+        "kind": "transient",
+        "sampling": "instant",
+        "bench": {"delay_s": 0.0},
+    }
     return sysid.Log("transient", np.exp(0.7j) * rows, time=time, **given)
 
 

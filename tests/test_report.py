@@ -1,4 +1,5 @@
-"""The screen and the report: what an engineer reads, and that no name of a file or log can do more than be read."""
+"""The screen and the report: what an engineer reads, and that no name of a file or log can do more than be
+read."""
 
 import base64
 import io
@@ -58,7 +59,8 @@ def test_numbers_show_two_digits_of_their_error(value, std, unit, expected):
 def test_derived_quantities_come_from_the_draws():
     posterior = standin.posterior()
     found = text.derived(posterior.draws, document(posterior)["parameters"])
-    # Q = pi f0 tau: its relative error is tau's (f0's is 1e-5). 400 draws tell a mean to 5 % and an error to 4 % of itself.
+    # Q = pi f0 tau: its relative error is tau's (f0's is 1e-5). 400 draws tell a mean to 5 % and an error to
+    # 4 % of itself.
     assert found["Q"]["value"] == pytest.approx(np.pi * 32300 * 1.669e-3, rel=1e-3)
     assert found["Q"]["std"] == pytest.approx(found["Q"]["value"] * 7e-6 / 1.669e-3, rel=0.15)
     assert found["half bandwidth"]["value"] == pytest.approx(1 / (2 * np.pi * 1.669e-3), rel=1e-3)
@@ -83,17 +85,25 @@ def test_the_report_shows_what_the_plants_spread():
     content = document(standin.posterior())
     rows = {name: cells for name, *cells in text.promised(content["controller"])}
     promise = content["controller"]["promise"]
-    assert rows["gain margin"] == [f"{v:.3g}" for v in (*promise["quantiles_5_50_95"]["gain_margin"], promise["gain_margin"])]
+    assert rows["gain margin"] == [
+        f"{v:.3g}" for v in (*promise["quantiles_5_50_95"]["gain_margin"], promise["gain_margin"])
+    ]
     assert rows["settling to 5 %"][-1] == f"{1e3 * promise['settling_s']:.3g} ms"
     page = html.render(content, standin.posterior())
     assert "kept by 99 %" in page and "<h3>Step response, open and closed loop</h3>" in page
-    undone = {"gain_margin": None, "quantiles_5_50_95": promise["quantiles_5_50_95"] | {"gain_margin": [None] * 3}}
+    undone = {
+        "gain_margin": None,
+        "quantiles_5_50_95": promise["quantiles_5_50_95"] | {"gain_margin": [None] * 3},
+    }
     assert ["gain margin", *["none"] * 4] in text.promised({"promise": promise | undone})
 
 
 def test_the_report_says_which_stage_is_checked_and_how():
     words = " ".join(rendered(standin.posterior()).split())
-    assert "A record of the stage full, begun at rest, is judged by <code>identify --check FILE -o DIR</code>" in words
+    assert (
+        "A record of the stage full, begun at rest, is judged by <code>identify --check FILE -o DIR</code>"
+        in words
+    )
     assert '<th scope="row">full<td' in words
 
 
@@ -117,7 +127,9 @@ def test_draws_without_bounds_are_not_drawn_and_unknown_numbers_say_so():
     posterior = standin.posterior([step], result=Result.undetermined, missing=("G", "tau", "f0"), modes=modes)
     posterior.draws["tau"] = np.full((4, 100), np.inf)
     posterior.draws["G"] = np.ones((4, 100))
-    posterior.fit.parameters["tau"] = posterior.fit.parameters["f0"].__class__(None, None, None, "s", False, "too short")
+    posterior.fit.parameters["tau"] = posterior.fit.parameters["f0"].__class__(
+        None, None, None, "s", False, "too short"
+    )
     said, page = shown(posterior), rendered(posterior)
     for words in ("1 ± unknown (weight 0.5)", "2 ± 0.1 (weight 0.5)", "too short", "unknown"):
         assert words in said and words in page, words
@@ -165,7 +177,16 @@ def test_the_report_asks_for_nothing_else():
     page = rendered(standin.posterior())
     assert not re.search(r"https?:|//[a-z]|@import|url\((?!#)", re.sub(r"base64,[^\"]*", "", page))
     assert "default-src 'none'" in page
-    for words in ("0.0200", "32300.", "cannot tell k_T", "Kp ", "prefers-color-scheme: dark", "emcee", "step.csv", "0" * 64):
+    for words in (
+        "0.0200",
+        "32300.",
+        "cannot tell k_T",
+        "Kp ",
+        "prefers-color-scheme: dark",
+        "emcee",
+        "step.csv",
+        "0" * 64,
+    ):
         assert words in page, words
 
 
@@ -188,7 +209,9 @@ def test_the_same_inputs_give_the_same_report():
     ],
 )
 def test_the_verdict_names_plate_logs_and_their_dates(dates, said):
-    logs = [standin.fitted(f"{k}.csv", metadata={"plate": "A7", "Date": date}) for k, date in enumerate(dates)]
+    logs = [
+        standin.fitted(f"{k}.csv", metadata={"plate": "A7", "Date": date}) for k, date in enumerate(dates)
+    ]
     page = rendered(standin.posterior(logs))
     told = f"G, tau and f0 of plate A7 are determined from 2 logs{said}; k_T is not"
     assert f"<strong>Successful:</strong> {told}. Next: " in page and "<h1>Plate A7</h1>" in page
@@ -199,7 +222,10 @@ def test_the_verdict_says_what_to_do_next():
     assert f"Next: {after}" in rendered(standin.posterior())
     assert f"Next: read the 2 warnings, then {after}" in rendered(standin.posterior(), ["one", "two"])
     failed = rendered(standin.posterior(result=Result.misfit))
-    assert f"<strong>Failed:</strong> 2 logs: {Result.misfit.value}: {text.ADVICE[Result.misfit.value]}" in failed
+    assert (
+        f"<strong>Failed:</strong> 2 logs: {Result.misfit.value}: {text.ADVICE[Result.misfit.value]}"
+        in failed
+    )
 
 
 def test_values_of_a_failed_fit_are_greyed_and_marked():
@@ -211,7 +237,15 @@ def test_values_of_a_failed_fit_are_greyed_and_marked():
 
 def test_figures_and_warnings_stand_before_the_commissioning_sheet():
     page = rendered(standin.posterior(), ["mind this"])
-    order = ["<h1>", "Parameters", "mind this", "<svg", "<h2>Controller", "<h2>Commissioning", "Files and versions"]
+    order = [
+        "<h1>",
+        "Parameters",
+        "mind this",
+        "<svg",
+        "<h2>Controller",
+        "<h2>Commissioning",
+        "Files and versions",
+    ]
     places = [page.index(words) for words in order]
     assert places == sorted(places)
     assert page.index("0" * 64) > page.index("<summary>Files and versions")
@@ -219,8 +253,15 @@ def test_figures_and_warnings_stand_before_the_commissioning_sheet():
 
 def test_warnings_of_many_logs_are_told_once():
     logs = [standin.fitted(f"run {k}.csv") for k in range(12)]
-    content = document(standin.posterior(logs), [*(f"run {k}.csv: no temperature" for k in range(11)), "run 11.csv: late", "all"])
-    assert text.gathered(content) == ["11 logs (run 0.csv, run 1.csv and 9 more): no temperature", "run 11.csv: late", "all"]
+    content = document(
+        standin.posterior(logs),
+        [*(f"run {k}.csv: no temperature" for k in range(11)), "run 11.csv: late", "all"],
+    )
+    assert text.gathered(content) == [
+        "11 logs (run 0.csv, run 1.csv and 9 more): no temperature",
+        "run 11.csv: late",
+        "all",
+    ]
 
 
 def test_effects_that_are_fitted_stand_beside_the_parameters():
@@ -232,7 +273,11 @@ def test_effects_that_are_fitted_stand_beside_the_parameters():
     )
     page = rendered(posterior)
     cells = re.findall(r'aria-label="Effects that are fitted">.*?</table>', page, re.DOTALL)[0]
-    rows = [re.findall(r"<t[hd][^>]*>([^<]*)", line) for line in cells.splitlines() if line.startswith("<tr><th scope=\"row")]
+    rows = [
+        re.findall(r"<t[hd][^>]*>([^<]*)", line)
+        for line in cells.splitlines()
+        if line.startswith('<tr><th scope="row')
+    ]
     assert rows == [
         ["delay", "297.9 ± 5.7 us", "a.csv", "3.47e+03"],
         ["delay, in phase", "0.090 ± 0.010 of the response", "a.csv", "3.47e+03"],
@@ -241,7 +286,9 @@ def test_effects_that_are_fitted_stand_beside_the_parameters():
 
 
 def test_a_table_of_many_logs_is_folded():
-    few, many = (rendered(standin.posterior([standin.fitted(f"{k}.csv", rows=9) for k in range(n)])) for n in (14, 60))
+    few, many = (
+        rendered(standin.posterior([standin.fitted(f"{k}.csv", rows=9) for k in range(n)])) for n in (14, 60)
+    )
     assert '<details class="all" open>' in few and '<details class="all" open>' not in many
 
 
@@ -249,7 +296,10 @@ def test_a_table_of_many_logs_is_folded():
 
 
 def drawn(posterior):
-    return [*plots.fit_figures(posterior.fit), *canvas.drawn(plots.of_posterior(posterior, document(posterior)["parameters"]))]
+    return [
+        *plots.fit_figures(posterior.fit),
+        *canvas.drawn(plots.of_posterior(posterior, document(posterior)["parameters"])),
+    ]
 
 
 def dots(svg):
@@ -265,12 +315,22 @@ def dots(svg):
         ([standin.fitted(rows=30_000)], ["Over time"]),
         ([standin.fitted("s.csv", "steady")], ["Sweeps"]),
         ([standin.fitted("s.csv", "steady", amplitude_only=True), standin.fitted()], ["Over time", "Sweeps"]),
-        ([standin.fitted(f"{i}.csv", "steady", temperature=np.full(50, 20.0 + i)) for i in range(9)], ["Sweeps"]),
-        ([standin.fitted("p.csv", "steady", frequency=np.full(50, 3e4), drive=np.arange(50.0))], ["Over time"]),
+        (
+            [standin.fitted(f"{i}.csv", "steady", temperature=np.full(50, 20.0 + i)) for i in range(9)],
+            ["Sweeps"],
+        ),
+        (
+            [standin.fitted("p.csv", "steady", frequency=np.full(50, 3e4), drive=np.arange(50.0))],
+            ["Over time"],
+        ),
         ([standin.fitted("p.csv", "steady", frequency=None)], ["Over time"]),
         (
             [standin.fitted(f"{i}.csv", rows=9, nrmse=float(i)) for i in range(17)],
-            ["Over time: logs 6, 7, 8 and 9", "Over time: logs 10, 11, 12 and 13", "Over time: logs 14, 15, 16 and 17"],
+            [
+                "Over time: logs 6, 7, 8 and 9",
+                "Over time: logs 10, 11, 12 and 13",
+                "Over time: logs 14, 15, 16 and 17",
+            ],
         ),
     ],
     ids=["step", "amplitude", "long", "sweep", "both", "many sweeps", "levels", "one level", "many"],
@@ -304,7 +364,11 @@ def test_texts_of_a_figure_stay_as_they_are():
     picture = canvas.Picture("a", lambda: figure, lambda: "")
     (found,) = canvas.drawn([picture])
     assert ">0.00012345<" in found.svg and ">#0072b2.csv<" in found.svg
-    assert "stroke: var(--blue)" in found.svg and "#0072b2;" not in found.svg and not re.search(r'd="[^"]*\.\d{3}', found.svg)
+    assert (
+        "stroke: var(--blue)" in found.svg
+        and "#0072b2;" not in found.svg
+        and not re.search(r'd="[^"]*\.\d{3}', found.svg)
+    )
 
 
 def test_parts_of_figures_do_not_meet_on_the_page():
@@ -327,7 +391,8 @@ def test_an_alternative_text_says_what_is_seen():
 
 
 def test_correlation_is_told_in_its_standard_errors():
-    """Of white noise, and of noise whose correlation is known, it is normal of standard deviation 1; else it stands out."""
+    """Of white noise, and of noise whose correlation is known, it is normal of standard deviation 1; else it
+    stands out."""
     rng = np.random.default_rng(4)
     shared = np.zeros((2000, 2))
     shared[0] = rng.standard_normal(2)

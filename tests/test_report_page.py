@@ -1,4 +1,5 @@
-"""The report in a browser: on a desk, on a phone, in print and in the dark; nothing is cut, asked for or complained of.
+"""The report in a browser: on a desk, on a phone, in print and in the dark; nothing is cut, asked for or
+complained of.
 
 A Chromium is needed, and playwright to drive it; without them the tests are skipped by name."""
 
@@ -42,17 +43,23 @@ def browser():
 
 @pytest.fixture(scope="module")
 def reports(bench, tmp_path_factory):
-    """{name: path}: a real fit with its controller, a failed one, names that would do harm, and sixty logs."""
+    """{name: path}: a real fit with its controller, a failed one, names that would do harm, and sixty
+    logs."""
     folder = tmp_path_factory.mktemp("reports")
     fit = sysid.fit([bench.sweep(seed=1), bench.sweep(seed=2, temperature=30.0), bench.transient(seed=3)])
     sets.report(fit.posterior, folder / "fit.html")
-    many = [standin.fitted(f"run_{k}_of_the_second_batch.csv", "steady" if k % 2 else "transient", rows=60) for k in range(60)]
+    many = [
+        standin.fitted(f"run_{k}_of_the_second_batch.csv", "steady" if k % 2 else "transient", rows=60)
+        for k in range(60)
+    ]
     warnings = [f"run_{k}_of_the_second_batch.csv: no temperature is recorded" for k in range(60)]
     texts = {
         "controller": rendered(standin.posterior(), ["a warning"]),
         "failed": rendered(standin.posterior(result=Result.misfit)),
         "open": rendered(standin.posterior(result=Result.undetermined, missing=("G", "f0"))),
-        "hostile": rendered(standin.posterior([standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]), [HOSTILE]),
+        "hostile": rendered(
+            standin.posterior([standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]), [HOSTILE]
+        ),
         "sixty": rendered(standin.posterior(many), warnings),
     }
     for name, text in texts.items():
@@ -95,21 +102,28 @@ def look(browser):
 def test_nothing_is_cut_asked_for_or_complained_of(reports, look, name, view):
     seen = look(reports[name], view)
     seen.page.evaluate(OPEN)
-    wide, there = seen.page.evaluate("[document.documentElement.scrollWidth, document.documentElement.clientWidth]")
+    wide, there = seen.page.evaluate(
+        "[document.documentElement.scrollWidth, document.documentElement.clientWidth]"
+    )
     assert wide <= there and not seen.page.evaluate(BEYOND)
     assert not seen.complaints
     assert [url for url in seen.requests if not url.startswith("data:")] == [reports[name].as_uri()]
 
 
 def test_its_own_rules_let_it_do_nothing(reports, browser):
-    """With the page's policy in force, as a reader has it, no program runs and nothing is refused that it needs."""
+    """With the page's policy in force, as a reader has it, no program runs and nothing is refused that it
+    needs."""
     page, complaints = browser.new_page(), []
     page.on("console", lambda message: complaints.append(message.text))
     page.goto(reports["controller"].as_uri())
     assert not complaints
-    page.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"document.title = 1\">')")
+    page.evaluate(
+        "document.body.insertAdjacentHTML('beforeend', '<img src=x onerror=\"document.title = 1\">')"
+    )
     page.wait_for_timeout(100)
-    assert page.title() == "Identified plant" and any("Content Security Policy" in text for text in complaints)
+    assert page.title() == "Identified plant" and any(
+        "Content Security Policy" in text for text in complaints
+    )
     page.close()
 
 
@@ -118,25 +132,36 @@ def test_tables_stack_on_a_phone(reports, look):
     names = "[...document.querySelectorAll('table.stack tr th[scope=row]')]"
     boxes = page.evaluate(f"{names}.map(e => e.getBoundingClientRect().width)")
     assert min(b for b in boxes if b) > 300  # of 390, each name on a line of its own
-    assert page.evaluate("getComputedStyle(document.querySelector('.stack td[data-label]'), '::before').content") != "none"
+    assert (
+        page.evaluate("getComputedStyle(document.querySelector('.stack td[data-label]'), '::before').content")
+        != "none"
+    )
 
 
 def test_sixty_logs_can_be_read_on_a_phone(reports, look):
     """On some ten screens, with texts of figures no smaller than seven pixels."""
     page = look(reports["sixty"], "phone").page
     assert page.evaluate("document.documentElement.scrollHeight") < 12 * 844
-    sizes = page.evaluate("[...document.querySelectorAll('svg text')].map(e => e.getBoundingClientRect().height)")
+    sizes = page.evaluate(
+        "[...document.querySelectorAll('svg text')].map(e => e.getBoundingClientRect().height)"
+    )
     assert np.quantile(sizes, 0.05) > 7
     assert reports["sixty"].stat().st_size < 1_000_000
 
 
 def test_a_dark_page_is_dark_and_a_printed_one_is_not(reports, look):
     def lightness(view, of, what):
-        seen = look(reports["controller"], view).page.evaluate(f"getComputedStyle(document.querySelector('{of}')).{what}")
+        seen = look(reports["controller"], view).page.evaluate(
+            f"getComputedStyle(document.querySelector('{of}')).{what}"
+        )
         return np.mean([float(x) for x in re.findall(r"[\d.]+", seen)[:3]])
 
     for of, what in (("body", "color"), ("svg text", "fill")):
-        assert lightness("dark", of, what) > 200 and lightness("desk", of, what) < 60 and lightness("print", of, what) < 60
+        assert (
+            lightness("dark", of, what) > 200
+            and lightness("desk", of, what) < 60
+            and lightness("print", of, what) < 60
+        )
     assert lightness("dark", "body", "backgroundColor") < 40
 
 
@@ -145,14 +170,18 @@ def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, brow
     lines = "[...document.querySelectorAll('table[aria-label=Logs] tbody tr')]"
     rows = page.evaluate(f"{lines}.map(e => e.getBoundingClientRect().height)")
     assert len(rows) == 60 and min(rows) > 5
-    assert page.evaluate("[...document.querySelectorAll('figure')].every(e => getComputedStyle(e).breakInside === 'avoid')")
+    assert page.evaluate(
+        "[...document.querySelectorAll('figure')].every(e => getComputedStyle(e).breakInside === 'avoid')"
+    )
 
 
 @pytest.mark.parametrize("view", ["desk", "phone", "dark"])
 @pytest.mark.parametrize("name", ["fit", "controller", "failed", "sixty"])
 def test_everyone_can_use_it(reports, look, name, view):
     """The rules of axe-core."""
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+    )
     page = look(reports[name], view).page
     page.evaluate(OPEN)
     found = axe.Axe().run(page).response["violations"]

@@ -206,8 +206,8 @@ def test_the_plate_alone_is_neither_turned_nor_offset(bench, fit):
 def test_amplitudes_are_predicted_as_amplitudes(bench, fit):
     told = fit.predict(bench.sweep(seed=5, amplitude=True))
     assert not np.iscomplexobj(told.response) and not np.iscomplexobj(told.std)
-    # Noise adds half its square over W to a mean amplitude: 0.0005 um on a flank of 0.4 um. The mean of 101 rows
-    # of 0.02 um is known to 0.002.
+    # Noise adds half its square over W to a mean amplitude: 0.0005 um on a flank of 0.4 um. The mean of 101
+    # rows of 0.02 um is known to 0.002.
     assert abs(np.mean(told.residual)) < 0.009
     assert set(told.to_frame()) >= {"w_um", "w_predicted_um", "w_std_um", "w_total_std_um"}
 
@@ -238,8 +238,8 @@ def test_a_posterior_is_arviz_s_own_type(posterior, logs, arviz):
         np.testing.assert_array_equal(data["posterior"][name].values, draws)
     np.testing.assert_array_equal(data["observed_data"]["wq_2"].values, logs[1].response.imag)
     assert data["sample_stats"]["lp"].shape == next(iter(posterior.draws.values())).shape
-    # The density falls from its peak as half a chi-square of three: a mean of 1.5, to 0.04 for a thousand draws; the
-    # largest of them is not quite the peak.
+    # The density falls from its peak as half a chi-square of three: a mean of 1.5, to 0.04 for a thousand
+    # draws; the largest of them is not quite the peak.
     lp = data["sample_stats"]["lp"].values
     assert np.max(lp) - np.mean(lp) == pytest.approx(1.5, abs=0.25)
 

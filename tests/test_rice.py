@@ -12,7 +12,8 @@ HALF = 95.3  # Hz, half bandwidth
 
 
 def information(size: np.ndarray) -> np.ndarray:
-    """(2, 2, n) Fisher's, of an amplitude over its noise, `size` (n,), and of the noise's logarithm, by a sum over Rice's law."""
+    """(2, 2, n) Fisher's, of an amplitude over its noise, `size` (n,), and of the noise's logarithm, by a sum
+    over Rice's law."""
     x = np.linspace(0, np.max(size) + 9, 1000)
     ratio, z = i1e(x * size[:, None]) / i0e(x * size[:, None]), x * size[:, None]
     law = x * np.exp(-0.5 * (x - size[:, None]) ** 2) * i0e(z)
@@ -24,7 +25,9 @@ def bound(plant, frequency: np.ndarray, drive: np.ndarray, noise: float) -> np.n
     """Cramer and Rao's for G and tau, relative, f0 and the noise unknown."""
 
     def size(shift: np.ndarray) -> np.ndarray:
-        other = reference.Plant(plant.G * np.exp(shift[0]), plant.tau * np.exp(shift[1]), plant.f0 + shift[2], 0.0)
+        other = reference.Plant(
+            plant.G * np.exp(shift[0]), plant.tau * np.exp(shift[1]), plant.f0 + shift[2], 0.0
+        )
         return np.abs(reference.steady(other, drive, frequency, 24.0))
 
     steps = np.diag([1e-5, 1e-5, 1e-3])
@@ -37,7 +40,8 @@ def bound(plant, frequency: np.ndarray, drive: np.ndarray, noise: float) -> np.n
 
 @pytest.mark.parametrize("noise", [study(0.03), 0.2])
 def test_the_noise_that_lifts_the_amplitudes_is_no_better_known_than_its_scatter_tells(noise):
-    """At a fifth of the peak, with it taken as known, tau was said to be known a twentieth better than Rice's law allows."""
+    """At a fifth of the peak, with it taken as known, tau was said to be known a twentieth better than Rice's
+    law allows."""
     plant = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=0.0)
     frequency, drive = np.linspace(plant.f0 - 5 * HALF, plant.f0 + 5 * HALF, 101), np.full(101, 50.0)
     stated = []
@@ -47,5 +51,6 @@ def test_the_noise_that_lifts_the_amplitudes_is_no_better_known_than_its_scatter
         found = reference.Plant(fit.plant.G, fit.plant.tau, fit.plant.f0, 0.0)
         least = bound(found, frequency, drive, fit.modes[0].trials[0].noise.std)
         stated.append([fit.parameters[n].std / getattr(fit.plant, n) for n in ("G", "tau")] / least)
-    # Rice's law tells G and tau a little better than its mean and spread, of which the fit is made: by 1 % at most here.
+    # Rice's law tells G and tau a little better than its mean and spread, of which the fit is made: by 1 % at
+    # most here.
     np.testing.assert_allclose(np.median(stated, axis=0), 1, atol=0.03)

@@ -16,9 +16,14 @@ PLANT = reference.Plant(0.01, TAU, 32290.0, 0.0)
 def log(seed, detuning=0.0):
     """The amplitude of a step, `detuning` half bandwidths above resonance."""
     time = 1e-4 * np.arange(200)
-    drive, frequency = np.where(time >= 2e-3, 100.0, 0.0), np.full(200, PLANT.f0 + detuning / (2 * np.pi * TAU))
+    drive, frequency = (
+        np.where(time >= 2e-3, 100.0, 0.0),
+        np.full(200, PLANT.f0 + detuning / (2 * np.pi * TAU)),
+    )
     clean = reference.ringing(PLANT, time, drive, frequency, np.full(200, 24.0))
-    return sysid.Log("step", np.abs(clean + reference.noise(200, 0.01, seed)), time=time, drive=drive, frequency=frequency)
+    return sysid.Log(
+        "step", np.abs(clean + reference.noise(200, 0.01, seed)), time=time, drive=drive, frequency=frequency
+    )
 
 
 @pytest.fixture(scope="module", params=tiers(range(12), range(40)))
@@ -27,15 +32,20 @@ def fits(request):
 
 
 def test_gain_and_time_constant_are_known_on_resonance(fits):
-    """J^T J takes what noise leaves of the derivative by f0 for information, and of some of these logs told neither."""
+    """J^T J takes what noise leaves of the derivative by f0 for information, and of some of these logs told
+    neither."""
     assert all(f.result is Result.successful for f in fits)
     for name, truth in (("G", PLANT.G), ("tau", TAU)):
         found = np.array([(f.parameters[name].value, f.parameters[name].std) for f in fits])
         held = np.abs(found[:, 0] - truth) < 1.96 * found[:, 1]
         assert held.sum() >= binom.ppf(0.004, len(fits), 0.95)  # of 40, 34
         spread = np.std(found[:, 0])
-        few = 1 + 3 / np.sqrt(2 * len(fits)) - 3 / np.sqrt(2 * 40)  # by how much less a spread is known of fewer than 40
-        assert 0.7 / few * spread < np.median(found[:, 1]) < 2.5 * few * spread  # x^2 >= 0 is 0 here, which the logs do not know
+        few = (
+            1 + 3 / np.sqrt(2 * len(fits)) - 3 / np.sqrt(2 * 40)
+        )  # by how much less a spread is known of fewer than 40
+        assert (
+            0.7 / few * spread < np.median(found[:, 1]) < 2.5 * few * spread
+        )  # x^2 >= 0 is 0 here, which the logs do not know
 
 
 def test_what_it_says_of_f0_is_as_wide_as_the_posterior(fits):

@@ -1,4 +1,5 @@
-"""What a rig says is used: the loop's sensor by a calibration log, its timer, its converters; the PLL beside the trackers."""
+"""What a rig says is used: the loop's sensor by a calibration log, its timer, its converters; the PLL beside
+the trackers."""
 
 import math
 from types import SimpleNamespace
@@ -25,19 +26,27 @@ def written(path, seed, gain=0.31, rotation=12.0, delay=1.3e-6, noise=0.01, span
     S = gain * np.exp(1j * (math.radians(rotation) - 2 * np.pi * f * delay)) * W
     S = S + noise * 2 * gain * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
     rows = np.stack([f / 1e3, W.real, W.imag, S.real, S.imag], 1)
-    lines = ["frequency_kHz,wd_um,wq_um,sensor_wd_V,sensor_wq_V", *(",".join(f"{v:.17g}" for v in row) for row in rows)]
+    lines = [
+        "frequency_kHz,wd_um,wq_um,sensor_wd_V,sensor_wq_V",
+        *(",".join(f"{v:.17g}" for v in row) for row in rows),
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
 def test_a_calibration_log_gives_gain_angle_and_delay_with_errors(tmp_path):
-    """Over thirty logs each is off by its own standard deviation: the mean square of 30 normal numbers is 1 +- 0.26."""
+    """Over thirty logs each is off by its own standard deviation: the mean square of 30 normal numbers is 1
+    +- 0.26."""
     scores = []
     for seed in range(30):
         found = calibrate(written(tmp_path / "both.csv", seed))
         angle = found.rotation - 360 * found.frequency * found.delay - (12.0 - 360 * 32300 * 1.3e-6)
         angle = (angle + 180) % 360 - 180
-        off = ((found.gain - 0.31) / found.gain_error, angle / found.angle_error, (found.delay - 1.3e-6) / found.delay_error)
+        off = (
+            (found.gain - 0.31) / found.gain_error,
+            angle / found.angle_error,
+            (found.delay - 1.3e-6) / found.delay_error,
+        )
         scores.append(off)
     assert np.mean(np.square(scores), 0).min() > 0.3 and np.mean(np.square(scores), 0).max() < 1.8
     assert found.angle_error < 0.3 and found.gain_error < 0.005 * 0.31
@@ -55,8 +64,12 @@ def test_the_rig_uses_it_and_says_how_well_it_is_known(tmp_path):
     loop = controller.design(PLATE, rig=Rig.from_toml(tmp_path / "rig.toml"), **GIVEN)
     turned = loop.control.d + 1j * loop.control.q
     true = 0.31 * np.exp(1j * (math.radians(12.0) - 2 * np.pi * 32300 * 1.3e-6))
-    assert turned * true == pytest.approx(1.0, abs=0.006)  # 1 % of noise in 101 points across the resonance: 0.15 %, four of them
-    assert "the loop's sensor is known to" in loop.notes[0] and "degrees (standard deviations)" in loop.notes[0]
+    assert turned * true == pytest.approx(
+        1.0, abs=0.006
+    )  # 1 % of noise in 101 points across the resonance: 0.15 %, four of them
+    assert (
+        "the loop's sensor is known to" in loop.notes[0] and "degrees (standard deviations)" in loop.notes[0]
+    )
 
 
 @pytest.mark.parametrize(("text", "said"), [
@@ -94,12 +107,20 @@ law = "sine"
 def test_converters_and_clocks(tmp_path):
     (tmp_path / "rig.toml").write_text(FULL)
     rig = Rig.from_toml(tmp_path / "rig.toml")
-    assert rig.adc == (12, 5, 1e6) and rig.adc.unit == 5 / 2048 and rig.dac == (10, 400) and rig.inverter == (300, True)
+    assert (
+        rig.adc == (12, 5, 1e6)
+        and rig.adc.unit == 5 / 2048
+        and rig.dac == (10, 400)
+        and rig.inverter == (300, True)
+    )
     loop = controller.design(PLATE, rig=rig, **GIVEN)
     assert loop.law.tracker.every == 2 * controller.design(PLATE, **GIVEN).law.tracker.every
-    # the demodulator's delay counts, with and without a rig: about 16 samples in a period without one, 31 with this
+    # the demodulator's delay counts, with and without a rig: about 16 samples in a period without one, 31
+    # with this
     for one in (loop, controller.design(PLATE, **GIVEN)):
-        assert one.delay == pytest.approx(1e-4 + one.demodulator.delay) and 45e-6 < one.demodulator.delay < 60e-6
+        assert (
+            one.delay == pytest.approx(1e-4 + one.demodulator.delay) and 45e-6 < one.demodulator.delay < 60e-6
+        )
         d = one.delay / 1e-4
         K = -math.expm1(-2 * math.pi * one.bandwidth_limit_hz * 1e-4)
         assert pytest.approx(d**d / (d + 1) ** (d + 1), rel=1e-9) == K
@@ -127,18 +148,39 @@ def test_a_rig_that_is_wrong(tmp_path, text, said):
 
 
 WHOLE = {
-    "a small sensor": (Rig(adc=Adc(12.0, 0.5, 517e3)), r"adc\.full_scale = 0\.5: an amplitude of 2 shows.*full_scale = 2\.7, or"),
-    "a coarse sensor": (Rig(adc=Adc(5.0, 5.0, 517e3)), r"adc\.bits = 5: a count is 0\.312.*nearest that can be had is bits = 8"),
-    "a small converter": (Rig(dac=Dac(12.0, 50.0)), r"dac\.full_scale: it makes 50 at most.*limit is 350.*voltage_limit = 50"),
-    "a weak supply": (Rig(inverter=Inverter(200.0, False)), r"inverter\.supply: it makes 200 at most.*voltage_limit = 200"),
-    "a slow synthesiser": (Rig(dds=40e3), r"dds = 40000 Hz: it cannot make a carrier of 32300 Hz.*dds = 8\.075e\+04 Hz"),
+    "a small sensor": (
+        Rig(adc=Adc(12.0, 0.5, 517e3)),
+        r"adc\.full_scale = 0\.5: an amplitude of 2 shows.*full_scale = 2\.7, or",
+    ),
+    "a coarse sensor": (
+        Rig(adc=Adc(5.0, 5.0, 517e3)),
+        r"adc\.bits = 5: a count is 0\.312.*nearest that can be had is bits = 8",
+    ),
+    "a small converter": (
+        Rig(dac=Dac(12.0, 50.0)),
+        r"dac\.full_scale: it makes 50 at most.*limit is 350.*voltage_limit = 50",
+    ),
+    "a weak supply": (
+        Rig(inverter=Inverter(200.0, False)),
+        r"inverter\.supply: it makes 200 at most.*voltage_limit = 200",
+    ),
+    "a slow synthesiser": (
+        Rig(dds=40e3),
+        r"dds = 40000 Hz: it cannot make a carrier of 32300 Hz.*dds = 8\.075e\+04 Hz",
+    ),
     "a coarse timer": (
         Rig(timer=4e6),
         r"frequencies 26\d\.?\d* Hz apart: half of the plate's bandwidth is 95\.4.*timer = 5\.4\de\+06",
     ),
-    "a slow sensor": (Rig(adc=Adc(12.0, 5.0, 9e3)), r"adc\.rate = 9000 Hz: a step every 0\.0001 s is less than a sample"),
+    "a slow sensor": (
+        Rig(adc=Adc(12.0, 5.0, 9e3)),
+        r"adc\.rate = 9000 Hz: a step every 0\.0001 s is less than a sample",
+    ),
     "a drive in steps": (Rig(drive_update=1e5), r"drive_update = 100000 Hz.*is no sine.*1\.292e\+05 Hz"),
-    "a slow slew": (Rig(voltage_slew=3e3), r"voltage_slew = 3000 a second stands in the way.*nearest that can be had is \d"),
+    "a slow slew": (
+        Rig(voltage_slew=3e3),
+        r"voltage_slew = 3000 a second stands in the way.*nearest that can be had is \d",
+    ),
 }
 
 
@@ -150,7 +192,8 @@ def test_a_rig_that_cannot_do_what_is_asked_is_refused_for_its_own_cause(name):
 
 
 def test_a_drive_that_is_held_is_corrected():
-    """Half of the time between two of its samples: at 517 kS/s 11.2 degrees, with which the tracker settled 18.9 Hz off."""
+    """Half of the time between two of its samples: at 517 kS/s 11.2 degrees, with which the tracker settled
+    18.9 Hz off."""
     loop = controller.design(PLATE, rig=Rig(drive_update=517e3), **GIVEN)
     turned = math.degrees(np.angle(loop.control.d + 1j * loop.control.q))
     assert turned == pytest.approx(360 * 32300 * 0.5 / 517e3) == pytest.approx(11.25, abs=0.01)
@@ -159,7 +202,9 @@ def test_a_drive_that_is_held_is_corrected():
 
 
 def test_a_rig_may_choose_method_amplitude_and_settling(tmp_path):
-    (tmp_path / "rig.toml").write_text('method = "pll"\namplitude_nm = 1500\nsettling_ms = 2\ndrive_update_MHz = 1\n')
+    (tmp_path / "rig.toml").write_text(
+        'method = "pll"\namplitude_nm = 1500\nsettling_ms = 2\ndrive_update_MHz = 1\n'
+    )
     rig = Rig.from_toml(tmp_path / "rig.toml", "V", "um")
     loop = controller.design(PLATE, rig=rig, voltage_limit=350.0, frequency_window=(32000.0, 32600.0))
     assert loop.method == "pll" and loop.amplitude == pytest.approx(1.5) and loop.promise.settling <= 2e-3
@@ -175,12 +220,17 @@ def identified(touched=None):
     why = None if touched else "no force was recorded"
     known = {"G": 0.02, "tau": TAU, "f0": 32300.0, "k_T": -10.16, "finger_damping": touched}
     found = {n: SimpleNamespace(value=v, determined=v is not None, why=why) for n, v in known.items()}
-    log = SimpleNamespace(drive=np.array([0.0, 350.0]), frequency=None, sha256="ab" * 32, metadata={"Plate": "A/7 */"})
-    return SimpleNamespace(parameters=found, units={"G": "um/V"}, reference_temperature=24.0, logs=(SimpleNamespace(log=log),))
+    log = SimpleNamespace(
+        drive=np.array([0.0, 350.0]), frequency=None, sha256="ab" * 32, metadata={"Plate": "A/7 */"}
+    )
+    return SimpleNamespace(
+        parameters=found, units={"G": "um/V"}, reference_temperature=24.0, logs=(SimpleNamespace(log=log),)
+    )
 
 
 def test_the_rig_states_the_frequencies_that_the_tracker_may_drive_at(tmp_path):
-    """Over 14 to 39 degC the resonance goes from 32402 to 32148 Hz, beyond the 10 Hz on either side that a sweep has seen."""
+    """Over 14 to 39 degC the resonance goes from 32402 to 32148 Hz, beyond the 10 Hz on either side that a
+    sweep has seen."""
     warm = "coldest_degC = 14\nwarmest_degC = 39\n"
     found = identified()
     found.logs[0].log.frequency = np.linspace(32290.0, 32310.0, 2)
@@ -200,7 +250,9 @@ def test_the_range_of_a_rig_is_designed_for_and_stamped(tmp_path):
     rig = Rig.from_toml(tmp_path / "rig.toml")
     loop = controller.design(identified(touched=1.2), rig=rig, frequency_window=(32000.0, 32600.0))
     area = (1 - math.exp(-((0.5 / 0.6) ** (2 / 3)))) / (1 - math.exp(-((1.5 / 0.6) ** (2 / 3))))
-    assert loop.finger == pytest.approx(1.2 * area, rel=1e-6) and loop.force == 0.5  # 1e-9 N keep its slope finite
+    assert (
+        loop.finger == pytest.approx(1.2 * area, rel=1e-6) and loop.force == 0.5
+    )  # 1e-9 N keep its slope finite
     assert loop.warming == pytest.approx((-10.0, 15.0))
     assert controller.as_dict(loop)["range"]["force_N"] == 0.5
     controller.export_c(loop, tmp_path / "dq_pi.h")
@@ -212,12 +264,18 @@ def test_the_range_of_a_rig_is_designed_for_and_stamped(tmp_path):
         "ab" * 32,
     ):
         assert said in header, said
-    stated = controller.design(identified(), rig=rig, finger=0.0, warming=(0.0, 0.0), frequency_window=(32000.0, 32600.0))
+    stated = controller.design(
+        identified(), rig=rig, finger=0.0, warming=(0.0, 0.0), frequency_window=(32000.0, 32600.0)
+    )
     assert stated.finger == 0.0 and stated.warming == (0.0, 0.0)
     cold = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0, k_T=None)
-    with pytest.raises(ValueError, match=r"warming = \(-5, 5\) cannot be answered for: k_T is not determined"):
+    with pytest.raises(
+        ValueError, match=r"warming = \(-5, 5\) cannot be answered for: k_T is not determined"
+    ):
         controller.design(cold, warming=(-5.0, 5.0))
-    with pytest.raises(ValueError, match=r"force = 0\.5 N says nothing.*no force was recorded; finger states"):
+    with pytest.raises(
+        ValueError, match=r"force = 0\.5 N says nothing.*no force was recorded; finger states"
+    ):
         controller.design(identified(), rig=rig)
 
 
@@ -227,7 +285,9 @@ def test_words_of_the_source_are_the_frequency():
         ticks = timer.periods + timer.ticks(wanted - 32300.0, controller.tracker.scalar)
         assert abs(clock / ticks - wanted) <= 0.5 * wanted**2 / clock + 0.1
     dds = Dds(1e6, 32300.0)
-    assert dds.base + dds.fraction == pytest.approx(32300 / 1e6 * 2**32, abs=1e-6) and abs(dds.fraction) <= 0.5
+    assert (
+        dds.base + dds.fraction == pytest.approx(32300 / 1e6 * 2**32, abs=1e-6) and abs(dds.fraction) <= 0.5
+    )
 
 
 @pytest.mark.parametrize("sine", [True, False])
@@ -237,16 +297,20 @@ def test_the_duty_law_is_turned_round(sine):
     a = inverter.series(285.0)
     duty = (V / 285)[:, None] ** (2 * np.arange(len(a)) + 1) @ a
     made = 300.0 * (4 / np.pi * np.sin(np.pi / 2 * duty) if sine else duty)
-    np.testing.assert_allclose(made, V, rtol=0, atol=1e-4 * 300 * 2)  # the duty ratio to 1e-4, its slope 2 supply at most
+    np.testing.assert_allclose(
+        made, V, rtol=0, atol=1e-4 * 300 * 2
+    )  # the duty ratio to 1e-4, its slope 2 supply at most
     with pytest.raises(ValueError, match="which the inverter can make"):
         inverter.check(1000.0)
 
 
-# --- trackers -------------------------------------------------------------------------------------------------------------------
+# --- trackers
+# -------------------------------------------------------------------------------------------------------------------
 
 
 def tracked(loop, f0, samples, noise=0.02, timer=None):
-    """f (samples, n), |W| (samples, n) of the law on plates with resonances f0 (n,), one sample of latency."""
+    """f (samples, n), |W| (samples, n) of the law on plates with resonances f0 (n,), one sample of
+    latency."""
     rng, xp, law = np.random.default_rng(1), np, loop.law
     state, W = law.init(), np.zeros(len(f0), complex)
     voltage, frequency, rows = np.zeros(len(f0)), np.full(len(f0), 32300.0), []
@@ -268,7 +332,9 @@ def test_the_pll_locks_and_rests():
     off = np.array([-100.0, -30.0, 30.0, 100.0])
     f, W = tracked(loop, 32300.0 + off, 600, noise=0.0)
     past = (f - 32300.0 - off) * np.sign(off)
-    assert past.max() < 10.0  # a detuning of one half bandwidth bends arctan into tan: beyond linear by a tenth
+    assert (
+        past.max() < 10.0
+    )  # a detuning of one half bandwidth bends arctan into tan: beyond linear by a tenth
     assert np.abs(past[300:]).max() < 0.01  # 30 ms: 18 tau
     np.testing.assert_allclose(W[-1], 2.0, rtol=1e-3)
     f, W = tracked(loop, 32300.0 + off, 4000)
@@ -280,14 +346,16 @@ def test_the_pll_locks_and_rests():
 
 @pytest.mark.parametrize("method", ["pi", "pll"])  # the other: in test_closed_loop.py
 def test_a_timer_of_100_MHz_does_not_chatter(method):
-    """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, or a plate at the edge of the dead band
-    leaves it once, wherever the resonance lies between two; with 1 % of noise, of each of Wd and Wq and each sample."""
+    """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, or a plate at the
+    edge of the dead band leaves it once, wherever the resonance lies between two; with 1 % of noise, of each
+    of Wd and Wq and each sample."""
     loop = controller.design(PLATE, method=method, rig=Rig(timer=1e8), **GIVEN)
     f0 = 32300.0 + np.linspace(-10.4, 10.4, 100)
     f, W = tracked(loop, f0, 11000, timer=1e8)
     changes = (np.diff(f[1000:], axis=0) != 0).sum(0)
     assert changes.max() <= 1 and changes.sum() <= 5  # of a hundred plates
     assert np.abs(f[-1] - f0).max() < 0.67 * 10.45  # half a step and a dead band of 0.15, and noise
-    # the PI holds Wd, so that nothing is lost: |W| is above it by up to 7 Hz / 95 Hz squared and halved, 0.27 %
+    # the PI holds Wd, so that nothing is lost: |W| is above it by up to 7 Hz / 95 Hz squared and halved, 0.27
+    # %
     lost = 1 - W[1000:].mean(0) / 2.0
     assert lost.max() < 0.0015 and lost.min() > -0.0030

@@ -27,14 +27,16 @@ SEEDS = 2
 
 
 def log(x, before, since, levels=(40.0, 0.0), seed=0, level=0.002):
-    """Rows of a plate that was at rest `since` seconds before the first, and then driven by the first of the levels, x half
-    bandwidths above resonance; after so many rows by the second."""
+    """Rows of a plate that was at rest `since` seconds before the first, and then driven by the first of the
+    levels, x half bandwidths above resonance; after so many rows by the second."""
     drive = np.repeat(levels, [before, 250])
     time, frequency = TAU / 30 * np.arange(len(drive)), PLANT.f0 + x * HALF
     earlier, same = np.append(-since, time), np.full(len(drive) + 1, frequency)
     rows = reference.ringing(PLANT, earlier, np.append(drive[0], drive), same, np.full(len(same), 24.0))[1:]
     rows = np.abs(rows + reference.noise(len(drive), level * PLANT.G * 40.0, seed))
-    return sysid.Log("ring-down", rows, time=time, drive=drive, frequency=same[1:], kind="transient", sampling="instant")
+    return sysid.Log(
+        "ring-down", rows, time=time, drive=drive, frequency=same[1:], kind="transient", sampling="instant"
+    )
 
 
 def errors(found, name):
@@ -115,7 +117,12 @@ def test_begun_is_as_after_long(order, both_modes):
     """Settled at the first row: the response to the same inputs, an interval of 60 time constants before."""
     time, tau = np.arange(80) * 1e-4, 8e-4
     drive, frequency = np.where(time < 2e-3, 3.0, 1.0), np.where(time < 4e-3, 3.2e3, 3.1e3)
-    long = hold_inputs(np.append(-60 * tau, time), np.append(3.0, drive), np.append(3.2e3, frequency), reference=(3.15e3, 0.0))
+    long = hold_inputs(
+        np.append(-60 * tau, time),
+        np.append(3.0, drive),
+        np.append(3.2e3, frequency),
+        reference=(3.15e3, 0.0),
+    )
     hold = hold_inputs(time, drive, frequency, reference=(3.15e3, 0.0))
     hold = hold._replace(begun=np.eye(1, len(hold.drive))[0], smoothing=2e-4)
     with jax.enable_x64(True):
@@ -131,7 +138,8 @@ def test_begun_is_as_after_long(order, both_modes):
 
 
 def test_the_linear_view_is_that_of_the_fit():
-    """One start, in one unit, in the compiled likelihood and in the plain course; derivatives against differences."""
+    """One start, in one unit, in the compiled likelihood and in the plain course; derivatives against
+    differences."""
     found = sysid.fit([log(1.0, 200, 0.7 * TAU)])
     state = found.modes[0]
     trial, model = state.trials[0], state.models[0]
@@ -148,17 +156,22 @@ def test_the_linear_view_is_that_of_the_fit():
         slope = (plate(state.theta + moved) - plate(state.theta - moved)) / (2 * step)
         course = Course(trial, trial.hold(found.reference), state.theta)
         given = course.derivatives(trial.start)[:, k]
-        np.testing.assert_allclose(given, slope, atol=1e-6 * np.max(np.abs(slope)))  # two differences, of other steps
+        np.testing.assert_allclose(
+            given, slope, atol=1e-6 * np.max(np.abs(slope))
+        )  # two differences, of other steps
 
 
 @seeds(3, 25)
 def test_one_that_dies_into_its_noise_is_told_as_well_as_is_said(seeds):
-    """Rice's mean and spread: taken for noise of one size about sqrt(|W|^2 + floor), tau was 1.7 of its errors too small."""
+    """Rice's mean and spread: taken for noise of one size about sqrt(|W|^2 + floor), tau was 1.7 of its
+    errors too small."""
     time = TAU / 250 * np.arange(2000)
     scores = []
     for seed in seeds:
         rows = np.abs(np.exp(-time / TAU) + reference.noise(len(time), 0.2, seed))
-        recorded = sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")
+        recorded = sysid.Log(
+            "tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient"
+        )
         tau = sysid.fit([recorded]).parameters["tau"]
         scores.append((tau.value - TAU) / tau.std)
     # Three standard deviations of the mean and of the variance of as many normal numbers.
@@ -170,7 +183,9 @@ def test_one_that_dies_into_its_noise_is_told_as_well_as_is_said(seeds):
 def test_a_long_one_that_dies_into_its_noise_is_no_misfit():
     time = 8 * TAU / 100_000 * np.arange(100_000)
     rows = np.abs(np.exp(-time / TAU) + reference.noise(len(time), 0.05, 3))
-    found = sysid.fit([sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")])
+    found = sysid.fit(
+        [sysid.Log("tail", rows, time=time, drive=0 * time, frequency=0 * time + PLANT.f0, kind="transient")]
+    )
     assert found.result is Result.undetermined  # G and f0
     assert errors(found, "tau") < 4 and found.parameters["tau"].std < 2e-3 * TAU
 
@@ -178,7 +193,8 @@ def test_a_long_one_that_dies_into_its_noise_is_no_misfit():
 @pytest.mark.parametrize("rows, noise", [(110, 0.005), (300, 0.05)])
 @seeds(4, 20)
 def test_a_bare_amplitude_that_dies_into_its_noise_is_an_amplitude(seeds, rows, noise):
-    """Neither drive nor frequency: time and |W| alone. Its tail has lost its sign, and is no offset that the response dies to."""
+    """Neither drive nor frequency: time and |W| alone. Its tail has lost its sign, and is no offset that the
+    response dies to."""
     time, z = TAU / 16.7 * np.arange(rows), []
     for seed in seeds:
         w = np.abs(np.exp(-time / TAU) + reference.noise(rows, noise, seed))
@@ -190,7 +206,8 @@ def test_a_bare_amplitude_that_dies_into_its_noise_is_an_amplitude(seeds, rows, 
 
 @pytest.mark.parametrize("offset", [2.5, 10.0])
 def test_a_bare_signed_output_keeps_its_offset(offset):
-    """Noise about an offset of a few of its standard deviations keeps its sign, though no row of the tail falls below zero."""
+    """Noise about an offset of a few of its standard deviations keeps its sign, though no row of the tail
+    falls below zero."""
     time, level = TAU / 16.7 * np.arange(150), 0.005
     for seed in range(5):
         w = np.abs(np.exp(-time / TAU) + level * (offset + np.random.default_rng(seed).standard_normal(150)))

@@ -1,4 +1,5 @@
-"""A unit decides nothing: logs in units from 1e-9 to 1e9 of what they were get the same verdict, in the same words."""
+"""A unit decides nothing: logs in units from 1e-9 to 1e9 of what they were get the same verdict, in the same
+words."""
 
 import re
 from dataclasses import replace
@@ -16,7 +17,10 @@ SCALES = [(1e-9, 1, 1), (1e9, 1, 1), (1, 1e-9, 1), (1, 1e9, 1), (1e-9, 1e-9, 1),
 
 def scaled(log, response, drive, time):
     bench = {k: v * time if k in ("lockin_tau_s", "delay_s", "settle_s") else v for k, v in log.bench.items()}
-    rest = {"drive": None if log.drive is None else log.drive * drive, "time": None if log.time is None else log.time * time}
+    rest = {
+        "drive": None if log.drive is None else log.drive * drive,
+        "time": None if log.time is None else log.time * time,
+    }
     frequency = None if log.frequency is None else log.frequency / time
     return replace(log, response=log.response * response, frequency=frequency, bench=bench, **rest)
 
@@ -30,14 +34,17 @@ def told(fit, response, drive, time):
 
 @pytest.fixture(scope="module")
 def logs(bench):
-    """What is described; what hangs on a comparison of descriptions with other numbers; what is not described."""
+    """What is described; what hangs on a comparison of descriptions with other numbers; what is not
+    described."""
     gain = settled_sweep(0, 3e-3)
     return {
         "a step and a sweep": [bench.transient(seed=1), bench.sweep(seed=2)],
         "a step behind a filter": [filtered_step(0, 4e-4, 1, 1.5e-2), settled_sweep(0, 1.5e-2)],
         "a step of another gain": [filtered_step(1, 1e-4, 0, 3e-3), replace(gain, drive=2.0 * gain.drive)],
         "amplitudes": [replace(log := bench.sweep(seed=3), response=np.abs(log.response))],
-        "a sweep that is no resonance": [replace(log := bench.sweep(seed=4), response=log.response + np.abs(log.response) ** 2)],
+        "a sweep that is no resonance": [
+            replace(log := bench.sweep(seed=4), response=log.response + np.abs(log.response) ** 2)
+        ],
     }
 
 

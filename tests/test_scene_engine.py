@@ -1,4 +1,5 @@
-"""The scene engine against the carrier's equation of motion, matrix exponentials, closed forms, and itself in other pieces."""
+"""The scene engine against the carrier's equation of motion, matrix exponentials, closed forms, and itself in
+other pieces."""
 
 import dataclasses
 import gc
@@ -24,7 +25,8 @@ from sysid.scene import EFFECTS, effects, engine, timeline
 from sysid.scene.effects import Motion
 from sysid.scene.simulation import resolved
 
-EXPM = 1e-12  # expm scales and squares a norm of about 100, 60 times over: 60 * 100 * 2e-16, all errors of one sign
+# expm scales and squares a norm of about 100, 60 times over: 60 * 100 * 2e-16, all errors of one sign
+EXPM = 1e-12
 
 
 def made(*names, **values):
@@ -33,7 +35,9 @@ def made(*names, **values):
 
 
 def constant(drive=100.0, frequency=32290.0, **inputs):
-    return {name: Profile.constant(v) for name, v in ({"drive": drive, "frequency": frequency} | inputs).items()}
+    return {
+        name: Profile.constant(v) for name, v in ({"drive": drive, "frequency": frequency} | inputs).items()
+    }
 
 
 def error(found, truth):
@@ -45,12 +49,19 @@ def rows_of(scene, **changes):
     return dataclasses.replace(scene, **changes).simulate().response
 
 
-# --- the plate -----------------------------------------------------------------------------------------------------------
+# --- the plate
+# -----------------------------------------------------------------------------------------------------------
 
 TOUCHED = made("finger_damping", "finger_detuning")
-FEEDTHROUGH = {"feedthrough": {"d": 1e-3, "q": -2e-3}, "rotation": {"angle": 30.0}, "offset": {"d": 0.1, "q": -0.2}}
+FEEDTHROUGH = {
+    "feedthrough": {"d": 1e-3, "q": -2e-3},
+    "rotation": {"angle": 30.0},
+    "offset": {"d": 0.1, "q": -0.2},
+}
 NEIGHBOUR = {"second_mode": {"k_T": -3.0}, "two_ceramics": {"resistance": 2e4}, "delay": {"time": 1.23e-4}}
-DRIVE = made("inverter", "amplifier_limit", inverter={"supply": 2.0, "law": "sine"}, amplifier_limit={"limit": 2.3})
+DRIVE = made(
+    "inverter", "amplifier_limit", inverter={"supply": 2.0, "law": "sine"}, amplifier_limit={"limit": 2.3}
+)
 SETS = {
     "bare": (),
     "finger": TOUCHED,
@@ -79,12 +90,16 @@ def test_exact_rows_are_those_of_the_matrix_exponential(name):
 def test_exact_rows_are_those_of_the_carrier(Q, name):
     f0 = 900.0 if Q < 100 else 3000.0
     plant = Plant(0.3, Q / (np.pi * f0), f0, -f0 / Q / 20)
-    chosen = {"second_mode": {"G": 0.03, "tau": plant.tau / 2, "f0": 1.2 * f0, "k_T": 0.0}, "two_ceramics": {"mismatch": 0.4}}
+    chosen = {
+        "second_mode": {"G": 0.03, "tau": plant.tau / 2, "f0": 1.2 * f0, "k_T": 0.0},
+        "two_ceramics": {"mismatch": 0.4},
+    }
     chosen |= {"two_ceramics": {"resistance": 1e5}, "frequency_resolution": {"step": f0 / Q / 10}}
     names = [e.name for e in SETS[name] if e.name not in ("lock_in", "delay")]
     scene = random_scene(int(Q), made(*names, **(FEEDTHROUGH | chosen)), plant=plant)
     scene = dataclasses.replace(scene, rows=30)
-    # 1e-12 a step of the integrator, some thirty steps a period, errors of one sign over the periods of a few time constants
+    # 1e-12 a step of the integrator, some thirty steps a period, errors of one sign over the periods of a few
+    # time constants
     assert error(scene.simulate().response, carrier.by_carrier(scene)) < 1e-12 * 30 * (10 + 3 * Q)
 
 
@@ -92,7 +107,8 @@ def test_a_finger_leaves_the_initial_slope_and_halves_amplitude_and_time_constan
     inputs = constant(frequency=PLATE.f0, temperature=24.0, force=1.5)
     scene = Scene(PLATE, inputs, 60, 60 / PLATE.tau, made("finger_damping"), fidelity="envelope")
     touched, free = scene.simulate().response, rows_of(scene, effects=())
-    # (1 - e^(-2x))/2 over 1 - e^(-x), x = t/tau: one slope b = G/tau at first, half the height and half the time at last
+    # (1 - e^(-2x))/2 over 1 - e^(-x), x = t/tau: one slope b = G/tau at first, half the height and half the
+    # time at last
     x = np.arange(60) / 60
     np.testing.assert_allclose(touched[1:] / free[1:], 0.5 * (1 + np.exp(-x[1:])), rtol=1e-13)
     assert touched[1] == pytest.approx(PLATE.G * 100 / 60, rel=1 / 60)
@@ -106,7 +122,9 @@ def test_a_finger_detunes_by_its_reactance():
         inputs = constant(force=1.5) | {"frequency": Profile(np.arange(60) / 1e4, sweep)}
         rows = Scene(PLATE, inputs, 60, 1e4, detuned, kind="steady").simulate().response
         crossing = np.interp(0, -rows.imag, sweep)
-        assert crossing == pytest.approx(PLATE.f0 + shift, abs=0.1)  # a straight line between points 2 Hz apart of 190 Hz
+        assert crossing == pytest.approx(
+            PLATE.f0 + shift, abs=0.1
+        )  # a straight line between points 2 Hz apart of 190 Hz
 
 
 def test_finger_and_detuning_share_one_finger():
@@ -118,7 +136,9 @@ def test_a_reset_on_a_row_is_read_before_the_frame_turns():
     steps = Profile([0.0, 3e-3], [32300.0, 32260.0])
     scene = Scene(PLATE, constant(temperature=24.0, force=0.0) | {"frequency": steps}, 60, 1e4)
     plain, reset = scene.simulate().response, rows_of(scene, effects=made("phase_reset"))
-    np.testing.assert_allclose(reset[:31], plain[:31], rtol=0, atol=1e-14)  # row 30 is just before its inputs act
+    np.testing.assert_allclose(
+        reset[:31], plain[:31], rtol=0, atol=1e-14
+    )  # row 30 is just before its inputs act
     assert abs(reset[31] - plain[31]) > 0.1
 
 
@@ -130,7 +150,8 @@ def test_what_leaks_into_a_row_is_the_drive_before_it():
     np.testing.assert_allclose(leaked, 1j * before, atol=1e-14)
 
 
-# --- effects that the response itself decides -------------------------------------------------------------------------------
+# --- effects that the response itself decides
+# -------------------------------------------------------------------------------
 
 FELT = {
     "duffing": made("duffing", duffing={"softening": 25.0}),
@@ -141,7 +162,8 @@ FELT = {
 
 @pytest.mark.parametrize("name", FELT)
 def test_softening_and_self_heating_are_of_second_order(name):
-    """The envelope Z' = (-1/tau + j delta(|Z|^2, T)) Z + b V, integrated, against 1, 2, 4 and 8 steps between rows."""
+    """The envelope Z' = (-1/tau + j delta(|Z|^2, T)) Z + b V, integrated, against 1, 2, 4 and 8 steps between
+    rows."""
     (effect,) = FELT[name]
     V, omega, rows, rate = 130.0, 2 * np.pi * 32290.0, 40, 2e3
     inputs = constant(V, 32290.0)
@@ -165,7 +187,8 @@ def test_softening_and_self_heating_are_of_second_order(name):
         truth.append(state[0])
     errors = [error(rows_of(scene, substeps=n), np.array(truth)) for n in (4, 8, 16, 32)]
     ratios = np.array(errors[:-1]) / errors[1:]
-    # second order quarters the error; third-order terms of steps tau/13 and finer change that by less than a fifth
+    # second order quarters the error; third-order terms of steps tau/13 and finer change that by less than a
+    # fifth
     assert np.all((ratios > 3.2) & (ratios < 4.8)), errors
     assert errors[-1] < 2e-4
     linear = rows_of(scene, effects=())
@@ -176,8 +199,16 @@ def test_softening_and_self_heating_are_of_second_order(name):
 def test_softening_and_self_heating_agree_with_the_carrier(name):
     plant = Plant(0.02, 30 / (np.pi * 3000), 3000.0, -10.16)
     scale = (3000.0 / 32300.0) ** 2
-    chosen = {"duffing": {"softening": 8.0}, "self_heating": {"capacity": 4.4e-3 * scale, "loss": 0.5 * scale, "damping": 53.0}}
-    fx = made(name, "second_mode", second_mode={"f0": 3400.0, "tau": plant.tau / 2, "G": 1e-3, "k_T": -50.0}, **chosen)
+    chosen = {
+        "duffing": {"softening": 8.0},
+        "self_heating": {"capacity": 4.4e-3 * scale, "loss": 0.5 * scale, "damping": 53.0},
+    }
+    fx = made(
+        name,
+        "second_mode",
+        second_mode={"f0": 3400.0, "tau": plant.tau / 2, "G": 1e-3, "k_T": -50.0},
+        **chosen,
+    )
     scene = random_scene(5, fx if name == "self_heating" else fx[:1], plant=plant, spacing=(0.1, 0.11))
     scene = dataclasses.replace(scene, rows=30)
     truth = carrier.by_carrier(scene, rtol=1e-11)
@@ -186,17 +217,22 @@ def test_softening_and_self_heating_agree_with_the_carrier(name):
     assert 3.2 < coarse / fine < 4.8  # second order, the ripple at twice the carrier resolved
 
 
-# --- the sensor ----------------------------------------------------------------------------------------------------------
+# --- the sensor
+# ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("order", [1, 4])  # 2 and 3 stand in SETS
 def test_the_lock_in_is_exact_also_where_it_is_as_slow_as_the_plate(order):
     for seed, tau in enumerate((50e-6, 0.3e-3, PLATE.tau, PLATE.tau * (1 + 1e-6))):
-        filtered = made("feedthrough", "rotation", "lock_in", **FEEDTHROUGH, lock_in={"order": order, "tau": tau})
+        filtered = made(
+            "feedthrough", "rotation", "lock_in", **FEEDTHROUGH, lock_in={"order": order, "tau": tau}
+        )
         scene = random_scene(seed, filtered, plant=PLATE)
         if seed >= 2:  # drive at the pole: detuning and filter cancel to rounding, z = 0
             damped = np.sqrt(PLATE.f0**2 - (2 * np.pi * PLATE.tau) ** -2)
-            scene = dataclasses.replace(scene, inputs=scene.inputs | constant(frequency=damped, temperature=24.0))
+            scene = dataclasses.replace(
+                scene, inputs=scene.inputs | constant(frequency=damped, temperature=24.0)
+            )
         assert error(scene.simulate().response, carrier.by_expm(scene)) < EXPM
 
 
@@ -213,7 +249,9 @@ def test_a_delay_shows_earlier_rows_and_nothing_before_the_scene():
     scene = random_scene(4, plant=PLATE)
     scene = dataclasses.replace(scene, rate=1e4)
     late = rows_of(scene, effects=made("delay", delay={"time": 7e-4}))
-    np.testing.assert_allclose(late, np.append(np.zeros(7), scene.simulate().response[:-7]), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        late, np.append(np.zeros(7), scene.simulate().response[:-7]), rtol=0, atol=1e-13
+    )
     never = rows_of(scene, effects=made("delay", delay={"time": 1.0}))
     assert not np.any(never)
 
@@ -222,9 +260,13 @@ def test_the_last_row_is_read_however_many_changes_there_are():
     rows = 64
     for changes in (256, 257, 258, 300):  # 63 + 257 intervals are what such a chunk is padded to
         times = np.linspace(0, (rows - 1) / 1e4, changes + 2)[1:-1] + 1e-7
-        inputs = constant(temperature=24.0, force=0.0) | {"drive": Profile(times, 100 + 5.0 * (np.arange(changes) % 7))}
+        inputs = constant(temperature=24.0, force=0.0) | {
+            "drive": Profile(times, 100 + 5.0 * (np.arange(changes) % 7))
+        }
         scene = Scene(PLATE, inputs, rows, 1e4, fidelity="envelope")
-        np.testing.assert_allclose(scene.simulate().response[-1], rows_of(scene, rows=70)[rows - 1], rtol=1e-13)
+        np.testing.assert_allclose(
+            scene.simulate().response[-1], rows_of(scene, rows=70)[rows - 1], rtol=1e-13
+        )
 
 
 def test_one_row_is_a_row():
@@ -233,12 +275,17 @@ def test_one_row_is_a_row():
     np.testing.assert_allclose(settled, PLATE.steady(100.0, 32290.0), rtol=1e-14)
 
 
-@jax.disable_jit()  # eight sets of effects on a few settled rows: eight programs would take longer than the arithmetic
+# eight sets of effects on a few settled rows: eight programs would take longer than the arithmetic
+@jax.disable_jit()
 def test_the_sensor_s_closed_forms():
     sweep = Profile(np.arange(64) / 1e4, np.linspace(31800, 32800, 64), held=False)
     scene = Scene(PLATE, constant() | {"frequency": sweep}, 64, 1e4, kind="steady")
     f, z = sweep.values, PLATE.steady(100.0, sweep.values)
-    values = {"feedthrough": {"d": 1e-3, "q": 2e-3}, "rotation": {"angle": 30.0}, "offset": {"d": 0.1, "q": -0.2}}
+    values = {
+        "feedthrough": {"d": 1e-3, "q": 2e-3},
+        "rotation": {"angle": 30.0},
+        "offset": {"d": 0.1, "q": -0.2},
+    }
     lead = np.exp(1j * np.arctan(1 / (2 * np.pi * f * 1e4 * 4e-9)))
     turn = np.exp(1j * np.pi / 6)
     other = {"G": 0.004, "tau": 1e-3, "f0": 32500.0}
@@ -252,16 +299,25 @@ def test_the_sensor_s_closed_forms():
         fx = made(name, **values, two_ceramics={"resistance": 1e4})
         fx += made("second_mode", second_mode=other) if name == "two_ceramics" else ()
         np.testing.assert_allclose(rows_of(scene, effects=fx), truth, rtol=1e-13)  # a handful of roundings
-    whole = made("two_ceramics", "feedthrough", "rotation", "offset", **values, two_ceramics={"resistance": 1e4})
-    np.testing.assert_allclose(rows_of(scene, effects=whole), turn * (lead * z + 0.1 + 0.2j) + 0.1 - 0.2j, rtol=1e-13)
+    whole = made(
+        "two_ceramics", "feedthrough", "rotation", "offset", **values, two_ceramics={"resistance": 1e4}
+    )
+    np.testing.assert_allclose(
+        rows_of(scene, effects=whole), turn * (lead * z + 0.1 + 0.2j) + 0.1 - 0.2j, rtol=1e-13
+    )
     stepped = rows_of(scene, effects=made("quantisation", quantisation={"step": 0.03}))
-    np.testing.assert_allclose(stepped, 0.03 * (np.round(z.real / 0.03) + 1j * np.round(z.imag / 0.03)), atol=1e-14)
+    np.testing.assert_allclose(
+        stepped, 0.03 * (np.round(z.real / 0.03) + 1j * np.round(z.imag / 0.03)), atol=1e-14
+    )
     clipped = rows_of(scene, effects=made("saturation", saturation={"limit": 0.7}))
-    np.testing.assert_allclose(clipped, np.clip(z.real, -0.7, 0.7) + 1j * np.clip(z.imag, -0.7, 0.7), rtol=1e-13)
+    np.testing.assert_allclose(
+        clipped, np.clip(z.real, -0.7, 0.7) + 1j * np.clip(z.imag, -0.7, 0.7), rtol=1e-13
+    )
     assert np.max(np.abs(z.imag)) > 0.7
 
 
-# --- noise ---------------------------------------------------------------------------------------------------------------
+# --- noise
+# ---------------------------------------------------------------------------------------------------------------
 
 MANY = 131_072
 
@@ -295,7 +351,8 @@ def test_coloured_noise_has_its_correlation_also_across_chunks(lanes, monkeypatc
     monkeypatch.setattr(timeline, "LANES", lanes)
     memory = 20  # rows
     rows = noise_of("coloured_noise", coloured_noise={"std": 0.3, "time": memory / 1e4}) / 0.3
-    # the mean of x_k x_(k+lag) over n rows varies by (1 + rho^2)/(1 - rho^2)/n = memory/n, by twice that at lag 0; two parts
+    # the mean of x_k x_(k+lag) over n rows varies by (1 + rho^2)/(1 - rho^2)/n = memory/n, by twice that at
+    # lag 0; two parts
     independent = 2 * MANY / memory
     for lag in (0, 1, 5, 20, 60):
         found = np.mean((rows[lag:] * rows[: MANY - lag].conj()).real) / 2
@@ -323,7 +380,9 @@ def test_outliers_and_drop_outs_have_their_shares():
 
 
 def test_one_seed_is_one_log_and_another_another():
-    first, again, other = (noise_of("coloured_noise", "outliers", "drop_outs", seed=seed) for seed in (1, 1, 2))
+    first, again, other = (
+        noise_of("coloured_noise", "outliers", "drop_outs", seed=seed) for seed in (1, 1, 2)
+    )
     assert first.tobytes() == again.tobytes()
     assert np.mean(first == other) < 1e-3  # rows lost in both
 
@@ -344,12 +403,15 @@ def test_a_noise_s_draws_do_not_depend_on_which_others_there_are():
 def test_a_noise_s_draws_do_not_depend_on_the_plate():
     scene = Scene(PLATE, constant(100.0, force=1.0), 4000, 1e4, made("white_noise"), fidelity="steady")
     plain = scene.simulate().response - rows_of(scene, effects=())
-    touched = rows_of(scene, effects=made("white_noise", "finger_damping")) - rows_of(scene, effects=made("finger_damping"))
+    touched = rows_of(scene, effects=made("white_noise", "finger_damping")) - rows_of(
+        scene, effects=made("finger_damping")
+    )
     # the same draws on another motion, to the rounding of a sum with a response of 2
     np.testing.assert_allclose(touched, plain, rtol=0, atol=1e-15)
 
 
-# --- pieces --------------------------------------------------------------------------------------------------------------
+# --- pieces
+# --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["turned", "felt"])
@@ -357,7 +419,13 @@ def test_chunks_do_not_show(name, monkeypatch):
     rate, rows = 1e4, 700
     on_rows = np.arange(1, 90) * 7 / rate  # some of them the last or the first row of a chunk
     levels = np.random.default_rng(2).normal(size=(4, 90))
-    profiles = zip(("drive", "frequency", "temperature", "force"), (50, 32300, 24, 1.0), (50, 40, 3, 0.3), levels, strict=True)
+    profiles = zip(
+        ("drive", "frequency", "temperature", "force"),
+        (50, 32300, 24, 1.0),
+        (50, 40, 3, 0.3),
+        levels,
+        strict=True,
+    )
     inputs = {what: Profile(np.append(0, on_rows), np.abs(a + s * level)) for what, a, s, level in profiles}
     fx = made("duffing", "self_heating", "second_mode", second_mode={"k_T": -5.0})
     if name == "turned":
@@ -378,7 +446,14 @@ def test_chunks_do_not_show(name, monkeypatch):
 
 def test_a_finger_that_is_not_named_moves_no_bit(monkeypatch):
     sweep = Profile(np.arange(101) / 1e4, np.linspace(31800, 32800, 101), held=False)
-    scene = Scene(PLATE, constant(force=1.0) | {"frequency": sweep}, 101, 1e4, made("feedthrough", "white_noise"), kind="steady")
+    scene = Scene(
+        PLATE,
+        constant(force=1.0) | {"frequency": sweep},
+        101,
+        1e4,
+        made("feedthrough", "white_noise"),
+        kind="steady",
+    )
     before = scene.simulate(5).response
     named = rows_of(scene, effects=made("finger_damping"))
     monkeypatch.setattr(effects, "contact", lambda force, *law: 3.0 * force)
@@ -400,10 +475,22 @@ def test_one_program_serves_all_chunks_and_scenes_of_a_shape():
     assert len(engine.advance.programs) == 1
 
 
-# --- no effect, no equation ----------------------------------------------------------------------------------------------
+# --- no effect, no equation
+# ----------------------------------------------------------------------------------------------
 
 # What only moves numbers: it follows their shapes, and the way in which intervals are joined.
-MOVES = ("broadcast_in_dim", "convert_element_type", "slice", "squeeze", "stack", "transpose", "reshape", "iota", "eq", "scan")
+MOVES = (
+    "broadcast_in_dim",
+    "convert_element_type",
+    "slice",
+    "squeeze",
+    "stack",
+    "transpose",
+    "reshape",
+    "iota",
+    "eq",
+    "scan",
+)
 MOVES += ("complex",)
 
 
@@ -440,7 +527,12 @@ def test_a_scene_without_effects_is_the_bare_resonator(rung):
     assert program((), rung)[0] == programs.equations(bare.jaxpr)
 
 
-ON_INPUTS = ("inverter", "amplifier_limit", "frequency_resolution", "delay")  # act where inputs are made, before the program
+ON_INPUTS = (
+    "inverter",
+    "amplifier_limit",
+    "frequency_resolution",
+    "delay",
+)  # act where inputs are made, before the program
 NEEDS = {"finger_detuning": ("finger_damping",)}
 
 
@@ -457,8 +549,8 @@ def test_an_effect_adds_its_equations_and_changes_no_other(name):
         arithmetic = [n for n in more if n not in MOVES]
         assert len(arithmetic) > len([n for n in less if n not in MOVES])
     with jax.enable_x64(True):
-        # its numbers (and its finger's), what it keeps from chunk to chunk, what a phase needs to turn, and the rows' own drive,
-        # frequency and offset for what acts on rows
+        # its numbers (and its finger's), what it keeps from chunk to chunk, what a phase needs to turn, and
+        # the rows' own drive, frequency and offset for what acts on rows
         fx = Scene(PLATE, constant(**inputs), 5, 1e4, made(*NEEDS.get(name, ()), name)).effects
         own = len(jax.tree.leaves(fx)) - len(NEEDS.get(name, ())) * 3
         kept = len(jax.tree.leaves(engine.start(PLATE, fx, jax.random.key(0)))) - 2
@@ -473,7 +565,8 @@ def test_inputs_that_a_scene_lacks_are_not_in_its_program():
     assert program((), force=1.0)[0] == bare  # nothing feels it
 
 
-# --- automatic fidelity --------------------------------------------------------------------------------------------------
+# --- automatic fidelity
+# --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -481,17 +574,22 @@ def test_automatic_fidelity_keeps_its_promise(seed):
     """`benchmarks/scene_truth.py` does it for many more scenes, with effects, and against the carrier."""
     rng = np.random.default_rng([seed, 1])
     tolerance = float(np.exp(rng.uniform(np.log(3e-3), np.log(3e-2))))
-    scene = random_scene([seed, 2], plant=PLATE if seed % 2 else None, kinds=("steps", "ramp", "constant"), spacing=(0.02, 1.0))
+    scene = random_scene(
+        [seed, 2], plant=PLATE if seed % 2 else None, kinds=("steps", "ramp", "constant"), spacing=(0.02, 1.0)
+    )
     chosen = resolved(dataclasses.replace(scene, fidelity="auto", tolerance=tolerance))
-    # 256 steps between rows: with second-order errors 16^2 times less than the 16 that the coarsest of these needs
+    # 256 steps between rows: with second-order errors 16^2 times less than the 16 that the coarsest of these
+    # needs
     assert error(chosen.simulate().response, rows_of(scene, substeps=256)) < tolerance
 
 
-# --- long times ----------------------------------------------------------------------------------------------------------
+# --- long times
+# ----------------------------------------------------------------------------------------------------------
 
 
 def two_modes(plant, f, T, V, state, span):
-    """(Z, U) after `span` s of held inputs, by mpmath; U = w' e^{-j theta}, the velocity. `state` None: settled."""
+    """(Z, U) after `span` s of held inputs, by mpmath; U = w' e^{-j theta}, the velocity. `state` None:
+    settled."""
     w0 = 2 * mp.pi * (mp.mpf(plant.f0) + mp.mpf(plant.k_T) * (mp.mpf(T) - 24))
     omega, rate = 2 * mp.pi * mp.mpf(f), 1 / mp.mpf(plant.tau)
     damped = mp.sqrt(w0**2 - rate**2)
@@ -502,7 +600,8 @@ def two_modes(plant, f, T, V, state, span):
     if state is not None:
         first = (state[1] - still[1] * state[0]) / (still[0] - still[1])
         modes = [
-            e + (z - e) * mp.exp((s - 1j * omega) * span) for s, e, z in zip(still, ends, (first, state[0] - first), strict=True)
+            e + (z - e) * mp.exp((s - 1j * omega) * span)
+            for s, e, z in zip(still, ends, (first, state[0] - first), strict=True)
         ]
     return modes[0] + modes[1], still[0] * modes[0] + still[1] * modes[1]
 
@@ -534,8 +633,8 @@ def test_a_day_in_bounded_memory_ends_with_the_right_phase():
     peak(dataclasses.replace(scene, rows=100_000))  # compiled
     _, short = peak(dataclasses.replace(scene, rows=200_000))
     kept, long = peak(scene)
-    # A day takes what three hours take, the rows that this test keeps, and some MB of cycles that were not collected yet: one
-    # complex number for each further row would be 24 MB.
+    # A day takes what three hours take, the rows that this test keeps, and some MB of cycles that were not
+    # collected yet: one complex number for each further row would be 24 MB.
     assert long < short + 8e6
     assert len(kept) > 150 and kept[-1][0] > 0.99 * day
     with mp.workdps(40):
@@ -545,7 +644,8 @@ def test_a_day_in_bounded_memory_ends_with_the_right_phase():
             since = seconds(Fraction(round(time * rate), 20) - Fraction(minutes[k]))
             before = two_modes(quartz, 5e6 + 3, drift[k - 1], 2.0, None, 0)  # a minute is 942 time constants
             truth = complex(two_modes(quartz, 5e6 + 3, drift[k], 2.0, before, since)[0])
-            # 2^-36 s is what a time of day is known to; in that time the response moves by |pole| of 100/s; and 50 roundings
+            # 2^-36 s is what a time of day is known to; in that time the response moves by |pole| of 100/s;
+            # and 50 roundings
             swing = abs(truth - complex(before[0])) / abs(truth)
             assert abs(found - truth) < (2**-36 * 100 * swing + 50 * 2.2e-16) * abs(truth)
 
@@ -561,8 +661,9 @@ def test_the_phase_after_a_billion_samples_is_that_of_many_digits(detuning):
         for _ in range(11):
             truth.append(complex(state[0]))
             state = two_modes(plant, 1e6 - detuning, 24.0, 2.0, state, 1000)
-    # the phase 2 pi 37 Hz 1e4 s = 2.3e6 rad is a product of rounded numbers, four roundings of 1.1e-16 relative, which add up;
-    # w0 in rad/s is a difference from its reference, so the carrier's own 6e10 rad do not enter
+    # the phase 2 pi 37 Hz 1e4 s = 2.3e6 rad is a product of rounded numbers, four roundings of 1.1e-16
+    # relative, which add up; w0 in rad/s is a difference from its reference, so the carrier's own 6e10 rad do
+    # not enter
     bound = 4 * 1.1e-16 * 2 * np.pi * detuning * 1e4 + 50 * 2.2e-16
     assert error(found, np.array(truth)) < bound
 
@@ -575,5 +676,6 @@ def test_a_million_samples_gather_no_phase():
     with mp.workdps(60):
         state = two_modes(plant, 1e6 - 37.0, 24.0, 2.0, (mp.mpf(0), mp.mpf(0)), 10)
         truth = complex(state[0])
-    # 1e6 products, each rounded by 1e-16 at random: 1e3 * 2e-16; and a pole that is rounded once, 2e-16 of 2300 rad
+    # 1e6 products, each rounded by 1e-16 at random: 1e3 * 2e-16; and a pole that is rounded once, 2e-16 of
+    # 2300 rad
     assert abs(last - truth) < (1e3 * 2.2e-16 * 5 + 2300 * 2.2e-16 * 4) * abs(truth)

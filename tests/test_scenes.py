@@ -1,4 +1,5 @@
-"""The scenes of the paper (Ben Messaoud et al., ACTUATOR 2014): each shows what the figure it stands for shows."""
+"""The scenes of the paper (Ben Messaoud et al., ACTUATOR 2014): each shows what the figure it stands for
+shows."""
 
 import dataclasses
 from pathlib import Path
@@ -14,7 +15,8 @@ SCENES = Path(__file__).parents[1] / "data" / "synthetic" / "scenes"
 PLATE = Plant(G=0.02, tau=1.669041003e-3, f0=32300.0, k_T=-10.16)
 HALF_BANDWIDTH = 1 / (2 * np.pi * PLATE.tau)  # 95.4 Hz
 FULL = 2.0  # um, the amplitude at resonance and 100 V
-# Where a plate of Q = 169 differs from its own slowly varying model: w0/omega over half a bandwidth is 95.4/32300.
+# Where a plate of Q = 169 differs from its own slowly varying model: w0/omega over half a bandwidth is
+# 95.4/32300.
 NARROW = 0.003
 # After a change the exact envelope rings at twice the drive, by 1/(2 Q) of the amplitude at most.
 RIPPLE = 1 / (2 * np.pi * PLATE.f0 * PLATE.tau)
@@ -34,20 +36,31 @@ def rows(values):
 
 def settled(name, values, quantity):
     """Noise-free response (n,) of a scene of settled points over given values of one input."""
-    return dataclasses.replace(scene(name, False, **{quantity: rows(values)}), rows=len(values), rate=1.0).simulate().response
+    return (
+        dataclasses.replace(scene(name, False, **{quantity: rows(values)}), rows=len(values), rate=1.0)
+        .simulate()
+        .response
+    )
 
 
 def at(log, time):
     return int(np.argmin(np.abs(log.time - time)))
 
 
-# --- all of them --------------------------------------------------------------------------------------------------------
+# --- all of them
+# --------------------------------------------------------------------------------------------------------
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
 
 
 def test_the_scenes_are_these():
-    figures = ["figure_3_finger", "figure_4_temperature", "figure_5_duty", "figure_6_sweep", "figure_8_closed_loop"]
+    figures = [
+        "figure_3_finger",
+        "figure_4_temperature",
+        "figure_5_duty",
+        "figure_6_sweep",
+        "figure_8_closed_loop",
+    ]
     assert [*figures, "temperature_run", "touch"] == NAMES
 
 
@@ -90,7 +103,8 @@ def test_a_finger_that_a_scene_does_not_name_is_absent_bit_for_bit(name):
     np.testing.assert_array_equal(pressed.simulate(seed=1).response, scene(name).simulate(seed=1).response)
 
 
-# --- figure 3 -----------------------------------------------------------------------------------------------------------
+# --- figure 3
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_finger_takes_half_of_the_amplitude_at_one_and_a_half_newton():
@@ -105,7 +119,8 @@ def test_a_finger_takes_half_of_the_amplitude_at_one_and_a_half_newton():
 
 
 def test_a_finger_shortens_tau_as_it_takes_amplitude():
-    """b = G/tau holds no damping: at 1.5 N the half bandwidth doubles, and the response begins to rise as without a finger."""
+    """b = G/tau holds no damping: at 1.5 N the half bandwidth doubles, and the response begins to rise as
+    without a finger."""
     pressed = {"force": Profile.constant(1.5)}
     detuned = scene("figure_3_finger", **pressed, frequency=rows([PLATE.f0, PLATE.f0 - 2 * HALF_BANDWIDTH]))
     at_resonance, aside = dataclasses.replace(detuned, rows=2).simulate().response
@@ -117,7 +132,8 @@ def test_a_finger_shortens_tau_as_it_takes_amplitude():
     assert np.max(np.abs(rise.response.real[step:] - expected)) < 2 * RIPPLE * level
 
 
-# --- figure 4 -----------------------------------------------------------------------------------------------------------
+# --- figure 4
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_warmth_takes_amplitude_along_the_flank_of_the_resonance():
@@ -126,10 +142,14 @@ def test_warmth_takes_amplitude_along_the_flank_of_the_resonance():
     for temperature, expected in ((24, 1.0), (26, 0.978), (28, 0.920), (30, 0.843), (32, 0.761)):
         # three digits, and w0/omega: 81 Hz in 32300 at 32 degC
         assert share[temperature] == pytest.approx(expected, abs=0.0005 + NARROW * expected)
-        assert share[48 - temperature] == pytest.approx(share[temperature], rel=2 * NARROW)  # and so does cold
+        assert share[48 - temperature] == pytest.approx(
+            share[temperature], rel=2 * NARROW
+        )  # and so does cold
     assert 1 - share[28] == pytest.approx(0.08, abs=0.002)
     slopes = np.diff([share[t] for t in (24, 26, 28, 30, 32)])
-    assert slopes[-1] / slopes[0] == pytest.approx(0.082 / 0.022, rel=0.1)  # no straight line: nearly four times as steep
+    assert slopes[-1] / slopes[0] == pytest.approx(
+        0.082 / 0.022, rel=0.1
+    )  # no straight line: nearly four times as steep
 
 
 def test_a_warmer_plate_lies_below_the_drive():
@@ -138,7 +158,8 @@ def test_a_warmer_plate_lies_below_the_drive():
     assert np.all(log.response.imag[log.temperature < 23.99] > 0)
 
 
-# --- figure 5 -----------------------------------------------------------------------------------------------------------
+# --- figure 5
+# -----------------------------------------------------------------------------------------------------------
 
 
 def line(duty, amplitude):
@@ -170,19 +191,23 @@ def test_noise_leaves_it_a_line(seed):
     duty, amplitude = stairs(scene("figure_5_duty"), seed)
     slope, _, r2 = line(duty, amplitude)
     assert r2 >= 0.99
-    # eleven points of 20 nm over half a unit of duty: the slope to 20 nm / (0.158 sqrt(11)) = 0.038 um, of which four
+    # eleven points of 20 nm over half a unit of duty: the slope to 20 nm / (0.158 sqrt(11)) = 0.038 um, of
+    # which four
     assert slope == pytest.approx(PLATE.G * 200, abs=0.16)
 
 
 def test_an_inverter_s_fundamental_bends_the_line():
     # (4/pi) supply sin(pi duty/2) begins as 2 supply duty
-    sine = dataclasses.replace(scene("figure_5_duty"), effects=(EFFECTS["inverter"](supply=100.0, law="sine"),))
+    sine = dataclasses.replace(
+        scene("figure_5_duty"), effects=(EFFECTS["inverter"](supply=100.0, law="sine"),)
+    )
     duty, amplitude = stairs(sine)
     assert duty[4] == pytest.approx(0.2)
     assert amplitude[4] / (PLATE.G * 200 * duty[4]) == pytest.approx(1 - 0.016, abs=0.0005)  # two digits
 
 
-# --- figure 6 -----------------------------------------------------------------------------------------------------------
+# --- figure 6
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_sweep_s_landmarks():
@@ -201,8 +226,8 @@ def test_the_sweep_s_shape():
     # the extrema of Wq lie on the grid's points nearest to one half bandwidth
     assert log.frequency[np.argmax(log.response.imag)] == pytest.approx(PLATE.f0 - HALF_BANDWIDTH, abs=5)
     assert log.frequency[np.argmin(log.response.imag)] == pytest.approx(PLATE.f0 + HALF_BANDWIDTH, abs=5)
-    # a circle through 0, of diameter 2 um about (1, 0); w0/omega swells it by up to (500/32300) |Z|, with |Z| = 0.37 there,
-    # and by 0.3 % of 1.4 um at the half bandwidth
+    # a circle through 0, of diameter 2 um about (1, 0); w0/omega swells it by up to (500/32300) |Z|, with |Z|
+    # = 0.37 there, and by 0.3 % of 1.4 um at the half bandwidth
     assert np.max(np.abs(np.abs(log.response - 1.0) - 1.0)) < max(500 / PLATE.f0 * 0.374, NARROW * np.sqrt(2))
 
 
@@ -213,7 +238,8 @@ def test_the_sweep_s_noise_is_one_per_cent():
     assert np.std(np.append(left.real, left.imag)) == pytest.approx(0.02, rel=0.2)
 
 
-# --- the temperature run and the touch ------------------------------------------------------------------------------------
+# --- the temperature run and the touch
+# ------------------------------------------------------------------------------------
 
 
 def test_ten_degrees_take_a_third_of_the_amplitude():
@@ -247,18 +273,22 @@ def test_a_touched_plate_settles_in_half_the_time():
 
 
 def test_the_touch_is_the_same_at_finer_steps():
-    """A force that ramps is held over each row at its middle: second order, but for the rows in which contact begins or ends."""
+    """A force that ramps is held over each row at its middle: second order, but for the rows in which contact
+    begins or ends."""
     coarse = scene("touch", noise=False)
     fine = dataclasses.replace(coarse, substeps=32)
-    # there rho goes as F^(2/3), whose middle is 5 % off its mean: 5 % of rho = 0.4 over 0.06 tau of 2 um is 2.4e-3 um, an
-    # eighth of the noise of one row
+    # there rho goes as F^(2/3), whose middle is 5 % off its mean: 5 % of rho = 0.4 over 0.06 tau of 2 um is
+    # 2.4e-3 um, an eighth of the noise of one row
     assert np.max(np.abs(coarse.simulate().response - fine.simulate().response)) < 2.4e-3
 
 
 def test_two_scenes_of_one_seed_have_no_noise_in_common():
-    """Logs that are fitted together are taken for independent: a joint fit of two that share their noise covers too seldom."""
+    """Logs that are fitted together are taken for independent: a joint fit of two that share their noise
+    covers too seldom."""
     one = scene("plate/step_100V_24C")
     quiet = scene("plate/step_100V_24C", noise=False).simulate(3).response
-    first, again, other = (dataclasses.replace(one, name=name).simulate(3).response - quiet for name in ("a", "a", "b"))
+    first, again, other = (
+        dataclasses.replace(one, name=name).simulate(3).response - quiet for name in ("a", "a", "b")
+    )
     assert np.array_equal(first, again)
     assert abs(np.vdot(first, other)) < 4 * np.var(first) * np.sqrt(len(quiet))  # four standard errors

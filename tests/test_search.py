@@ -1,4 +1,5 @@
-"""The residual sums that starting points are chosen by, against dense least squares on a response made another way."""
+"""The residual sums that starting points are chosen by, against dense least squares on a response made
+another way."""
 
 from dataclasses import replace
 
@@ -15,7 +16,12 @@ from sysid.trials.trial import Trial
 ROWS = 120
 DEGC = 27.0
 POINTS = np.array(
-    [[np.log(1.67e-3), 10.0, 0.0], [np.log(4e-4), -150.0, -10.0], [np.log(0.03), 300.0, 4.0], [np.log(2e-5), 0.0, 1.0]]
+    [
+        [np.log(1.67e-3), 10.0, 0.0],
+        [np.log(4e-4), -150.0, -10.0],
+        [np.log(0.03), 300.0, 4.0],
+        [np.log(2e-5), 0.0, 1.0],
+    ]
 )
 F0 = 32300.0
 TIME = 2e-4 * np.arange(ROWS)
@@ -34,18 +40,22 @@ def ringing(point, drive, frequency):
     """The response per unit gain, and the decay of a unit start."""
     p, degC = plant(point), np.full(ROWS, DEGC)
     slow = [reference.modes(p, f, DEGC, p.tau)[0] for f in frequency[:-1]]
-    return reference.ringing(p, TIME, drive, frequency, degC), np.exp(np.append(0, np.cumsum(slow * np.diff(TIME))))
+    return reference.ringing(p, TIME, drive, frequency, degC), np.exp(
+        np.append(0, np.cumsum(slow * np.diff(TIME)))
+    )
 
 
 def noisy(clean):
     """Of a rotated demodulator with an offset."""
     size, rng = np.max(np.abs(clean)), np.random.default_rng(0)
-    return np.exp(0.4j) * clean + 0.02 * size * (1 + rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
+    return np.exp(0.4j) * clean + 0.02 * size * (
+        1 + rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS)
+    )
 
 
 def least(y, shapes, top=1.0):
-    """The residual sum of squares and the coefficient of the first of the shapes (K, n), each with its prior; that of the first
-    is in the unit of the response for a drive of `top`."""
+    """The residual sum of squares and the coefficient of the first of the shapes (K, n), each with its prior;
+    that of the first is in the unit of the response for a drive of `top`."""
     scale = np.max(np.abs(y))
     level, loose = 0.05 * scale, 10 * scale
     design = np.concatenate([np.transpose(shapes) / level, np.diag([top, *np.ones(len(shapes) - 1)]) / loose])
@@ -117,7 +127,14 @@ def test_a_sweep(amplitude, recorded):
 def test_an_amplitude_that_only_decays():
     """The mean of Rice's distribution is linear in its start and its floor about what is known of them."""
     y = np.abs(noisy(2 * ringing(POINTS[0], np.zeros(ROWS), np.full(ROWS, F0))[1]))
-    log = Log("log", y, time=TIME, drive=np.zeros(ROWS), frequency=np.full(ROWS, F0), temperature=np.full(ROWS, DEGC))
+    log = Log(
+        "log",
+        y,
+        time=TIME,
+        drive=np.zeros(ROWS),
+        frequency=np.full(ROWS, F0),
+        temperature=np.full(ROWS, DEGC),
+    )
     trial = Trial.of(log, "transient")
     loose, level, floor = 10 * trial.scale, 0.05 * trial.scale, (1e-3 * trial.scale) ** 2
 
@@ -131,18 +148,25 @@ def test_an_amplitude_that_only_decays():
     for point, value in zip(POINTS[:3], found, strict=False):
         free = ringing(point, np.zeros(ROWS), log.frequency)[1]
         small = 1e-4 * np.abs(now)
-        slopes = [(modelled(now + d, free) - modelled(now - d, free)) / (2 * np.sum(d)) for d in np.diag(small)]
+        slopes = [
+            (modelled(now + d, free) - modelled(now - d, free)) / (2 * np.sum(d)) for d in np.diag(small)
+        ]
         design = np.concatenate([np.transpose(slopes) / level, np.eye(3) / loose])
         data = np.concatenate([(y - modelled(now, free) + now @ slopes) / level, np.zeros(3)])
         left = data - design @ np.linalg.lstsq(design, data, rcond=None)[0]
-        # The mean is a fit, right to 6e-5 of the level, and moves with the floor by one that is right to 1e-3.
+        # The mean is a fit, right to 6e-5 of the level, and moves with the floor by one that is right to
+        # 1e-3.
         assert value == pytest.approx(left @ left, rel=1e-4)
 
 
 def test_of_a_long_log_a_few_rows_are_seen_and_what_is_beyond_all_numbers_is_worst():
     rows = 20_000
     rng = np.random.default_rng(1)
-    given = {"time": 1e-4 * np.arange(rows), "drive": rng.uniform(0, 100, rows), "frequency": np.full(rows, F0)}
+    given = {
+        "time": 1e-4 * np.arange(rows),
+        "drive": rng.uniform(0, 100, rows),
+        "frequency": np.full(rows, F0),
+    }
     log = Log("log", rng.standard_normal(rows) + 0j, kind="transient", sampling="instant", **given)
     search = Search([Trial.of(log, "transient")], (F0, 24.0))
     assert search.freedom[0] == 2 * SEARCH_ROWS

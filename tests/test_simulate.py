@@ -68,18 +68,38 @@ def test_units_are_those_of_the_keys(scene_file):
         ("tau_ms = 1.669", "tau_ms = -1", "plant: .*both above zero"),
         ("frequency_kHz = 32.3\n", "", "no profile of the frequency"),
         ("force_mN = {ramp = [[5e-3, 0], [10e-3, 1500]]}", "", "finger_damping and no force"),
-        ("[effects.finger_damping]", "[effects.finger_detuning]", "finger_detuning without effects.finger_damping"),
-        ("[effects.finger_damping]", "[effects.lock_in]\norder = 1.5\n[effects.finger_damping]", "lock_in.order: .*whole number"),
+        (
+            "[effects.finger_damping]",
+            "[effects.finger_detuning]",
+            "finger_detuning without effects.finger_damping",
+        ),
+        (
+            "[effects.finger_damping]",
+            "[effects.lock_in]\norder = 1.5\n[effects.finger_damping]",
+            "lock_in.order: .*whole number",
+        ),
         (
             "[effects.finger_damping]",
             '[effects.finger_damping]\nlaw = "linear"',
             "law: found linear, expected saturating or power",
         ),
-        ("[effects.finger_damping]", "[effects.finger_damping]\nrhoo = 2", "rhoo: found an unknown key.*did you mean 'rho'"),
-        ('plate = "A7"', 'plate = "A7"\nkind = "steady"\n[effects.duffing]', "effects.duffing in a scene of settled points"),
+        (
+            "[effects.finger_damping]",
+            "[effects.finger_damping]\nrhoo = 2",
+            "rhoo: found an unknown key.*did you mean 'rho'",
+        ),
+        (
+            'plate = "A7"',
+            'plate = "A7"\nkind = "steady"\n[effects.duffing]',
+            "effects.duffing in a scene of settled points",
+        ),
         ("[plant]", 'fidelity = "best"\n[plant]', "fidelity: found best, expected steady or"),
         ("[plant]", "fidelity = ", "cannot be read"),
-        ("force_mN = {ramp = [[5e-3, 0], [10e-3, 1500]]}", "force_N = {csv = 'none.csv'}", "force_N.csv: .*cannot be read"),
+        (
+            "force_mN = {ramp = [[5e-3, 0], [10e-3, 1500]]}",
+            "force_N = {csv = 'none.csv'}",
+            "force_N.csv: .*cannot be read",
+        ),
     ],
 )
 def test_a_scene_that_cannot_be_is_refused_at_its_key(scene_file, capsys, old, new, said):
@@ -93,7 +113,9 @@ def test_a_scene_that_cannot_be_is_refused_at_its_key(scene_file, capsys, old, n
 
 
 def test_a_profile_from_a_table(scene_file, tmp_path):
-    (tmp_path / "press.csv").write_text("# a press\ntime_s,force_mN\n0,0\n5e-3,0\n10e-3,1500\n", encoding="utf-8")
+    (tmp_path / "press.csv").write_text(
+        "# a press\ntime_s,force_mN\n0,0\n5e-3,0\n10e-3,1500\n", encoding="utf-8"
+    )
     text = SCENE.replace("force_mN = {ramp = [[5e-3, 0], [10e-3, 1500]]}", "force_mN = {csv = 'press.csv'}")
     same = Scene.from_toml(scene_file(text)).simulate(3)
     np.testing.assert_array_equal(same.response, Scene.from_toml(scene_file()).simulate(3).response)
@@ -118,12 +140,16 @@ def test_the_plant_of_a_fit_and_of_its_draws(scene_file, tmp_path):
 
     parameters = {"G": 0.03, "tau": 2e-3, "f0": 32290.0, "k_T": None}
     content = {"parameters": {k: {"value": v, "why": "one temperature"} for k, v in parameters.items()}}
-    (tmp_path / "fit.json").write_text(json.dumps(content | {"reference_temperature_degC": 26.0}), encoding="utf-8")
+    (tmp_path / "fit.json").write_text(
+        json.dumps(content | {"reference_temperature_degC": 26.0}), encoding="utf-8"
+    )
     with h5netcdf.File(tmp_path / "posterior.nc", "w") as file:
         drawn = file.create_group("posterior")
         drawn.dimensions = {"chain": 2, "draw": 3}
         for name in ("G", "tau", "f0"):
-            drawn.create_variable(name, ("chain", "draw"), data=parameters[name] * (1 + 0.01 * np.arange(6).reshape(2, 3)))
+            drawn.create_variable(
+                name, ("chain", "draw"), data=parameters[name] * (1 + 0.01 * np.arange(6).reshape(2, 3))
+            )
     plain = SCENE.split("[log]")[1]
     mean = Scene.from_toml(scene_file(f"[plant]\nfit = 'fit.json'\n[log]{plain}")).plant
     assert mean == sysid.Plant(0.03, 2e-3, 32290.0, None, reference_temperature=26.0)
@@ -155,38 +181,50 @@ def test_a_command_of_its_own_says_how_it_is_used():
     assert done.returncode == 2 and "usage" in done.stderr
 
 
-# --- the carrier -----------------------------------------------------------------------------------------------------------
+# --- the carrier
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_waveform_is_the_envelope_on_its_carrier(scene_file):
-    text = SCENE.split("[effects.")[0].replace("frequency_kHz = 32.3", "frequency_Hz = {ramp = [[0, 32200], [15e-3, 32400]]}")
+    text = SCENE.split("[effects.")[0].replace(
+        "frequency_kHz = 32.3", "frequency_Hz = {ramp = [[0, 32200], [15e-3, 32400]]}"
+    )
     scene = Scene.from_toml(scene_file(text))
     samples = next(iter(waveform(scene, 1e6)))
     t = samples.time
     # the integral of the ramp by hand, in turns
     turns = 32200 * t + 0.5 * 200 / 15e-3 * np.minimum(t, 15e-3) ** 2 + 200 * np.maximum(t - 15e-3, 0)
     drive = -np.where(t >= 2e-3, 100.0, 0.0) * np.sin(2 * np.pi * turns)  # Re[jV e^{j theta}]
-    np.testing.assert_allclose(samples.drive, drive, atol=100 * 1e-8)  # 600 turns in float64, times 2 pi, and their sum
+    np.testing.assert_allclose(
+        samples.drive, drive, atol=100 * 1e-8
+    )  # 600 turns in float64, times 2 pi, and their sum
     exact = dataclasses.replace(scene, substeps=100).simulate()  # held over a microsecond, as the samples are
     every = slice(None, None, 100)
     carried = (exact.response * np.exp(2j * np.pi * turns[every])).real
-    # a ramp held over a microsecond is off by 13 kHz/s (1 us)^2/8 of a turn, both ways alike up to how they were summed
+    # a ramp held over a microsecond is off by 13 kHz/s (1 us)^2/8 of a turn, both ways alike up to how they
+    # were summed
     np.testing.assert_allclose(samples.response[every], carried, atol=2 * 1e-7)
 
 
 def test_the_carrier_behind_a_lock_in_is_the_exact_envelope_but_for_what_switching_leaves(scene_file):
-    scene = Scene.from_toml(scene_file(SCENE.split("[effects.white")[0].replace("duration_ms = 20", "duration_ms = 30")))
+    scene = Scene.from_toml(
+        scene_file(SCENE.split("[effects.white")[0].replace("duration_ms = 20", "duration_ms = 30"))
+    )
     exact, carrier = scene.simulate(), dataclasses.replace(scene, fidelity="carrier").simulate()
     assert len(carrier) == len(exact) and carrier.response[0] == 0
     off, size = np.abs(carrier.response - exact.response), np.max(np.abs(exact.response))
     Q = scene.plant.Q
     assert np.max(off) < size / (2 * Q) * 1.1  # the free part of the fast mode, as a real signal shows it
-    # ten tau after the last change that is gone; what is left is the fast mode's settled ripple, seen as it is
+    # ten tau after the last change that is gone; what is left is the fast mode's settled ripple, seen as it
+    # is
     assert off[-1] < 1e-4 * size
     filtered = SCENE.split("[effects.white")[0] + "[effects.lock_in]\ntau_us = 100\norder = 2\n"
     scene = Scene.from_toml(scene_file(filtered))
-    off = np.abs(dataclasses.replace(scene, fidelity="carrier").simulate().response - scene.simulate().response)
-    # (1/(2 omega tau))^2 of the image at twice the carrier is left; a filter of samples, 16 a period, is not quite one of time
+    off = np.abs(
+        dataclasses.replace(scene, fidelity="carrier").simulate().response - scene.simulate().response
+    )
+    # (1/(2 omega tau))^2 of the image at twice the carrier is left; a filter of samples, 16 a period, is not
+    # quite one of time
     assert np.max(off) < size * (1.1 / (2 * Q) + 1 / (4 * np.pi * 32300 * 1e-4) ** 2 + 0.01)
 
 
@@ -201,7 +239,8 @@ def test_a_carrier_that_aliases_is_refused(scene_file):
         next(waveform(Scene.from_toml(scene_file()), 6e4))
 
 
-# --- profiles -----------------------------------------------------------------------------------------------------------------
+# --- profiles
+# -----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -220,7 +259,9 @@ def test_profiles_and_their_integrals(profile, at, integral):
     np.testing.assert_allclose(profile.integral(time, less=0.5), np.array(integral) - 0.5 * time, atol=1e-14)
 
 
-@pytest.mark.parametrize(("given", "said"), [(["--draw", "5"], "--draw without --fit"), (["--logs", "0"], "found --logs 0")])
+@pytest.mark.parametrize(
+    ("given", "said"), [(["--draw", "5"], "--draw without --fit"), (["--logs", "0"], "found --logs 0")]
+)
 def test_options_that_would_do_nothing_are_refused(scene_file, capsys, given, said):
     with pytest.raises(SystemExit) as left:
         main([str(scene_file()), *given])

@@ -17,9 +17,13 @@ def step(scatter, seed, detuning):
     """1 V from row EARLY on; rows are read `scatter` (s, a standard deviation) off their stamps."""
     rng, frequency = np.random.default_rng(1000 + seed), np.full(N, PLANT.f0 + detuning)
     time, drive = DT * np.arange(N), 1.0 * (np.arange(N) >= EARLY)
-    response = reference.ringing(PLANT, time, drive, frequency, np.full(N, 24.0)) + reference.noise(N, LEVEL, seed)
+    response = reference.ringing(PLANT, time, drive, frequency, np.full(N, 24.0)) + reference.noise(
+        N, LEVEL, seed
+    )
     stamps = np.sort(time + scatter * rng.standard_normal(N))
-    return sysid.Log("step", response, time=stamps, drive=drive, frequency=frequency, kind="transient", sampling="instant")
+    return sysid.Log(
+        "step", response, time=stamps, drive=drive, frequency=frequency, kind="transient", sampling="instant"
+    )
 
 
 @pytest.mark.parametrize("detuning", [study(0.0), 60.0])
@@ -32,7 +36,9 @@ def test_stamps_that_scatter_are_in_the_intervals(seeds, detuning):
         heard += "in time stamps that scatter by" in fit.logs[0].noise
         if fit.result is Result.successful:
             z.append((fit.plant.tau - PLANT.tau) / fit.parameters["tau"].std)
-    assert min(len(z), heard) >= 0.9 * len(seeds) - 0.5  # one in twenty scatters least where it tells most, and is called late
+    assert (
+        min(len(z), heard) >= 0.9 * len(seeds) - 0.5
+    )  # one in twenty scatters least where it tells most, and is called late
     assert np.sqrt(np.mean(np.square(z))) < most(seeds, 2.8)
 
 
@@ -44,9 +50,12 @@ def test_stamps_that_do_not_scatter_are_taken_as_they_are(seeds):
         assert "stamps" not in fit.logs[0].noise
 
 
-@pytest.mark.parametrize("digit, period, rounded", [(1e-3, 3e-4, np.rint), (1e-3, 1e-4, np.floor), (1e-4, 1.2e-4, np.rint)])
+@pytest.mark.parametrize(
+    "digit, period, rounded", [(1e-3, 3e-4, np.rint), (1e-3, 1e-4, np.floor), (1e-4, 1.2e-4, np.rint)]
+)
 def test_stamps_that_were_rounded_are_those_of_an_even_clock(digit, period, rounded):
-    """Whole milliseconds of rows 0.3 ms apart: taken as rows of one moment they were a misfit, or tau was 5 of its errors off."""
+    """Whole milliseconds of rows 0.3 ms apart: taken as rows of one moment they were a misfit, or tau was 5
+    of its errors off."""
     rows, z = np.arange(320), []
     time, drive = period * rows, 1.0 * (rows >= EARLY)
     clean = reference.ringing(PLANT, time, drive, np.full(320, PLANT.f0 + 60), np.full(320, 24.0))
@@ -58,7 +67,10 @@ def test_stamps_that_were_rounded_are_those_of_an_even_clock(digit, period, roun
         )  # fmt: skip
         fit = sysid.fit([log])
         assert fit.result is Result.successful, fit.warnings
-        z += [(fit.plant.tau - PLANT.tau) / fit.parameters["tau"].std, (fit.plant.f0 - PLANT.f0) / fit.parameters["f0"].std]
+        z += [
+            (fit.plant.tau - PLANT.tau) / fit.parameters["tau"].std,
+            (fit.plant.f0 - PLANT.f0) / fit.parameters["f0"].std,
+        ]
     assert np.sqrt(np.mean(np.square(z))) < 1.45  # of 20, a root mean square is known to 16 %: three of these
     assert any("whole multiples of" in w for w in fit.warnings)
 
@@ -86,7 +98,8 @@ def test_the_clock_is_told_as_well_as_it_says():
 
 @pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), ({"delay_s": 0.0}, 1), ({}, 10)])
 def test_a_frequency_that_runs_on_between_rows(stated, parts):
-    """A chirp of 2 Hz a row, in so many parts of a row: f0 is half a row off if it is taken to stay, which no log tells."""
+    """A chirp of 2 Hz a row, in so many parts of a row: f0 is half a row off if it is taken to stay, which no
+    log tells."""
     rows, dwell = 500, 2e-4
     fine = PLANT.f0 - 500 + 2.0 / parts * np.arange(rows * parts)
     at = dwell / parts * np.arange(rows * parts)

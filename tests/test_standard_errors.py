@@ -1,4 +1,5 @@
-"""A column of standard errors: read in its unit, weighed as weighted least squares do, and believed as to its ratios alone."""
+"""A column of standard errors: read in its unit, weighed as weighted least squares do, and believed as to its
+ratios alone."""
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ NAMES = ("G", "tau", "f0")
 
 
 def sweep(seed, rows=121, factor=1.0, stated=True, amplitude=False):
-    """Settled points whose noise is between 0.1 % and 10 % of the peak, in no order; `factor` of what is stated."""
+    """Settled points whose noise is between 0.1 % and 10 % of the peak, in no order; `factor` of what is
+    stated."""
     rng = np.random.default_rng([seed, 31])
     frequency = np.linspace(FREQUENCY[0], FREQUENCY[-1], rows)
     clean = np.exp(0.4j) * reference.steady(PLANT, np.full(rows, 100.0), frequency, np.full(rows, 24.0))
@@ -28,8 +30,9 @@ def sweep(seed, rows=121, factor=1.0, stated=True, amplitude=False):
 
 
 def weighted(log):
-    """G, tau and f0 with their errors by least squares with those weights, an angle of the demodulator free, the level by the
-    residual."""
+    """G, tau and f0 with their errors by least squares with those weights, an angle of the demodulator free,
+    the level by the residual."""
+
     def left(x):
         G, tau, f0, angle = x[0] * 0.02, x[1] * 1.6e-3, 32300 + x[2], x[3]
         model = np.exp(1j * angle) * reference.steady(
@@ -66,7 +69,10 @@ def test_errors_are_true(seeds, amplitude):
         assert fit.result == "successful", fit.warnings
         z += [(fit.parameters[n].value - getattr(PLANT, n)) / fit.parameters[n].std for n in NAMES]
     # of G and tau of a log the errors go together: two independent numbers of three
-    assert abs(np.sqrt(np.mean(np.square(z))) - 1.03) < 2.5 / np.sqrt(2 * 2 * len(seeds)) and np.max(np.abs(z)) < 4.5
+    assert (
+        abs(np.sqrt(np.mean(np.square(z))) - 1.03) < 2.5 / np.sqrt(2 * 2 * len(seeds))
+        and np.max(np.abs(z)) < 4.5
+    )
 
 
 def test_means_of_a_long_log_have_the_errors_of_their_rows():
@@ -94,7 +100,10 @@ def test_a_step_is_weighed_too(bench):
     log = sysid.Log("step", quiet.response + noise, std=np.hypot(std, 0.02), **fields)
     fit = sysid.fit(log)
     assert abs(fit.parameters["tau"].value - bench.plant.tau) < 4 * fit.parameters["tau"].std
-    assert fit.parameters["tau"].std < 0.5 * sysid.fit(sysid.Log("step", log.response, **fields)).parameters["tau"].std
+    assert (
+        fit.parameters["tau"].std
+        < 0.5 * sysid.fit(sysid.Log("step", log.response, **fields)).parameters["tau"].std
+    )
 
 
 # Reading
@@ -130,7 +139,14 @@ def test_names_of_the_contract(save, head, columns, expected):
 RE_IM, POLAR = (S.real, S.imag), (20 * np.log10(abs(S)), np.angle(S))
 MAPS = {  # names and units of two columns, their numbers, the unit of the errors, and theirs
     "velocity": (("x", "V"), ("y", "V"), RE_IM, "mV", 1e3 * E, E / OMEGA),
-    "displacement": (("magnitude", "dB"), ("phase", "rad"), POLAR, "dB", np.full(4, 0.1), abs(S) * (10 ** (0.1 / 20) - 1)),
+    "displacement": (
+        ("magnitude", "dB"),
+        ("phase", "rad"),
+        POLAR,
+        "dB",
+        np.full(4, 0.1),
+        abs(S) * (10 ** (0.1 / 20) - 1),
+    ),
     "impedance": (("x", "kohm"), ("y", "kohm"), RE_IM, "ohm", E, E / (1e6 * abs(S) ** 2 * OMEGA)),
     "charge": (("x", "C"), ("y", "C"), RE_IM, "%", 100 * E, E * abs(S)),
 }
@@ -159,7 +175,9 @@ def test_a_mapping_file_names_them_in_units_of_the_signal(save, quantity):
 )
 def test_what_cannot_be_a_standard_error_is_refused(save, head, errors, words):
     more = [np.array(errors)] * (len(head.split(",")) - 2)
-    refused(save(table(f"# voltage_V: 1\n{head}", np.array([1.0, 2, 3]), np.array([1.0, 2, 1]), *more)), *words)
+    refused(
+        save(table(f"# voltage_V: 1\n{head}", np.array([1.0, 2, 3]), np.array([1.0, 2, 1]), *more)), *words
+    )
 
 
 def test_a_log_with_them_is_written_and_reads_back(tmp_path):

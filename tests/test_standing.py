@@ -1,5 +1,5 @@
-"""Amplitudes of a response on an offset of d and q, which these do not show: logs with and without, against the plant that made
-them."""
+"""Amplitudes of a response on an offset of d and q, which these do not show: logs with and without, against
+the plant that made them."""
 
 from dataclasses import replace
 
@@ -34,7 +34,8 @@ def said(fit):
 
 
 @pytest.mark.parametrize(
-    ("offset", "noise", "rings"), [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), (0.03, 1e-3, False)]
+    ("offset", "noise", "rings"),
+    [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), (0.03, 1e-3, False)],
 )
 @seeds(3, 12)
 def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, noise, rings):
@@ -43,13 +44,19 @@ def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, 
     for seed in seeds:
         fit = sysid.fit([made(bench, seed, offset, noise, rings)])
         assert fit.result is sysid.Result.successful and said(fit)
-        z.append([(fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std for n in ("G", "tau")])
+        z.append(
+            [
+                (fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std
+                for n in ("G", "tau")
+            ]
+        )
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds))
 
 
 @pytest.mark.parametrize("rings", [True, study(False)])
 def test_an_amplitude_without_an_offset_gets_none(bench, rings):
-    """One in eight may: three errors that it would move G are no longer than chance now and then makes them."""
+    """One in eight may: three errors that it would move G are no longer than chance now and then makes
+    them."""
     fits = [sysid.fit([made(bench, seed, 0.0, 3e-3, rings)]) for seed in range(8)]
     assert all(fit.result is sysid.Result.successful for fit in fits)
     assert sum(said(fit) for fit in fits) <= 1
@@ -58,7 +65,9 @@ def test_an_amplitude_without_an_offset_gets_none(bench, rings):
 def test_the_offset_is_found_where_the_ring_down_shows_it(bench):
     fit = sysid.fit([made(bench, 0, 0.03, 1e-3)])
     found, true = fit.modes[0].trials[0].offset, 0.03 * FULL
-    assert abs(found) == pytest.approx(true, abs=5 * 1e-3 * FULL / np.sqrt(50))  # as the mean of some fifty rows at rest
+    assert abs(found) == pytest.approx(
+        true, abs=5 * 1e-3 * FULL / np.sqrt(50)
+    )  # as the mean of some fifty rows at rest
 
 
 def test_the_posterior_holds_it(bench):
@@ -76,15 +85,19 @@ def test_asked_not_to_the_fit_leaves_it(bench):
 
 @seeds(3, 12)
 def test_a_ring_down_on_an_offset(bench, seeds):
-    """30 Hz beside the frequency that it is demodulated at: it beats with the offset. Tau was up to 18 errors off, in logs that
-    were called successful."""
+    """30 Hz beside the frequency that it is demodulated at: it beats with the offset. Tau was up to 18 errors
+    off, in logs that were called successful."""
     z = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         time = np.linspace(0, 9 * bench.plant.tau, 200)
-        response = FULL * np.exp(-time / bench.plant.tau + 2j * np.pi * (30 * time + rng.random())) + 0.03 * FULL
+        response = (
+            FULL * np.exp(-time / bench.plant.tau + 2j * np.pi * (30 * time + rng.random())) + 0.03 * FULL
+        )
         response = np.abs(response + 1e-3 * FULL * (rng.standard_normal(200) + 1j * rng.standard_normal(200)))
-        log = sysid.Log("ring-down", response, time=time, frequency=np.full(200, 32270.0), temperature=np.full(200, 24.0))
+        log = sysid.Log(
+            "ring-down", response, time=time, frequency=np.full(200, 32270.0), temperature=np.full(200, 24.0)
+        )
         fit = sysid.fit([log])
         if fit.result is sysid.Result.successful:
             z.append((fit.parameters["tau"].value - bench.plant.tau) / fit.parameters["tau"].std)
@@ -104,15 +117,19 @@ def bare(seed, shape, add):
 @pytest.mark.parametrize(("shape", "offset"), [("ring-down", 0.03), ("step", 0.1)])
 @seeds(3, 12)
 def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(seeds, shape, offset):
-    """They were read as the output of a first-order plant on an offset of its own: a ring-down's tau was up to 18 errors off in
-    logs that were called successful, and most such steps were misfits."""
+    """They were read as the output of a first-order plant on an offset of its own: a ring-down's tau was up
+    to 18 errors off in logs that were called successful, and most such steps were misfits."""
 
     def under(clean, rng):
         noise = 3e-3 * FULL * (rng.standard_normal(250) + 1j * rng.standard_normal(250))
         return np.abs(clean + offset * FULL * np.exp(2j * np.pi * rng.random()) + noise)
 
     fits = [sysid.fit([bare(seed, shape, under)]) for seed in seeds]
-    z = [(f.parameters["tau"].value - TAU) / f.parameters["tau"].std for f in fits if f.result is sysid.Result.successful]
+    z = [
+        (f.parameters["tau"].value - TAU) / f.parameters["tau"].std
+        for f in fits
+        if f.result is sysid.Result.successful
+    ]
     assert len(z) >= 0.8 * len(seeds) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
@@ -120,13 +137,19 @@ def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(seeds, shape, 
 @seeds(3, 8)
 def test_the_output_of_a_first_order_plant_on_an_offset_is_none(seeds, shape):
     """Of its own direction, as a thermocouple's: the fit has that already."""
-    fits = [sysid.fit([bare(s, shape, lambda y, rng: y + 0.1 * FULL + 0.02 * rng.standard_normal(250))]) for s in seeds]
+    fits = [
+        sysid.fit([bare(s, shape, lambda y, rng: y + 0.1 * FULL + 0.02 * rng.standard_normal(250))])
+        for s in seeds
+    ]
     z = [(f.parameters["tau"].value - TAU) / f.parameters["tau"].std for f in fits]
     assert not any(said(fit) for fit in fits) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
 def test_several_amplitudes_each_have_their_own(bench):
-    logs = [replace(made(bench, seed, offset, 3e-3), name=f"log {seed}") for seed, offset in ((0, 0.02), (1, 0.0), (2, 0.01))]
+    logs = [
+        replace(made(bench, seed, offset, 3e-3), name=f"log {seed}")
+        for seed, offset in ((0, 0.02), (1, 0.0), (2, 0.01))
+    ]
     fit = sysid.fit(logs)
     assert [t.standing for t in fit.modes[0].trials] == [True, False, True]
     assert fit.result is sysid.Result.successful

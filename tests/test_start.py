@@ -6,7 +6,8 @@ from sysid.minimum.start import SHARED, _tried
 
 
 class Bowls:
-    """A search whose logs have their least residual sums where `at` (logs, 3) says; counts the sums that it is asked for."""
+    """A search whose logs have their least residual sums where `at` (logs, 3) says; counts the sums that it
+    is asked for."""
 
     def __init__(self, at):
         self.at, self.asked = at, 0
@@ -23,7 +24,10 @@ class Bowls:
 def found(logs, proposing=None):
     """Each log proposes its own minimum and one beside it; every log, or `proposing` of them."""
     at = np.random.default_rng(logs).standard_normal((logs, 3))
-    pools = [np.stack([x + 0.1, x]) if proposing is None or k in proposing else np.empty((0, 3)) for k, x in enumerate(at)]
+    pools = [
+        np.stack([x + 0.1, x]) if proposing is None or k in proposing else np.empty((0, 3))
+        for k, x in enumerate(at)
+    ]
     search = Bowls(at)
     return (*_tried(search, pools, thin=False), at, search.asked)
 

@@ -13,7 +13,9 @@ def densities(fit, smooth):
     best = fit.modes[0]
     triangle = np.linalg.cholesky(best.covariance[: len(fit.names), : len(fit.names)])
     groups, _ = group(best.trials, fit.reference, low_q=best.low_q)
-    return surrogate.Density(lambda z: best.theta + np.pad(z @ triangle.T, ((0, 0), (0, 6 - len(fit.names)))), groups, smooth)
+    return surrogate.Density(
+        lambda z: best.theta + np.pad(z @ triangle.T, ((0, 0), (0, 6 - len(fit.names)))), groups, smooth
+    )
 
 
 @pytest.fixture(scope="module")

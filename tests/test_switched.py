@@ -1,4 +1,5 @@
-"""Raw samples of a drive that is switched between levels, against the equation of motion solved from edge to edge."""
+"""Raw samples of a drive that is switched between levels, against the equation of motion solved from edge to
+edge."""
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ FAR = 4.0  # standard deviations: by chance in one of 16 000
 
 
 def edges_of(pattern, frequency, begin, end, turn=0.13):
-    """(times, levels) of a pattern [(share of the period, level), ...], from `turn` of a period on; zero after `end`."""
+    """(times, levels) of a pattern [(share of the period, level), ...], from `turn` of a period on; zero
+    after `end`."""
     shares, levels = zip(*pattern, strict=True)
     starts = np.append(0.0, np.cumsum(shares)[:-1])
     periods = np.arange(int((end - begin) * frequency) + 2)
@@ -25,7 +27,8 @@ def edges_of(pattern, frequency, begin, end, turn=0.13):
 
 
 def motion(times, levels, at):
-    """w (um) at the times `at` (s) of w'' + 2/tau w' + w0^2 w = (2 G w0/tau) v, from rest; v has `levels` from `times` on."""
+    """w (um) at the times `at` (s) of w'' + 2/tau w' + w0^2 w = (2 G w0/tau) v, from rest; v has `levels`
+    from `times` on."""
     w0 = 2 * np.pi * F0
     pole = -1 / TAU + 1j * np.sqrt(w0**2 - TAU**-2)
     still = 2 * G / (TAU * w0) * np.append(0.0, levels)  # where w would come to rest
@@ -50,7 +53,11 @@ def recorded(pattern, drives, rate, duration, seed=0):
     times, levels = (np.concatenate(p) for p in zip(*pieces, strict=True))
     time = np.arange(round(duration * rate)) / rate
     held = np.append(0.0, levels)[np.searchsorted(times, time, side="right")]
-    return time, held, motion(times, levels, time) + 0.002 * np.random.default_rng(seed).standard_normal(len(time))
+    return (
+        time,
+        held,
+        motion(times, levels, time) + 0.002 * np.random.default_rng(seed).standard_normal(len(time)),
+    )
 
 
 def as_log(rows):
@@ -63,7 +70,10 @@ SQUARE = [(0.5, 5.0), (0.5, -5.0)]
 PATTERNS = {  # and the amplitude of the fundamental: of two levels a apart, of share D, (2 a/pi) sin(pi D)
     "square": (SQUARE, 20 / np.pi),
     "half bridge": ([(0.5, 10.0), (0.5, 0.0)], 20 / np.pi),
-    "full bridge, a third at zero": ([(1 / 3, 5.0), (1 / 6, 0.0), (1 / 3, -5.0), (1 / 6, 0.0)], 20 / np.pi * np.sin(np.pi / 3)),
+    "full bridge, a third at zero": (
+        [(1 / 3, 5.0), (1 / 6, 0.0), (1 / 3, -5.0), (1 / 6, 0.0)],
+        20 / np.pi * np.sin(np.pi / 3),
+    ),
     "duty of 0.4": ([(0.4, 5.0), (0.6, -5.0)], 20 / np.pi * np.sin(0.4 * np.pi)),
 }
 RATES = (6.5e5, 1e6, 3.229e6, 1e7)  # 20 to 310 samples a period, at 3.229e6 100 exactly
@@ -74,7 +84,9 @@ def test_a_square_wave_is_as_good_as_a_sine(rate, frequency):
     """1e6/32250 is 31.008 samples a period: its edges stay at the same samples for 60 of them."""
     rows = demodulate(*recorded(SQUARE, [(0.002, 1.0, frequency)], rate, 0.02))
     lit = rows.drive != 0
-    assert np.allclose(rows.drive[lit], 20 / np.pi, rtol=3e-4)  # at worst a sample of 100 is 2e-4 of the sum over the period
+    assert np.allclose(
+        rows.drive[lit], 20 / np.pi, rtol=3e-4
+    )  # at worst a sample of 100 is 2e-4 of the sum over the period
     assert np.ptp(rows.frequency[lit]) == 0 and abs(rows.frequency[-1] - frequency) < 0.02
     fit = sysid.fit([as_log(rows)])
     assert fit.result is Result.successful

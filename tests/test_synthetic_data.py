@@ -1,4 +1,5 @@
-"""The synthetic logs: they remake byte for byte, their scenes agree with the reference physics, their truth fits them."""
+"""The synthetic logs: they remake byte for byte, their scenes agree with the reference physics, their truth
+fits them."""
 
 import csv
 import runpy
@@ -33,7 +34,8 @@ def files_below(folder):
     return {path.relative_to(folder) for kind in ("*.csv", "truth.toml") for path in folder.rglob(kind)}
 
 
-# --- the files --------------------------------------------------------------------------------------------------------
+# --- the files
+# --------------------------------------------------------------------------------------------------------
 
 
 def test_the_command_remakes_every_file_byte_for_byte(tmp_path):
@@ -56,9 +58,21 @@ def test_the_logs_at_the_top_are_one_untouched_plate():
     assert not [path for path in FOLDER.glob("*.csv") if "force" in path.read_text(encoding="utf-8")]
 
 
-# --- the scenes, against numbers read without the package, and against the reference physics --------------------------
+# --- the scenes, against numbers read without the package, and against the reference physics
+# --------------------------
 
-UNIT = {"": 1.0, "um": 1.0, "nm": 1e-3, "pm": 1e-6, "ms": 1e-3, "s": 1.0, "deg": 1.0, "V": 1.0, "N": 1.0, "Hz": 1.0}
+UNIT = {
+    "": 1.0,
+    "um": 1.0,
+    "nm": 1e-3,
+    "pm": 1e-6,
+    "ms": 1e-3,
+    "s": 1.0,
+    "deg": 1.0,
+    "V": 1.0,
+    "N": 1.0,
+    "Hz": 1.0,
+}
 UNIT |= {"um_per_V": 1.0, "nm_per_V": 1e-3, "Hz_per_degC": 1.0}
 
 
@@ -78,7 +92,9 @@ def test_the_truth_is_what_the_scene_says(folder, name):
     for key in ("G", "tau", "f0", "k_T"):
         assert truth["plant"][key] == pytest.approx(stated(scene["plant"], key), rel=1e-12)
     effects = scene["effects"]
-    pairs = {key: [stated(effects.get(key, {}), axis) or 0.0 for axis in "dq"] for key in ("feedthrough", "offset")}
+    pairs = {
+        key: [stated(effects.get(key, {}), axis) or 0.0 for axis in "dq"] for key in ("feedthrough", "offset")
+    }
     noise = effects.get("white_noise") or effects["coloured_noise"]
     assert bench["rotation_deg"] == effects.get("rotation", {"angle_deg": 0})["angle_deg"]
     assert bench["feedthrough_um_per_V"] == pytest.approx(pairs["feedthrough"], rel=1e-12)
@@ -91,15 +107,22 @@ def test_the_truth_is_what_the_scene_says(folder, name):
 def behind_the_bench(clean, felt, bench):
     """e^{j rotation} (Z + feedthrough V) + offset."""
     leak = complex(*bench["feedthrough_um_per_V"])
-    return np.exp(1j * np.deg2rad(bench["rotation_deg"])) * (clean + leak * felt) + complex(*bench["offset_um"])
+    return np.exp(1j * np.deg2rad(bench["rotation_deg"])) * (clean + leak * felt) + complex(
+        *bench["offset_um"]
+    )
 
 
 def expected(plant, log, bench):
-    """The rows of a noise-free log by the reference physics; inputs that ramp are taken at the middle of each interval."""
+    """The rows of a noise-free log by the reference physics; inputs that ramp are taken at the middle of each
+    interval."""
     plate = reference.Plant(plant["G"], plant["tau"], plant["f0"], plant["k_T"], ripple=True)
     temperature = np.full(len(log), 24.0) if log.temperature is None else log.temperature
     volts = log.drive * (200 if log.drive_unit == "duty" else 1)
-    force = np.zeros(len(log)) if log.force is None else 0.5 * (log.force + np.append(log.force[1:], log.force[-1]))
+    force = (
+        np.zeros(len(log))
+        if log.force is None
+        else 0.5 * (log.force + np.append(log.force[1:], log.force[-1]))
+    )
     _, tau = reference.touched(plate, force)
     if log.kind == "steady":
         return behind_the_bench(reference.steady(plate, volts, log.frequency, temperature), volts, bench)
@@ -119,7 +142,8 @@ def test_a_scene_without_its_noise_is_the_reference_physics(folder, name):
     log = scene.simulate()
     wanted = expected(truth["plant"], log, truth["logs"][name])
     wanted = np.abs(wanted) if log.amplitude_only else wanted
-    # 1e-9 of the response, for phases of 1e4 rad between two rows; a finger's law is softened by 1e-6 where it begins
+    # 1e-9 of the response, for phases of 1e4 rad between two rows; a finger's law is softened by 1e-6 where
+    # it begins
     allowed = 1e-6 if "finger_rho" in truth["logs"][name] else 1e-9
     assert np.max(np.abs(log.response - wanted)) < allowed * np.max(np.abs(wanted))
 
@@ -131,7 +155,13 @@ def test_the_rows_of_a_file_are_those_of_its_scene(folder, name):
     log = quiet(sysid.Scene.from_toml(FOLDER / truth["logs"][name]["scene"])).simulate()
     _, values = read(FOLDER / folder / f"{name}.csv")
     volts = log.drive * (200 if log.drive_unit == "duty" else 1)
-    inputs = {"time": log.time, "voltage": volts, "frequency": log.frequency, "temperature": log.temperature, "force": log.force}
+    inputs = {
+        "time": log.time,
+        "voltage": volts,
+        "frequency": log.frequency,
+        "temperature": log.temperature,
+        "force": log.force,
+    }
     for key, column in inputs.items():
         assert (key in values) == (column is not None) or key == "temperature"
         if key in values:
@@ -140,7 +170,8 @@ def test_the_rows_of_a_file_are_those_of_its_scene(folder, name):
 
 @pytest.mark.parametrize("name", ["step_100V_24C", "ring_down", "duty_staircase"])
 def test_the_row_at_which_a_step_acts_does_not_feel_it_yet(name):
-    """`sampling: instant`, for the state and for the feedthrough (too small to show under the noise of one row)."""
+    """`sampling: instant`, for the state and for the feedthrough (too small to show under the noise of one
+    row)."""
     bench = truth_of(".")["logs"][name]
     log = quiet(sysid.Scene.from_toml(FOLDER / bench["scene"])).simulate()
     step = np.flatnonzero(log.drive)[0]
@@ -148,7 +179,8 @@ def test_the_row_at_which_a_step_acts_does_not_feel_it_yet(name):
     assert abs(log.response[step + 1] - log.response[step]) > 0.02  # b V dt: a twentieth of 2 um
 
 
-# --- the committed files, against their truth -------------------------------------------------------------------------
+# --- the committed files, against their truth
+# -------------------------------------------------------------------------
 
 SCALES = {"ms": 1e-3, "kHz": 1e3, "nm": 1e-3}  # to s, Hz, um
 
@@ -174,7 +206,8 @@ def is_column(key):
 
 
 def response(plant, values, settled, damped):
-    """Z from (E) alone: its transfer function, or its state (Z, Z'/omega) stepped by the exponential of its matrix."""
+    """Z from (E) alone: its transfer function, or its state (Z, Z'/omega) stepped by the exponential of its
+    matrix."""
     w0 = 2 * np.pi * (plant["f0"] + plant["k_T"] * (values.get("temperature", 24.0) - 24.0))
     omega = 2 * np.pi * values["frequency"]
     w0 = np.broadcast_to(w0, omega.shape)
@@ -190,7 +223,8 @@ def finger(values, bench):
     force = values.get("force", np.zeros(len(values["frequency"])))
     plate = reference.Plant(1.0, 1.0, 0.0, 0.0)
     law = {
-        key: bench.get(f"finger_{name}", 1.0) for key, name in (("rho", "rho"), ("scale", "scale_N"), ("exponent", "exponent"))
+        key: bench.get(f"finger_{name}", 1.0)
+        for key, name in (("rho", "rho"), ("scale", "scale_N"), ("exponent", "exponent"))
     }
     return 1 / reference.touched(plate, 0.5 * (force + np.append(force[1:], force[-1])), **law)[1]
 
@@ -202,7 +236,11 @@ def step_by_step(time, omega, w0, ds, push):
         if k:  # w and w' are continuous: Z' = (w_c' - j omega w_c) e^{-j theta} jumps where omega does
             y[1] = (y[1] * omega[k - 1] - 1j * (omega[k] - omega[k - 1]) * y[0]) / omega[k]
         stiffness = w0[k] ** 2 - omega[k] ** 2 + 1j * omega[k] * ds[k]
-        rate = [[0, omega[k], 0], [-stiffness / omega[k], -2j * omega[k] - ds[k], push[k] / omega[k]], [0, 0, 0]]
+        rate = [
+            [0, omega[k], 0],
+            [-stiffness / omega[k], -2j * omega[k] - ds[k], push[k] / omega[k]],
+            [0, 0, 0],
+        ]
         y = expm(np.array(rate) * duration) @ y
         out[k + 1] = y[0]
     return out
@@ -215,8 +253,14 @@ def residual(folder, name):
     metadata, values = read(FOLDER / folder / f"{name}.csv")
     settled = "sampling" not in metadata
     clean = response(truth["plant"], values, settled, finger(values, bench))
-    model = behind_the_bench(clean, values["voltage"] if settled else np.append(0.0, values["voltage"][:-1]), bench)
-    return values["w"] - np.abs(model) if "w" in values else values["wd"] + 1j * values["wq"] - model, bench, values
+    model = behind_the_bench(
+        clean, values["voltage"] if settled else np.append(0.0, values["voltage"][:-1]), bench
+    )
+    return (
+        values["w"] - np.abs(model) if "w" in values else values["wd"] + 1j * values["wq"] - model,
+        bench,
+        values,
+    )
 
 
 @every_log

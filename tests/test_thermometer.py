@@ -29,7 +29,8 @@ def noise(std, seed=0, rows=ROWS):
 @pytest.mark.parametrize("s", [0.03, 2.0])
 @pytest.mark.parametrize("m", [1, 2])
 def test_temperature_is_the_penalised_least_squares_of_the_readings(s, m):
-    """min |y - T|^2 + |D T|^2 / s by its normal equations; for m = 2, D'D of a log that goes on as its mirror image."""
+    """min |y - T|^2 + |D T|^2 / s by its normal equations; for m = 2, D'D of a log that goes on as its mirror
+    image."""
     y = 24 + noise(0.1, rows=40)
     differences = np.diff(np.eye(40), axis=0)
     penalty = np.linalg.matrix_power(differences.T @ differences, m) / s
@@ -44,13 +45,17 @@ def test_likelihood_of_a_walk_is_that_of_the_normal_moves_from_row_to_row():
     differences = np.diff(np.eye(30), axis=0)
 
     def expected(walk, variance):
-        return multivariate_normal(cov=variance * (differences @ differences.T + walk * np.eye(29))).logpdf(np.diff(y))
+        return multivariate_normal(cov=variance * (differences @ differences.T + walk * np.eye(29))).logpdf(
+            np.diff(y)
+        )
 
     found = [_walk(y, np.full(30, y.mean()), stiff, s[k : k + 1]) for k in range(3)]
     rises = np.diff([f.likely for f in found])
     np.testing.assert_allclose(rises, np.diff([expected(f.walk, f.noise) for f in found]), rtol=1e-9)
     for f in found:  # and r is the likeliest
-        assert expected(f.walk, f.noise) > max(expected(f.walk, 0.9 * f.noise), expected(f.walk, 1.1 * f.noise))
+        assert expected(f.walk, f.noise) > max(
+            expected(f.walk, 0.9 * f.noise), expected(f.walk, 1.1 * f.noise)
+        )
 
 
 @pytest.mark.parametrize(
@@ -67,7 +72,9 @@ def test_likelihood_of_a_walk_is_that_of_the_normal_moves_from_row_to_row():
 def test_noise_of_reading_goes_and_the_course_stays(course):
     for std in (0.02, 0.1):
         assert np.mean([rms(smooth(course + noise(std, k)) - course) for k in range(20)]) < 0.6 * std
-    np.testing.assert_allclose(smooth(course), course, rtol=0, atol=1e-9)  # of 36 degC, by the cosines' rounding
+    np.testing.assert_allclose(
+        smooth(course), course, rtol=0, atol=1e-9
+    )  # of 36 degC, by the cosines' rounding
 
 
 def test_a_constant_temperature_is_known_as_well_as_its_mean():
@@ -78,7 +85,9 @@ def test_a_constant_temperature_is_known_as_well_as_its_mean():
 def test_a_coarse_reading_that_flickers_is_smoothed_and_one_that_is_set_is_kept():
     slow = np.linspace(24, 24.2, ROWS)
     assert rms(smooth(np.round(slow + noise(0.02), 1)) - slow) < 0.02  # the readings are 0.034 off
-    np.testing.assert_allclose(smooth(np.round(slow, 1)), slow, atol=0.002)  # half of a row's step where the reading changes
+    np.testing.assert_allclose(
+        smooth(np.round(slow, 1)), slow, atol=0.002
+    )  # half of a row's step where the reading changes
     falls = np.linspace(27, 24, ROWS)
     np.testing.assert_allclose(smooth(np.round(falls / 0.25) * 0.25), falls, atol=0.02)
     for kept in (
@@ -91,7 +100,9 @@ def test_a_coarse_reading_that_flickers_is_smoothed_and_one_that_is_set_is_kept(
 
 def test_a_cheap_thermometer_does_not_make_the_plate_flicker():
     """Of 0.5 degC from row to row; temperatures that are set in any order differ by more."""
-    assert rms([smooth(24 + noise(0.5, k))[0] - 24 for k in range(50)]) == pytest.approx(0.5 / np.sqrt(ROWS), rel=0.4)
+    assert rms([smooth(24 + noise(0.5, k))[0] - 24 for k in range(50)]) == pytest.approx(
+        0.5 / np.sqrt(ROWS), rel=0.4
+    )
 
 
 def test_the_step_of_a_long_log_is_where_its_readings_have_it():
@@ -124,7 +135,9 @@ def sweep(temperature, seed, reading=0.03, noise=0.02):
     f = np.linspace(31800, 32800, 101)
     tau, f0 = 1.67e-3, 32300 - 10 * (temperature - 24)
     turned = (f0**2 - f**2) * np.pi * tau / f  # exact: c - m omega^2 over omega ds
-    response = 2 / (1 - 1j * turned) * (f0 / f) + noise * (rng.standard_normal(101) + 1j * rng.standard_normal(101))
+    response = 2 / (1 - 1j * turned) * (f0 / f) + noise * (
+        rng.standard_normal(101) + 1j * rng.standard_normal(101)
+    )
     read = temperature + reading * rng.standard_normal(101)
     return Log(f"{temperature} degC", response, drive=np.full(101, 100.0), frequency=f, temperature=read)
 
@@ -144,7 +157,9 @@ def test_temperature_coefficient_is_covered_where_the_thermometer_is_noisy(seeds
     for seed in seeds:
         p = fit([sweep(t, 100 * seed + int(t)) for t in (20.0, 24.0, 30.0)]).parameters
         scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
-    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=3.1 / np.sqrt(2 * len(seeds)))  # of 40, three of 0.11
+    assert np.std(scores, axis=0) == pytest.approx(
+        [1, 1], abs=3.1 / np.sqrt(2 * len(seeds))
+    )  # of 40, three of 0.11
     assert np.max(np.abs(scores)) < 4
 
 
@@ -159,7 +174,9 @@ def test_what_a_thermometers_error_makes_of_the_resonance_is_in_the_interval(see
         scores += [((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std)]
         assert found.result.name == "successful"
         exact += [fit(logs, nuisances=("rotation", "background")).parameters["k_T"].std / p["k_T"].std]
-    assert np.std(scores, axis=0) == pytest.approx([1, 1], abs=3.1 / np.sqrt(2 * len(seeds)))  # of 30, three of 0.13
+    assert np.std(scores, axis=0) == pytest.approx(
+        [1, 1], abs=3.1 / np.sqrt(2 * len(seeds))
+    )  # of 30, three of 0.13
     assert np.median(exact) < 0.5  # and without it the interval is less than half as wide
 
 
@@ -175,7 +192,9 @@ def test_where_the_error_is_not_fitted_it_is_said():
     logs = [sweep(t, 1, reading=0.0, noise=1e-3) for t in (20.0, 26.0)]
     logs = [replace(log, response=np.abs(log.response), bench={"temperature_std_degC": 0.5}) for log in logs]
     said = [w for w in fit(logs).warnings if "thermometer may be 0.5 degC off" in w]
-    assert len(said) == 2 and all("of its standard deviations, which its error does not include" in w for w in said)
+    assert len(said) == 2 and all(
+        "of its standard deviations, which its error does not include" in w for w in said
+    )
 
 
 def test_the_error_of_a_thermometer_is_read_from_the_metadata(tmp_path):
@@ -189,9 +208,12 @@ def test_the_error_of_a_thermometer_is_read_from_the_metadata(tmp_path):
 
 
 def test_a_k_T_that_comes_out_small_by_chance_has_the_thermometers_error_all_the_same():
-    """Readings that lie as far apart as they may be off, and by chance go with the plate's temperature not at all."""
+    """Readings that lie as far apart as they may be off, and by chance go with the plate's temperature not at
+    all."""
     true, read = (23.9, 24.0, 24.1), (24.0, 23.9, 24.003)
-    logs = [replace(sweep(t, 1, noise=1e-3), temperature=np.full(101, r)) for t, r in zip(true, read, strict=True)]
+    logs = [
+        replace(sweep(t, 1, noise=1e-3), temperature=np.full(101, r)) for t, r in zip(true, read, strict=True)
+    ]
     found = fit([replace(log, bench={"temperature_std_degC": 0.1}) for log in logs])
     assert not found.parameters["k_T"].determined
     assert "too little beside the error of the thermometer" in found.parameters["k_T"].why
@@ -210,7 +232,8 @@ def written(folder, temperatures, seed, put, noise=1e-3):
 
 @seeds(4, 15)
 def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path, seeds):
-    """Sweeps so quiet that only the thermometer's steps of half a degC are left; 25.5 shows that they are steps."""
+    """Sweeps so quiet that only the thermometer's steps of half a degC are left; 25.5 shows that they are
+    steps."""
     scores, rng = [], np.random.default_rng(3)
     for seed in seeds:
         paths = written(tmp_path, [25.4, *rng.uniform(20, 32, 4)], seed, lambda t: f"{np.round(2 * t) / 2:g}")
@@ -219,7 +242,9 @@ def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path, seeds):
         assert found.result.name == "successful", found.warnings
         assert any("temperature_std_degC" in w and "error of f0 and of k_T" in w for w in found.warnings)
         scores.append(((p["k_T"].value + 10) / p["k_T"].std, (p["f0"].value - 32300) / p["f0"].std))
-    assert np.mean(np.square(scores)) < 1 + 3 / np.sqrt(len(seeds))  # three standard deviations; it was 20 and more
+    assert np.mean(np.square(scores)) < 1 + 3 / np.sqrt(
+        len(seeds)
+    )  # three standard deviations; it was 20 and more
 
 
 @pytest.mark.parametrize(
@@ -243,7 +268,9 @@ def test_the_step_of_a_thermometer_is_the_finest_that_all_its_readings_have(tmp_
     if all(float(text).is_integer() for text in texts):  # set points
         assert [x.error for x in one] == [0.0, 0.0]
         return
-    assert [x.error for x in one] == pytest.approx([step / np.sqrt(12)] * 2, rel=0.02)  # of a sum that is cut off
+    assert [x.error for x in one] == pytest.approx(
+        [step / np.sqrt(12)] * 2, rel=0.02
+    )  # of a sum that is cut off
     k = next(k for k, text in enumerate(texts) if not float(text).is_integer())
     half, digit = logs[k].temperature, digits[k]
     same = of_plates([half] * 4, [digit] * 4)  # off alike: their mean is no better than one of them
@@ -251,18 +278,25 @@ def test_the_step_of_a_thermometer_is_the_finest_that_all_its_readings_have(tmp_
 
 
 def test_whole_degrees_are_set_points_and_a_warning_says_what_hangs_on_that(tmp_path):
-    """Ovens are set to 22 and 30 degC: f0 is as sure as it was, and the warning states half a degree times k_T, -10 Hz/degC."""
+    """Ovens are set to 22 and 30 degC: f0 is as sure as it was, and the warning states half a degree times
+    k_T, -10 Hz/degC."""
     logs = sysid.read_logs(written(tmp_path, (22.0, 30.0), 0, "{:.0f}".format))
     found = sysid.fit(logs)
     exact = sysid.fit([replace(log, temperature_digit=0.0) for log in logs])
-    assert found.parameters["f0"] == exact.parameters["f0"] and not any("set points" in w for w in exact.warnings)
+    assert found.parameters["f0"] == exact.parameters["f0"] and not any(
+        "set points" in w for w in exact.warnings
+    )
     (said,) = (w for w in found.warnings if "set points" in w)
     assert f"by {10 / np.sqrt(12):.2g} Hz: state temperature_std_degC" in said
 
 
 def test_a_step_in_kelvin_or_in_a_column_is_that_of_its_text(tmp_path):
     table = "voltage_V,frequency_Hz,wd_um,wq_um,temperature_{}\n1,32300,1,0,{}\n1,32310,1,0,{}\n"
-    cases = (("K", ("297", "298"), 1.0), ("degF", ("75.5", "75.0"), 0.1 / 1.8), ("degC", ("24.0", "24.013"), 1e-3))
+    cases = (
+        ("K", ("297", "298"), 1.0),
+        ("degF", ("75.5", "75.0"), 0.1 / 1.8),
+        ("degC", ("24.0", "24.013"), 1e-3),
+    )
     for unit, rows, digit in cases:
         path = tmp_path / f"{unit}.csv"
         path.write_text(table.format(unit, *rows))
@@ -274,7 +308,8 @@ def test_logs_that_are_made_have_the_temperature_that_they_say():
 
 
 def test_a_thermometer_that_flickers_between_two_steps_is_off_by_what_they_hide():
-    """Readings of a constant temperature in steps of half a degC, with noise of a tenth of one, and of one."""
+    """Readings of a constant temperature in steps of half a degC, with noise of a tenth of one, and of
+    one."""
     for noise_std, rounded in ((0.05, True), (0.5, False)):
         off, error = [], []
         for seed in range(60):

@@ -1,4 +1,5 @@
-"""Logs without a column of time: samples that are counted, an oscilloscope's increment, a frequency in radians."""
+"""Logs without a column of time: samples that are counted, an oscilloscope's increment, a frequency in
+radians."""
 
 import numpy as np
 import pytest
@@ -20,7 +21,12 @@ def step(header, above="", first=0):
     clean = reference.ringing(PLANT, TIME, DRIVE, frequency, np.full(200, 24.0))
     rows = clean + 0.002 * (rng.standard_normal(200) + 1j * rng.standard_normal(200))
     columns = np.transpose([DRIVE, frequency, rows.real, rows.imag]).tolist()
-    return above + header + "\n" + "".join(f"{k},{','.join(map(repr, row))}\n" for k, row in enumerate(columns, first))
+    return (
+        above
+        + header
+        + "\n"
+        + "".join(f"{k},{','.join(map(repr, row))}\n" for k, row in enumerate(columns, first))
+    )
 
 
 HEADER = "sample,voltage_V,frequency_Hz,wd_um,wq_um"
@@ -30,7 +36,9 @@ HEADER = "sample,voltage_V,frequency_Hz,wd_um,wq_um"
 def test_samples_that_are_counted_are_a_time_at_a_stated_rate(save, above):
     (log,) = read_logs(save(step(HEADER, above, first=1)))
     np.testing.assert_allclose(log.time, TIME + 1 / RATE, rtol=1e-12)
-    assert log.kind == "transient" and "column sample is read as time, at a sample rate of 10000 Hz" in log.notes
+    assert (
+        log.kind == "transient" and "column sample is read as time, at a sample rate of 10000 Hz" in log.notes
+    )
     fit = sysid.fit([log])
     assert fit.result.name == "successful", fit.warnings
     for name in ("tau", "f0"):
@@ -41,7 +49,10 @@ def test_samples_without_a_rate_are_named(save):
     (log,) = read_logs(save(step(HEADER)))
     assert log.kind == "steady"  # as the contract has it of a log without time
     (warning,) = log.warnings
-    assert "log.csv: found no time, and a column 'sample' that counts the rows" in warning and "sample_rate_Hz" in warning
+    assert (
+        "log.csv: found no time, and a column 'sample' that counts the rows" in warning
+        and "sample_rate_Hz" in warning
+    )
     assert warning in sysid.fit([log]).warnings
     assert not read_logs(save(step(HEADER, "# kind: steady\n")))[0].warnings
     swept = "sample,frequency_Hz,wd_um,wq_um\n" + "".join(f"{k},{100 + k},1,{k}\n" for k in range(9))
@@ -56,7 +67,9 @@ def test_a_rate_that_is_none_is_refused(save, rate):
 
 @pytest.mark.parametrize("name", ["omega_rad/s", "Omega [rad/s]", "ω (rad/s)"])
 def test_a_frequency_in_radians_is_read_as_one(save, name):
-    text = f"{name},voltage_V,wd_um,wq_um\n" + "".join(f"{2 * np.pi * (100 + k)!r},1,1,{k}\n" for k in range(9))
+    text = f"{name},voltage_V,wd_um,wq_um\n" + "".join(
+        f"{2 * np.pi * (100 + k)!r},1,1,{k}\n" for k in range(9)
+    )
     (log,) = read_logs(save(text))
     np.testing.assert_allclose(log.frequency, 100.0 + np.arange(9), rtol=1e-14)
     assert f"column {name} is read as frequency" in log.notes
@@ -69,7 +82,8 @@ def test_omega_in_hertz_is_kept_out(save):
 
 @pytest.mark.parametrize(("end", "last"), [("", ",,"), ("", ","), (",", ",,,")])
 def test_an_oscilloscope_s_increment_is_its_time_base(save, end, last):
-    """Rigol's export: what Start and Increment are stands among the units, and the rows end in empty cells."""
+    """Rigol's export: what Start and Increment are stands among the units, and the rows end in empty
+    cells."""
     time = np.arange(12000) * 1e-6
     drive = np.where(time < 1e-3, 0.0, np.sin(2 * np.pi * 40e3 * time))
     rows = "".join(f"{k},{a:.6e},{a / 10:.6e}{last}\n" for k, a in enumerate(drive.tolist()))
@@ -79,7 +93,9 @@ def test_an_oscilloscope_s_increment_is_its_time_base(save, end, last):
         read_logs(path)
     draft = error.value.mapping
     assert 'drive = { column = "CH1_Volt", unit = "V" }' in draft and "sample_rate_Hz" not in draft
-    (log,) = read_logs(path, columns=save(draft.replace('quantity = "?"', 'quantity = "displacement"'), "map.toml"))
+    (log,) = read_logs(
+        path, columns=save(draft.replace('quantity = "?"', 'quantity = "displacement"'), "map.toml")
+    )
     assert "sampled every 1e-06 s" in " ".join(log.notes)
     np.testing.assert_allclose(log.frequency[log.drive != 0], 40e3, rtol=1e-6)
     assert abs(log.time[-1] - time[-1]) < 1e-4

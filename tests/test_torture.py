@@ -1,6 +1,8 @@
-"""Files that nobody would write on purpose: each is read to the numbers that were written, or refused by name.
+"""Files that nobody would write on purpose: each is read to the numbers that were written, or refused by
+name.
 
-Refused by name: a LogError that names the file, and says what was found and what was expected. Nothing else may happen.
+Refused by name: a LogError that names the file, and says what was found and what was expected. Nothing else
+may happen.
 """
 
 import bz2
@@ -21,7 +23,11 @@ from sysid.logs.log import LogError, read_logs
 
 NAMES = ("time", "voltage", "frequency", "wd", "wq")
 UNITS = ("s", "V", "Hz", "um", "um")
-ROWS = ((0.0, 5.0, 32300.0, 0.125, -0.5), (0.1, 5.0, 32300.5, 0.25, 1e-7), (0.2, -4.0, 32301.0, 1234.5, -0.25))
+ROWS = (
+    (0.0, 5.0, 32300.0, 0.125, -0.5),
+    (0.1, 5.0, 32300.5, 0.25, 1e-7),
+    (0.2, -4.0, 32301.0, 1234.5, -0.25),
+)
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
 TEXT = HEADER + "".join(",".join(map(repr, row)) + "\n" for row in ROWS)
 
@@ -49,11 +55,14 @@ def check_refused(path, *words):
         read_logs([path])
     message = str(error.value)
     assert all(word in message for word in (str(path), *words)), message
-    assert "cannot be read: " in message or ("found" in message and ("expected" in message or "did you mean" in message)), message
+    assert "cannot be read: " in message or (
+        "found" in message and ("expected" in message or "did you mean" in message)
+    ), message
     assert len(message) - len(str(path)) < 1000, "a message that no screen holds"
 
 
-# --- one table in many spellings: 7 separators x 5 headers x 8 frames = 280 files -----------------------------------------
+# --- one table in many spellings: 7 separators x 5 headers x 8 frames = 280 files
+# -----------------------------------------
 
 SEPARATORS = {
     "comma": (",", "."), "semicolon": (";", "."), "semicolon, decimal comma": (";", ","), "tab": ("\t", "."),
@@ -85,7 +94,8 @@ def test_spellings(path, separator, header):
         assert log.temperature is None or log.temperature.tolist() == [24.0] * 3
 
 
-# --- cells -------------------------------------------------------------------------------------------------------------
+# --- cells
+# -------------------------------------------------------------------------------------------------------------
 
 CELLS = [
     "1.", ".5", "+.5", "-0", "1E-3", "1e+3", "9.8e37", "4.9e-324", "2.4e-324", "1e-400", "9007199254740993", "１", "١٢",
@@ -115,7 +125,8 @@ def test_a_cell_that_is_no_number(path, cell):
     check_refused(write(path, TEXT.replace("1234.5", cell)), "line 4")
 
 
-# --- whole files that are refused -----------------------------------------------------------------------------------------
+# --- whole files that are refused
+# -----------------------------------------------------------------------------------------
 
 
 def zipped():
@@ -172,8 +183,14 @@ REFUSED = {
     "image": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", ""),
     "web page": ("<!DOCTYPE html>\n<html><body>404</body></html>\n", ""),
     "JSON over several lines": ('{\n"time_s": [0, 1],\n"w_um": [1, 2]\n}\n', "line 1: found no JSON object"),
-    "JSON lines that are cut off": ('{"time_s": 0, "w_um": 1}\n{"time_s": 1, "w_um"', "line 2: found no JSON object"),
-    "pointer of large file storage": ("version https://git-lfs.github.com/spec/v1\noid sha256:ab\nsize 12\n", ""),
+    "JSON lines that are cut off": (
+        '{"time_s": 0, "w_um": 1}\n{"time_s": 1, "w_um"',
+        "line 2: found no JSON object",
+    ),
+    "pointer of large file storage": (
+        "version https://git-lfs.github.com/spec/v1\noid sha256:ab\nsize 12\n",
+        "",
+    ),
     "one line without an end": (b"a" * (textfile.LONGEST + 1), "without a line end"),
     "short row": (TEXT + "0.3,5.0\n", "line 5"),
     "long row": (TEXT + "0.3,5,1,0,0,7\n", "line 5"),
@@ -192,7 +209,10 @@ REFUSED = {
     "vertical bars": (TEXT.replace(",", "|"), "no response"),
     "full-width commas": (TEXT.replace(",", "，"), "no response"),
     "quote over two lines": ('time_s,w_um,note\n0,1,"a\nb"\n1,2,c\n', ""),
-    "quote that swallows rows": ('time_s,w_um,note\n0,1,"5 plate\n1,2,c\n2,3,"6 plate\n3,4,d\n', "line 2: found a quote"),
+    "quote that swallows rows": (
+        'time_s,w_um,note\n0,1,"5 plate\n1,2,c\n2,3,"6 plate\n3,4,d\n',
+        "line 2: found a quote",
+    ),
     "quote that is not closed": (TEXT + '0.3,5,1,0,"1\n', "line 5: found a quote"),
     "field over two lines, of no numbers": ('t_s,f[Hz],w_mpp,e\n",,,\n,,",\n,,,\n', "line 2: found a quote"),
     "field over two lines": ('time_s,w_um,note\n0,1,"a\n1,2,b"\n2,3,c\n', "line 2: found a quote"),
@@ -223,11 +243,17 @@ REFUSED = {
     "two plates": ("# plate: A7\n# plate: B2\n" + PAIR, "twice"),
     "two kinds": ("# kind: steady\n# Kind: transient\n" + TEXT, "twice"),
     "two samplings": ("# sampling: instant\n# sampling: settled\n" + TEXT, "twice"),
-    "metadata of thousands": ("# frequency_Hz: 32.300\n" + PAIR.replace(",", ";").replace(";1", ";1,5"), "'32.300'"),
+    "metadata of thousands": (
+        "# frequency_Hz: 32.300\n" + PAIR.replace(",", ";").replace(";1", ";1,5"),
+        "'32.300'",
+    ),
     "filter that looks ahead": ("# lockin_tau_ms: -3\n" + PAIR, "0 or more"),
     "two and a half poles": ("# lockin_order: 2.5\n" + PAIR, "whole number"),
     "values that overflow": ("time_s,voltage_V_rms,w_um\n0,1.7e308,1\n1,1,2\n", "finite"),
-    "names by the thousand": (",".join(f"c{k}" for k in range(3000)) + "\n" + ",".join("1" * 3000) + "\n", "2980 more"),
+    "names by the thousand": (
+        ",".join(f"c{k}" for k in range(3000)) + "\n" + ",".join("1" * 3000) + "\n",
+        "2980 more",
+    ),
 }
 
 
@@ -237,7 +263,8 @@ def test_files_that_are_refused_by_name(path, name):
     check_refused(write(path, content), word)
 
 
-# --- odd files that are read ------------------------------------------------------------------------------------------------
+# --- odd files that are read
+# ------------------------------------------------------------------------------------------------
 
 READ = {
     "a spreadsheet's sep=": "sep=,\n" + TEXT,
@@ -290,7 +317,8 @@ def test_times_may_stand_still_and_long_since(path):
 
 
 def test_a_hundred_thousand_columns(path):
-    """Read in seconds (0.8 s where this was written), noted in one line; before, names by the thousand took minutes."""
+    """Read in seconds (0.8 s where this was written), noted in one line; before, names by the thousand took
+    minutes."""
     names, count = ",".join(f"channel_{k:06d}_V" for k in range(100_000)), 100_000
     rows = "".join(f"{k},{k * k},{','.join(['1'] * count)}\n" for k in range(3))
     began = time.process_time()
@@ -300,7 +328,8 @@ def test_a_hundred_thousand_columns(path):
     assert len(log.notes) == 1 and "100000 columns" in log.notes[0] and len(log.notes[0]) < 600
 
 
-# --- what is no file, and files that change ---------------------------------------------------------------------------------
+# --- what is no file, and files that change
+# ---------------------------------------------------------------------------------
 
 
 def directory(path):
@@ -333,14 +362,22 @@ def dangling(path):
 @pytest.mark.skipif(os.name != "posix", reason="made by calls of POSIX")
 @pytest.mark.parametrize(
     ("make", "word"),
-    [(directory, "a directory"), (pipe, "a pipe"), (unix_socket, "a socket"), (loop, "no such file"), (dangling, "no such file")],
+    [
+        (directory, "a directory"),
+        (pipe, "a pipe"),
+        (unix_socket, "a socket"),
+        (loop, "no such file"),
+        (dangling, "no such file"),
+    ],
 )
 def test_what_is_no_file(path, make, word):
     make(path)
     check_refused(path, word)
 
 
-@pytest.mark.parametrize("name", ["a\0b.csv", "a" * 300 + ".csv", "/".join(["a" * 200] * 30), os.fsdecode(b"\xff.csv"), "[.csv"])
+@pytest.mark.parametrize(
+    "name", ["a\0b.csv", "a" * 300 + ".csv", "/".join(["a" * 200] * 30), os.fsdecode(b"\xff.csv"), "[.csv"]
+)
 def test_names_that_no_file_can_have_or_has_not(name):
     check_refused(name)
 
@@ -363,7 +400,12 @@ def test_a_file_that_may_not_be_read(path, monkeypatch):
         (lambda path: path.write_bytes(path.read_bytes()[:60]), ""),
         (lambda path: path.write_bytes(b""), ""),
         (lambda path: path.unlink(), "cannot be read"),
-        (lambda path: path.with_name("new").write_bytes(path.read_bytes()) and path.with_name("new").replace(path), "changed"),
+        (
+            lambda path: (
+                path.with_name("new").write_bytes(path.read_bytes()) and path.with_name("new").replace(path)
+            ),
+            "changed",
+        ),
     ],
     ids=["grows", "shrinks", "is emptied", "is removed", "is another"],
 )

@@ -117,7 +117,8 @@ def test_open_loop_settles_at_what_the_finger_leaves():
         assert np.median(closed.W[late]) == pytest.approx(1.0, abs=0.005)
 
 
-# --- the grating under 1.5 N, and its edges ---------------------------------------------------------------------
+# --- the grating under 1.5 N, and its edges
+# ---------------------------------------------------------------------
 
 
 @cache
@@ -150,7 +151,8 @@ def test_the_error_of_the_amplitude_at_100_mm_per_s():
 
 
 def test_edges_are_as_wide_as_the_response_is_slow():
-    """5 ms and 1.5 ms (5 %) of an untouched plate are 0.5 and 0.15 mm at 100 mm/s; 20 edges of 5 mm a second."""
+    """5 ms and 1.5 ms (5 %) of an untouched plate are 0.5 and 0.15 mm at 100 mm/s; 20 edges of 5 mm a
+    second."""
     stroke = Stroke.line(19.0, 100.0, 0.32, 69.0, 0.0)
     scene = dataclasses.replace(grating(0.0), stroke=stroke)
     loop = paper(1.0)
@@ -327,7 +329,8 @@ OWN = {
 
 
 def test_what_a_file_does_not_name_is_not_imported(tmp_path):
-    """In a fresh process, one file after the other: each table brings its own modules, and nothing else does."""
+    """In a fresh process, one file after the other: each table brings its own modules, and nothing else
+    does."""
     (tmp_path / "plate.toml").write_text(
         (FILES / "plate.toml").read_text().replace("duration_s = 1.2", "rows = 101")
     )

@@ -1,4 +1,5 @@
-"""Column names and units: what a name says, what is refused, and that conversions give the numbers a table gives."""
+"""Column names and units: what a name says, what is refused, and that conversions give the numbers a table
+gives."""
 
 import math
 import subprocess
@@ -46,7 +47,18 @@ def test_a_name_says_quantity_unit_and_amplitude(label, expected):
 
 
 @pytest.mark.parametrize(
-    "label", ["temperature_ambient_degC", "time_unix_s", "w/wmax", "time/channel", "T_degC", "note", "wd_err_um", "log", ""]
+    "label",
+    [
+        "temperature_ambient_degC",
+        "time_unix_s",
+        "w/wmax",
+        "time/channel",
+        "T_degC",
+        "note",
+        "wd_err_um",
+        "log",
+        "",
+    ],
 )
 def test_other_names_are_not_ours(label):
     assert units.parse_name(label) is None
@@ -119,7 +131,8 @@ def test_units_of_one_kind():
 def test_the_usual_units_do_not_load_pint():
     code = (
         "import sys; from sysid.logs import units;"
-        "[units.check_unit(*pair) for pair in (('time', 's'), ('frequency', 'Hz'), ('voltage', 'V'), ('wd', 'um'))];"
+        "[units.check_unit(*pair) for pair in (('time', 's'), ('frequency', 'Hz'), ('voltage', 'V'), ('wd',"
+        " 'um'))];"
         "assert not {'pint', 'pandas'} & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -133,4 +146,8 @@ def test_a_prefix_alone_is_taken_as_the_library_takes_it():
             for second in units._POWERS:
                 exact = registry.Quantity(3.7, first + base).to(second + base).magnitude
                 assert units.convert(3.7, first + base, second + base) == pytest.approx(exact, rel=1e-14)
-    assert units._power("min", "s") is None and units._power("mm", "ms") is None and units._power("degC", "K") is None
+    assert (
+        units._power("min", "s") is None
+        and units._power("mm", "ms") is None
+        and units._power("degC", "K") is None
+    )

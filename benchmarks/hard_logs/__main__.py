@@ -54,12 +54,23 @@ def summary(answers: list[Answer]) -> str:
 
 def table(found: Answers, command: str) -> str:
     """The study as Markdown."""
-    lines = ["# Hard logs", "", f"Made by `{command}`.", "", __doc__.partition("\n\n")[2].partition(" Writes")[0], ""]
+    lines = [
+        "# Hard logs",
+        "",
+        f"Made by `{command}`.",
+        "",
+        __doc__.partition("\n\n")[2].partition(" Writes")[0],
+        "",
+    ]
     lines += [peers.__doc__.partition("\n\n")[2], ""]
     seen = [name for group in GROUPS.values() for name in group]
     lines += [f"## {len(seen)} cases whose logs hold what is wrong", "", *counted(found, seen), ""]
     wrong = {n: next((a for a in found["sysid"][n] if not as_it_must(CASES[n], a)), None) for n in seen}
-    odd = [f"- {n}, where it must be {CASES[n].must}: {a.verdict}: {a.said}" for n, a in wrong.items() if a is not None]
+    odd = [
+        f"- {n}, where it must be {CASES[n].must}: {a.verdict}: {a.said}"
+        for n, a in wrong.items()
+        if a is not None
+    ]
     lines += [
         "Each answer of sysid is what it must be, and says why."
         if not odd
@@ -67,9 +78,17 @@ def table(found: Answers, command: str) -> str:
         "",
         *odd,
     ]
-    lines += ["In brackets the largest number of standard deviations by which something that was called determined is off.", ""]
+    lines += [
+        "In brackets the largest number of standard deviations by which something that was called determined is off.",
+        "",
+    ]
     for title, group in GROUPS.items():
-        lines += [f"### {title}", "", "| case | must | " + " | ".join(found) + " |", "|" + "---|" * (len(found) + 2)]
+        lines += [
+            f"### {title}",
+            "",
+            "| case | must | " + " | ".join(found) + " |",
+            "|" + "---|" * (len(found) + 2),
+        ]
         lines += [
             f"| {name} | {case.must} | " + " | ".join(summary(of[name]) for of in found.values()) + " |"
             for name, case in group.items()
@@ -81,13 +100,28 @@ def table(found: Answers, command: str) -> str:
         "Each of these logs is that of another plate. What is printed is there to be doubted by a person.",
         "",
     ]
-    lines += [*counted(found, NO_LOG_CAN_TELL), "", "| case | sysid | prints Q | tau | f0 |", "|---|---|---|---|---|"]
+    lines += [
+        *counted(found, NO_LOG_CAN_TELL),
+        "",
+        "| case | sysid | prints Q | tau | f0 |",
+        "|---|---|---|---|---|",
+    ]
     for name in NO_LOG_CAN_TELL:
         first = found["sysid"][name][0]
         lines.append(f"| {name} | {summary(found['sysid'][name])} | {printed(first)} |")
-    lines += ["", "## What was said", "", "Of the first answer of sysid that is not right (`--only NAME` shows all).", "", "```"]
+    lines += [
+        "",
+        "## What was said",
+        "",
+        "Of the first answer of sysid that is not right (`--only NAME` shows all).",
+        "",
+        "```",
+    ]
     told = {n: next((a for a in found["sysid"][n] if a.verdict != "right"), None) for n in CASES}
-    return "\n".join([*lines, *(f"{a.verdict}: {n}: {a.said}" for n, a in told.items() if a is not None), "```"]) + "\n"
+    return (
+        "\n".join([*lines, *(f"{a.verdict}: {n}: {a.said}" for n, a in told.items() if a is not None), "```"])
+        + "\n"
+    )
 
 
 def printed(answer: Answer) -> str:
@@ -110,7 +144,10 @@ def main() -> None:
             found[who][name] = answers
             for a in answers if given.only is not None else ():
                 fits = "" if who != "sysid" or as_it_must(CASES[name], a) else f", must be {CASES[name].must}"
-                print(f"{name}: {who}: {a.verdict} (z {a.z:.3g}){fits}\n    " + a.said.replace(" | ", "\n    "), flush=True)
+                print(
+                    f"{name}: {who}: {a.verdict} (z {a.z:.3g}){fits}\n    " + a.said.replace(" | ", "\n    "),
+                    flush=True,
+                )
     if given.only is None:
         WHERE.write_text(table(found, f"python benchmarks/hard_logs --seeds {given.seeds}"), encoding="utf-8")
 

@@ -35,13 +35,33 @@ class Bench:
             self.rng.standard_normal(len(clean)) + 1j * self.rng.standard_normal(len(clean))
         )
 
-    def step(self, window: float = 12.0, off: float = 0.5, drive=None, frequency=None, degC: float = 24.0, early=EARLY) -> Log:
+    def step(
+        self,
+        window: float = 12.0,
+        off: float = 0.5,
+        drive=None,
+        frequency=None,
+        degC: float = 24.0,
+        early=EARLY,
+    ) -> Log:
         """A step to VOLTS at `off` half bandwidths beside resonance, over `window` tau; or another drive."""
         time = window * self.plant.tau * (np.arange(ROWS) - early) / (ROWS - early)
         volts = VOLTS * (np.arange(ROWS) >= early) if drive is None else drive
-        f = np.broadcast_to(self.plant.f0 + self.plant.k_T * (degC - 24) + off * HALF if frequency is None else frequency, ROWS)
+        f = np.broadcast_to(
+            self.plant.f0 + self.plant.k_T * (degC - 24) + off * HALF if frequency is None else frequency,
+            ROWS,
+        )
         clean = reference.ringing(self.plant, time, volts, f, np.full(ROWS, degC))
-        return Log("step", self.rows(clean), time - time[0], volts, f, np.full(ROWS, degC), kind="transient", sampling="instant")
+        return Log(
+            "step",
+            self.rows(clean),
+            time - time[0],
+            volts,
+            f,
+            np.full(ROWS, degC),
+            kind="transient",
+            sampling="instant",
+        )
 
     def sweep(self, low: float = -8.0, high: float = 8.0, degC=24.0, drive: float = VOLTS) -> Log:
         """Settled points from `low` to `high` half bandwidths about the resonance at 24 degC."""
@@ -72,7 +92,9 @@ def outliers(b: Bench, share: float, size: float) -> Callable[[np.ndarray], np.n
 
 
 def dropped(first: int, last: int, held: bool) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda y: np.where((np.arange(len(y)) >= first) & (np.arange(len(y)) < last), y[first - 1] if held else 0.0, y)
+    return lambda y: np.where(
+        (np.arange(len(y)) >= first) & (np.arange(len(y)) < last), y[first - 1] if held else 0.0, y
+    )
 
 
 def quantised(levels: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -201,7 +223,9 @@ def settled(b: Bench) -> Log:
 def two_peaks(b: Bench, apart: float) -> Log:
     log = b.sweep()
     second = replace(b.plant, f0=b.plant.f0 + apart * HALF, G=0.5 * b.plant.G)
-    return spoilt(log, lambda y: y + reference.steady(second, VOLTS, log.frequency, log.temperature) * np.exp(0.3j))
+    return spoilt(
+        log, lambda y: y + reference.steady(second, VOLTS, log.frequency, log.temperature) * np.exp(0.3j)
+    )
 
 
 def plates(b: Bench) -> list[Log]:
@@ -226,7 +250,9 @@ def jumping_source(b: Bench) -> Log:
         moved = reference.advance(clean[k] - settled, slow, gain * VOLTS, time[k + 1] - time[k]) + settled
         clean[k + 1] = moved * np.exp(-2j * np.pi * (f[k + 1] - f[k]) * time[k + 1])
     warm = np.full(ROWS, 24.0)
-    return Log("sweep", b.rows(clean), time, np.full(ROWS, VOLTS), f, warm, kind="transient", sampling="instant")
+    return Log(
+        "sweep", b.rows(clean), time, np.full(ROWS, VOLTS), f, warm, kind="transient", sampling="instant"
+    )
 
 
 def held_back(asked: np.ndarray, play: float) -> np.ndarray:

@@ -265,4 +265,6 @@ GROUPS = {
     "The bench is another": THE_BENCH_IS_ANOTHER,
     "The file says what is not so": THE_FILE_IS_WRONG,
 }
-CASES: dict[str, Case] = {name: case for group in (*GROUPS.values(), NO_LOG_CAN_TELL) for name, case in group.items()}
+CASES: dict[str, Case] = {
+    name: case for group in (*GROUPS.values(), NO_LOG_CAN_TELL) for name, case in group.items()
+}

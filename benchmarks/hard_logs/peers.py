@@ -42,10 +42,19 @@ class Problem:
     @classmethod
     def of(cls, logs: list[Log]) -> "Problem":
         scale = max(float(np.max(np.abs(log.response))) for log in logs) or 1.0
-        return cls(logs, scale, scale / (max(float(np.max(np.abs(log.drive))) for log in logs) or 1.0), *guessed(logs))
+        return cls(
+            logs,
+            scale,
+            scale / (max(float(np.max(np.abs(log.drive))) for log in logs) or 1.0),
+            *guessed(logs),
+        )
 
     def values(self, p: np.ndarray) -> dict[str, float]:
-        return {"G": np.exp(p[0]) * self.unit, "tau": np.exp(p[1]) * self.time, "f0": self.near + p[2] / self.time}
+        return {
+            "G": np.exp(p[0]) * self.unit,
+            "tau": np.exp(p[1]) * self.time,
+            "f0": self.near + p[2] / self.time,
+        }
 
     def residual(self, p: np.ndarray) -> np.ndarray:
         plant, parts = reference.Plant(**self.values(p), k_T=0.0), []
@@ -63,7 +72,9 @@ class Problem:
     def errors(self, p: np.ndarray, covariance: np.ndarray) -> dict[str, float]:
         """Standard deviations of `values`, by the covariance of `p`."""
         G, tau, _ = self.values(p).values()
-        return dict(zip(("G", "tau", "f0"), np.sqrt(np.diag(covariance)[:3]) * [G, tau, 1 / self.time], strict=True))
+        return dict(
+            zip(("G", "tau", "f0"), np.sqrt(np.diag(covariance)[:3]) * [G, tau, 1 / self.time], strict=True)
+        )
 
     def start(self) -> np.ndarray:
         return np.zeros(3 + 3 * len(self.logs))
@@ -96,7 +107,11 @@ def rung(plant: reference.Plant, log: Log) -> np.ndarray:
 
 def judged(values: dict[str, float], std: dict[str, float], truth: dict[str, float]) -> Answer:
     """By the errors that are stated, of what they determine: G and tau to a fifth, f0 to half a bandwidth."""
-    limits = {"G": 0.2 * abs(values.get("G", 0.0)), "tau": 0.2 * abs(values["tau"]), "f0": 0.5 / (np.pi * abs(values["tau"]))}
+    limits = {
+        "G": 0.2 * abs(values.get("G", 0.0)),
+        "tau": 0.2 * abs(values["tau"]),
+        "f0": 0.5 / (np.pi * abs(values["tau"])),
+    }
     told = [n for n in values if np.isfinite(std[n]) and std[n] < limits[n]]
     z = max((abs(values[n] - truth[n]) / std[n] for n in told), default=0.0)
     verdict = "silently wrong" if z > FAR else "right" if "tau" in told else "open"
@@ -118,7 +133,9 @@ def by_lmfit(logs: list[Log], truth: dict[str, float]) -> Answer:
     parameters = lmfit.Parameters()
     for k, value in enumerate(problem.start()):
         parameters.add(f"p{k}", value=float(value))
-    found = lmfit.minimize(lambda p: problem.residual(np.array(list(p.valuesdict().values()))), parameters, max_nfev=1000)
+    found = lmfit.minimize(
+        lambda p: problem.residual(np.array(list(p.valuesdict().values()))), parameters, max_nfev=1000
+    )
     if not found.success or not found.errorbars:
         return Answer("refused", said=f"{found.message} error bars: {found.errorbars}")
     p = np.array(list(found.params.valuesdict().values()))
@@ -133,7 +150,9 @@ def by_skrf(logs: list[Log], truth: dict[str, float]) -> Answer:
     if (log := _sweep(logs)) is None:
         return NO_SWEEP
     order = np.argsort(log.frequency)
-    network = skrf.Network(f=log.frequency[order], f_unit="Hz", s=log.response[order].reshape(-1, 1, 1), z0=50)
+    network = skrf.Network(
+        f=log.frequency[order], f_unit="Hz", s=log.response[order].reshape(-1, 1, 1), z0=50
+    )
     found = Qfactor(network, "transmission").fit()
     if not found["success"]:
         return Answer("refused", said="did not converge")
@@ -147,7 +166,9 @@ def by_resonator_tools(logs: list[Log], truth: dict[str, float]) -> Answer:
     port = transmission_port(log.frequency, log.response)
     port.fit()
     found = port.fitresults
-    tau, error = (abs(found[name]) / (np.pi * found["fr"]) for name in ("Ql", "Ql_err"))  # its model holds Ql squared
+    tau, error = (
+        abs(found[name]) / (np.pi * found["fr"]) for name in ("Ql", "Ql_err")
+    )  # its model holds Ql squared
     return judged({"tau": tau, "f0": found["fr"]}, {"tau": error, "f0": found["fr_err"]}, truth)
 
 

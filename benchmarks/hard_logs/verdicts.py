@@ -32,8 +32,17 @@ def logs_of(case: Case, seed: int) -> list[Log]:
 
 def truths(case: Case, at: float | None = 24.0) -> dict[str, float]:
     """Of the plate that the case is about; f0 at the temperature (degC) `at` which it is told."""
-    warm = 24.0 if at is None or abs(at - 24.0) > 100 else at  # kelvin called degC: the number is another, the temperature is not
-    known = {"G": PLATE.G, "tau": PLATE.tau, "f0": PLATE.f0, "k_T": PLATE.k_T, "finger_damping": 1.0, "finger_detuning": 0.0}
+    warm = (
+        24.0 if at is None or abs(at - 24.0) > 100 else at
+    )  # kelvin called degC: the number is another, the temperature is not
+    known = {
+        "G": PLATE.G,
+        "tau": PLATE.tau,
+        "f0": PLATE.f0,
+        "k_T": PLATE.k_T,
+        "finger_damping": 1.0,
+        "finger_detuning": 0.0,
+    }
     return {**known, **case.truth, "f0": case.truth.get("f0", PLATE.f0 + PLATE.k_T * (warm - 24.0))}
 
 

@@ -1,8 +1,9 @@
-"""Write the synthetic logs and their truth:  python data/synthetic/make.py [DIR]   (DIR: the folder of this file).
+"""Write the synthetic logs and their truth:  python data/synthetic/make.py [DIR]   (DIR: the folder of this
+file).
 
-Each log is a scene of the folder `scenes`, simulated with a seed of its own and written as one lab or another might have
-written it: its own units, columns that are constant as metadata, what need not be said left unsaid. `truth.toml` keeps the
-numbers that the scenes are made of.
+Each log is a scene of the folder `scenes`, simulated with a seed of its own and written as one lab or another
+might have written it: its own units, columns that are constant as metadata, what need not be said left
+unsaid. `truth.toml` keeps the numbers that the scenes are made of.
 """
 
 import sys
@@ -19,7 +20,8 @@ FACTORS = {"": 1, "s": 1, "ms": 1e3, "V": 1, "Hz": 1, "kHz": 1e-3, "degC": 1, "N
 
 
 class Sheet(NamedTuple):
-    """How one log is written: the quantities that stand once above the header, those on every row, and what is said besides."""
+    """How one log is written: the quantities that stand once above the header, those on every row, and what
+    is said besides."""
 
     scene: str  # below `scenes`; also the place of the log
     constants: str
@@ -47,7 +49,9 @@ SHEETS = [
     Sheet("plate/coloured_step", T_F, f"time_s voltage_V {DQ}", (INSTANT, COLOURED)),
     Sheet("plate/two_steps", T_F, f"time_s voltage_V {DQ}", (INSTANT,)),
     Sheet("plate/timed_sweep", "voltage_V", f"time_s frequency_Hz {T} {DQ}"),
-    Sheet("plate/sweep_while_ringing", T, f"time_s voltage_V frequency_Hz {DQ}", (INSTANT, "kind: transient")),
+    Sheet(
+        "plate/sweep_while_ringing", T, f"time_s voltage_V frequency_Hz {DQ}", (INSTANT, "kind: transient")
+    ),
     Sheet("quartz/sweep_15C", T_V, f"frequency_Hz {DQ_NM}"),
     Sheet("quartz/sweep_35C", T_V, f"frequency_Hz {DQ_NM}"),
     Sheet("quartz/ring_down_25C", T_F, f"time_ms voltage_V {DQ_NM}", (INSTANT,)),
@@ -58,19 +62,33 @@ SHEETS = [
 
 
 def place(sheet: Sheet) -> tuple[str, str]:
-    """Folder and name of a log: those of the plate lie at the top, the touched plate has a folder of its own."""
+    """Folder and name of a log: those of the plate lie at the top, the touched plate has a folder of its
+    own."""
     folder, _, name = sheet.scene.rpartition("/")
     return {"plate": ".", "": name}.get(folder, folder), name
 
 
-# --- a log's text -----------------------------------------------------------------------------------------------------
+# --- a log's text
+# -----------------------------------------------------------------------------------------------------
 
 
 def printed(log: Log, name: str) -> list[str]:
-    """A column as text: inputs to ten digits, which is all they have; responses to seven, so that machines agree."""
+    """A column as text: inputs to ten digits, which is all they have; responses to seven, so that machines
+    agree."""
     quantity, _, unit = name.partition("_")
-    columns = {"time": log.time, "frequency": log.frequency, "temperature": log.temperature, "force": log.force}
-    columns |= {"voltage": log.drive, "duty": log.drive, "wd": log.response.real, "wq": log.response.imag, "w": log.response}
+    columns = {
+        "time": log.time,
+        "frequency": log.frequency,
+        "temperature": log.temperature,
+        "force": log.force,
+    }
+    columns |= {
+        "voltage": log.drive,
+        "duty": log.drive,
+        "wd": log.response.real,
+        "wq": log.response.imag,
+        "w": log.response,
+    }
     digits = 7 if quantity in ("wd", "wq", "w") else 10
     return [f"{value * FACTORS[unit]:.{digits}g}" for value in columns[quantity]]
 
@@ -86,11 +104,13 @@ def log_text(log: Log, sheet: Sheet) -> str:
     return "\n".join(lines) + "\n"
 
 
-# --- the truth --------------------------------------------------------------------------------------------------------
+# --- the truth
+# --------------------------------------------------------------------------------------------------------
 
 
 def bench(scene: Scene, seed: int) -> dict[str, object]:
-    """What the bench makes of Z,  e^{j rotation} (Z + feedthrough V) + offset + noise,  and the finger if there is one."""
+    """What the bench makes of Z,  e^{j rotation} (Z + feedthrough V) + offset + noise,  and the finger if
+    there is one."""
     of = {effect.name: effect for effect in scene.effects}
     noise = of.get("white_noise") or of["coloured_noise"]
     truth: dict[str, object] = {"seed": seed}
@@ -99,7 +119,11 @@ def bench(scene: Scene, seed: int) -> dict[str, object]:
     truth["offset_um"] = pair(of.get("offset"))
     truth |= {"noise_um": noise.std, "noise_time_s": getattr(noise, "time", 0.0)}
     if finger := of.get("finger_damping"):
-        truth |= {"finger_rho": finger.rho, "finger_scale_N": finger.scale, "finger_exponent": finger.exponent}
+        truth |= {
+            "finger_rho": finger.rho,
+            "finger_scale_N": finger.scale,
+            "finger_exponent": finger.exponent,
+        }
     return truth
 
 
@@ -122,13 +146,17 @@ def truth_text(scene: Scene, truths: dict[str, dict[str, object]]) -> str:
     plant = {"name": scene.metadata["plate"]} | {name: getattr(scene.plant, name) for name in UNITS}
     plant["reference_temperature_degC"] = scene.plant.reference_temperature
     tables = {"plant": plant, "units": UNITS} | {f"logs.{name}": truth for name, truth in truths.items()}
-    lines = ["# Written by make.py: what the logs of this folder were made from. Complex numbers: [real, imaginary]."]
+    lines = [
+        "# Written by make.py: what the logs of this folder were made from. Complex numbers: [real,"
+        " imaginary]."
+    ]
     for title, table in tables.items():
         lines += ["", f"[{title}]", *(f"{name} = {toml_value(value)}" for name, value in table.items())]
     return "\n".join(lines) + "\n"
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files
+# ------------------------------------------------------------------------------------------------------------
 
 
 def made() -> Iterator[tuple[str, str]]:
@@ -139,7 +167,9 @@ def made() -> Iterator[tuple[str, str]]:
         folder, name = place(sheet)
         scene = Scene.from_toml(HERE / "scenes" / f"{sheet.scene}.toml")
         if folder in scenes and scene.plant != scenes[folder].plant:
-            raise ValueError(f"{sheet.scene}: found another plant than in {scenes[folder].name}, expected one for a folder")
+            raise ValueError(
+                f"{sheet.scene}: found another plant than in {scenes[folder].name}, expected one for a folder"
+            )
         scenes[folder] = scene
         truths.setdefault(folder, {})[name] = {"scene": f"scenes/{sheet.scene}.toml"} | bench(scene, seed)
         yield f"{folder}/{name}.csv", log_text(scene.simulate(seed), sheet)

@@ -12,14 +12,25 @@ COLUMNS = "mapping file (TOML) for logs of other instruments, or preset:NAME (sy
 REFERENCE = 24.0  # degC
 ABSOLUTE_ZERO = -273.15  # degC
 # What a check of a closed loop, a dry run and a cost curve have no use for.
-UNCHECKED = ("cost_curve", "accuracy", "budget", "advise", "rig", "effects", "prior", "seed", "reference_temperature", "compare")
+UNCHECKED = (
+    "cost_curve",
+    "accuracy",
+    "budget",
+    "advise",
+    "rig",
+    "effects",
+    "prior",
+    "seed",
+    "reference_temperature",
+    "compare",
+)
 UNMEASURED = ("advise", "rig", "compare")
 IDLE = {"check": ("dry_run", *UNCHECKED), "dry_run": UNCHECKED, "cost_curve": UNMEASURED}
 
 
 def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
-    """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states an option that has
-    nothing to do beside the others."""
+    """The command line `argv` (None: the process's own). Exits with 2 where it is not understood, or states
+    an option that has nothing to do beside the others."""
     command = completed(parser(), columns_of)
     arguments = command.parse_args(argv)
     if bool(arguments.logs) == bool(arguments.check):
@@ -29,7 +40,9 @@ def arguments_of(argv: Sequence[str] | None) -> argparse.Namespace:
     given = {name for name, value in vars(arguments).items() if value is not None and value is not False}
     idle = [name for name in IDLE.get(work, ()) if name in given]
     if found := ", ".join(map(_option, idle)):
-        command.error(f"found {found} beside {_option(work)}, which does nothing with it: expected it without")
+        command.error(
+            f"found {found} beside {_option(work)}, which does nothing with it: expected it without"
+        )
     if arguments.reference_temperature is None:
         arguments.reference_temperature = REFERENCE
     arguments.seed = arguments.seed or 0
@@ -51,58 +64,84 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     command = argparse.ArgumentParser(
         prog=called("identify"),
-        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q controller.",
-        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or unreadable input",
+        description="From bench logs of a resonant actuator to its plant, error bars, and a tuned d/q"
+        " controller.",
+        epilog="exit: 0 identified; 1 not identified, and says why and what to record; 2 bad usage or"
+        " unreadable input",
         allow_abbrev=False,
     )
-    command.add_argument("logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'")
-    command.add_argument("-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)")
+    command.add_argument(
+        "logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'"
+    )
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)"
+    )
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument(
-        "--reference-temperature", type=temperature, metavar="DEGC", help=f"where f0 is reported ({REFERENCE:g} degC)"
+        "--reference-temperature",
+        type=temperature,
+        metavar="DEGC",
+        help=f"where f0 is reported ({REFERENCE:g} degC)",
     )
     command.add_argument(
         "--effects",
         type=effects,
         metavar="LIST",
-        help="what the bench may have added to the logs, with commas between, or none; unless stated rotation, background,"
-        " offset, start, late and thermometer, and where the logs call for them delay, filter (of a lock-in),"
-        " duffing, second_mode, feedthrough (under amplitudes), dwell (of a sweep too fast) and saturation;"
-        " --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the temperature's sensor),"
-        " gain and baseline (an output offset that goes on with the time)",
+        help="what the bench may have added to the logs, with commas between, or none; unless stated"
+        " rotation, background, offset, start, late and thermometer, and where the logs call for them delay,"
+        " filter (of a lock-in), duffing, second_mode, feedthrough (under amplitudes), dwell (of a sweep too"
+        " fast) and saturation; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of"
+        " the temperature's sensor), gain and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",
         type=prior,
         action="append",
         metavar="NAME=VALUE+-STD",
-        help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be repeated",
+        help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be"
+        " repeated",
     )
     command.add_argument(
         "--advise",
         choices=("G", "tau", "f0", "k_T", "worst", "margin", "settling"),
-        help="say which step or sweep shrinks the error of this parameter (or of the one that is known worst), or betters this"
+        help="say which step or sweep shrinks the error of this parameter (or of the one that is known"
+        " worst), or betters this"
         " promise of the closed loop, most per second",
     )
     command.add_argument(
-        "--check", metavar="FILE", help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted"
+        "--check",
+        metavar="FILE",
+        help="a log of the closed loop, judged by the controller.json in DIR; no LOGS are fitted",
     )
     command.add_argument(
-        "--compare", metavar="FILE", help="the fit.json of an older fit, or its folder: say whether the plate has changed since"
+        "--compare",
+        metavar="FILE",
+        help="the fit.json of an older fit, or its folder: say whether the plate has changed since",
     )
     command.add_argument(
-        "--dry-run", action="store_true", help="say what each file is taken for, as which columns, units and constants, and stop"
+        "--dry-run",
+        action="store_true",
+        help="say what each file is taken for, as which columns, units and constants, and stop",
     )
     spent = command.add_mutually_exclusive_group()
     spent.add_argument(
         "--accuracy",
         choices=NAMES,
-        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated); exact: ten times as long,"
+        help="quick: the fit's normal approximation, checked; standard: Markov chains (unless stated);"
+        " exact: ten times as long,"
         " over every row",
     )
-    spent.add_argument("--cost-curve", action="store_true", help="error against time of every accuracy on these logs")
-    spent.add_argument("--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does")
-    command.add_argument("--rig", metavar="FILE", help="rig file (TOML): clock, limits and sensor of what the controller runs on")
+    spent.add_argument(
+        "--cost-curve", action="store_true", help="error against time of every accuracy on these logs"
+    )
+    spent.add_argument(
+        "--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does"
+    )
+    command.add_argument(
+        "--rig",
+        metavar="FILE",
+        help="rig file (TOML): clock, limits and sensor of what the controller runs on",
+    )
     command.add_argument("--seed", type=seed, metavar="N", help="of the sampler (0)")
     command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
     command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
@@ -112,7 +151,9 @@ def parser() -> argparse.ArgumentParser:
 def temperature(text: str) -> float:
     """degC."""
     if not ABSOLUTE_ZERO <= (value := _number(text)) < math.inf:
-        raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected a temperature in degC, above absolute zero")
+        raise argparse.ArgumentTypeError(
+            f"found {text or 'nothing'}, expected a temperature in degC, above absolute zero"
+        )
     return value
 
 
@@ -131,7 +172,9 @@ def seed(text: str) -> int:
     except ValueError:
         value = -1
     if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"found {text or 'nothing'}, expected a whole number from 0 to {2**32 - 1}")
+        raise argparse.ArgumentTypeError(
+            f"found {text or 'nothing'}, expected a whole number from 0 to {2**32 - 1}"
+        )
     return value
 
 
@@ -148,7 +191,9 @@ def effects(text: str) -> tuple[str, ...]:
         )
     changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
     if changed and len(changed) < len(names):
-        raise argparse.ArgumentTypeError(f"found {text}, expected names alone, or each with a minus or a plus before it")
+        raise argparse.ArgumentTypeError(
+            f"found {text}, expected names alone, or each with a minus or a plus before it"
+        )
     return tuple(name for name in known if (changed.get(name, name in EVERY) if changed else name in names))
 
 
@@ -162,7 +207,9 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
         return next(iter(checked({name.strip(): (float(value), float(std))}).items()))
     except ValueError as error:
         said = str(error) if sign and number and "convert" not in str(error) else f"found {text}"
-        raise argparse.ArgumentTypeError(f"{said}; expected a name, a value and a standard deviation, as in k_T=-8+-1") from None
+        raise argparse.ArgumentTypeError(
+            f"{said}; expected a name, a value and a standard deviation, as in k_T=-8+-1"
+        ) from None
 
 
 def _seconds(text: str) -> float:

@@ -1,4 +1,5 @@
-"""The bill of a run: the seconds of each stage, the numerical error that it leaves, and what more accuracy would take."""
+"""The bill of a run: the seconds of each stage, the numerical error that it leaves, and what more accuracy
+would take."""
 
 import math
 from dataclasses import asdict, replace
@@ -19,15 +20,24 @@ def ladder(posterior: "Posterior") -> "list[Posterior]":
 def bill(posterior: "Posterior", budget: "Budget") -> dict[str, Any]:
     """`cost` of fit.json: what the stages took so far, and what the next rung would take.
 
-    Errors are in standard deviations of the parameter that has the largest: after the fit those of its normal approximation.
+    Errors are in standard deviations of the parameter that has the largest: after the fit those of its normal
+    approximation.
     """
     first, last = ladder(posterior)[0], posterior
     left = {"read": 0.0, "fit": first.error, "sample": last.error}
-    rows = [{"stage": name, "seconds": spent, "error": left.get(name)} for name, spent in budget.stages.seconds.items()]
+    rows = [
+        {"stage": name, "seconds": spent, "error": left.get(name)}
+        for name, spent in budget.stages.seconds.items()
+    ]
     offer, twice = posterior.offer(), posterior.twice()
     if offer and posterior.below is None:
         offer = replace(offer, seconds=offer.seconds + budget.starting)
-    cost = {"total_s": round(budget.spent, 3), "budget_s": budget.seconds, "stages": rows, "twice_as_exact_s": twice}
+    cost = {
+        "total_s": round(budget.spent, 3),
+        "budget_s": budget.seconds,
+        "stages": rows,
+        "twice_as_exact_s": twice,
+    }
     return cost | {"next": offer and asdict(offer), "sentence": sentence(last.error, twice, offer)}
 
 
@@ -41,4 +51,3 @@ def sentence(error: float, twice: float | None, offer: "Offer | None") -> str:
     if offer is not None:
         parts.append(f"--accuracy {offer.accuracy} would take {span(offer.seconds)} more, for {offer.brings}")
     return "; ".join(parts)
-

@@ -1,7 +1,8 @@
-"""The command `identify`: reads logs, fits, samples, designs the controller, writes the files, prints one screen.
+"""The command `identify`: reads logs, fits, samples, designs the controller, writes the files, prints one
+screen.
 
-Exit codes: 0 identified; 1 not converged, not described or not determined; 2 bad usage or unreadable input; 130 interrupted;
-70 a defect of the program itself.
+Exit codes: 0 identified; 1 not converged, not described or not determined; 2 bad usage or unreadable input;
+130 interrupted; 70 a defect of the program itself.
 """
 
 import argparse
@@ -37,14 +38,16 @@ LATER = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
-    # Matrices are small here: on a busy machine threads that wait for one another take fifty times as long as one.
+    # Matrices are small here: on a busy machine threads that wait for one another take fifty times as long as
+    # one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = arguments_of(argv)
     arguments.alone = argv is None  # the process is the command's own
     works = {"check": _check, "dry_run": _dry_run, "cost_curve": _cost_curve}
     work = next((work for name, work in works.items() if getattr(arguments, name)), _identify)
     collects = gc.isenabled()
-    gc.disable()  # what the libraries leave on loading is searched for cycles again and again: a twentieth of a run's time
+    # what the libraries leave on loading is searched for cycles again and again: a twentieth of a run's time
+    gc.disable()
     try:
         return work(arguments)
     except KeyboardInterrupt:
@@ -103,7 +106,9 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
     with stages("design", "designing the controller"):
         loop, warnings = _design(posterior, rig)
     try:
-        content, text = _write(posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget)
+        content, text = _write(
+            posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget
+        )
     except OSError as error:
         return refuse(f"{folder}: cannot be written: {error}")
     budget.remember()
@@ -141,7 +146,8 @@ def _dry_run(arguments: argparse.Namespace) -> int:
 
 
 def _cost_curve(arguments: argparse.Namespace) -> int:
-    """Measure what each accuracy costs on these logs: 0; 1 when there is no posterior to approach; 2 when they cannot be read."""
+    """Measure what each accuracy costs on these logs: 0; 1 when there is no posterior to approach; 2 when
+    they cannot be read."""
     from sysid.command import outputs
     from sysid.command.costcurve import CostCurve, measure, table
     from sysid.logs.log import LogError, read_logs
@@ -150,7 +156,9 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.folder)
     try:
         outputs.check_writable(folder)
-        found = measure(lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed)
+        found = measure(
+            lambda: read_logs(arguments.logs, arguments.columns), _settings(arguments), arguments.seed
+        )
         if not isinstance(found, CostCurve):
             said = f"{found.result.value}: {advice(found.result.value, len(found.fit.logs))}"
             print(f"{called('identify')}: {said}", file=sys.stderr)
@@ -158,7 +166,9 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
         from sysid.report import costs, screen
 
         text = outputs.to_json(found.as_dict())
-        outputs.add(folder, {"cost_curve.json": text.encode(), "cost_curve.png": costs.curve_figure(found.points)})
+        outputs.add(
+            folder, {"cost_curve.json": text.encode(), "cost_curve.png": costs.curve_figure(found.points)}
+        )
     except LogError as error:
         return refuse(str(error), error.mapping)
     except OSError as error:
@@ -175,11 +185,17 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """What the fit is told."""
     given = {} if arguments.effects is None else {"nuisances": arguments.effects}
-    return given | {"reference_temperature": arguments.reference_temperature, "priors": dict(arguments.prior or ())}
+    return given | {
+        "reference_temperature": arguments.reference_temperature,
+        "priors": dict(arguments.prior or ()),
+    }
 
 
-def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> tuple[Any, "tuple[Drawn, ...]"]:
-    """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw beside it."""
+def _posterior(
+    logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget"
+) -> tuple[Any, "tuple[Drawn, ...]"]:
+    """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw
+    beside it."""
     with ThreadPoolExecutor(1) as beside:
         with stages("load", "starting"):
             from sysid.fitting import fit
@@ -197,7 +213,9 @@ def _posterior(logs: list, arguments: argparse.Namespace, stages: "Stages", budg
             fitted = fit(logs, **_settings(arguments), meanwhile=prepare)
         with stages("sample", "sampling the posterior"):
             drawing = beside.submit(_draw, fitted)
-            return sample(fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting), drawing.result()
+            return sample(
+                fitted, arguments.seed, arguments.accuracy, budget.left, budget.starting
+            ), drawing.result()
 
 
 def _draw(fitted: Any) -> "tuple[Drawn, ...]":
@@ -238,8 +256,8 @@ def _write(
     stages: "Stages",
     budget: "Budget",
 ) -> tuple[dict, str]:
-    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on, the rig, and
-    the change from an older fit."""
+    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on,
+    the rig, and the change from an older fit."""
     from sysid.command import outputs, sets
     from sysid.command.bill import bill
 

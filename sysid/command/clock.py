@@ -1,7 +1,7 @@
 """The time of a run: seconds of each stage, a line while it lasts, and a budget that is kept or refused.
 
-What starting and writing take is measured in every run and kept in the user's cache folder, never assumed: it is the floor below
-which a budget is refused, and what is set aside for the files when the rung is chosen.
+What starting and writing take is measured in every run and kept in the user's cache folder, never assumed: it
+is the floor below which a budget is refused, and what is set aside for the files when the rung is chosen.
 """
 
 import json
@@ -47,11 +47,14 @@ class BudgetError(ValueError):
 
 
 class Budget:
-    """At most `seconds` (None: any) from `begun` (perf_counter) on. The `record` holds the stages of the last runs."""
+    """At most `seconds` (None: any) from `begun` (perf_counter) on. The `record` holds the stages of the last
+    runs."""
 
     def __init__(self, seconds: float | None, begun: float, stages: Stages, record: Path):
         self.seconds, self.begun, self.stages, self.path = seconds, begun, stages, record
-        self.fresh: Path | None = None  # files on their way, which are of no use to anybody when the run is stopped
+        self.fresh: Path | None = (
+            None  # files on their way, which are of no use to anybody when the run is stopped
+        )
         self.chains = 0.0  # seconds that the libraries of the chains took to load
         self._leave = threading.Lock()
         self._timer: threading.Timer | None = None
@@ -63,7 +66,10 @@ class Budget:
         if seconds is None:
             return
         if seconds < self.floor:
-            raise BudgetError(f"found {seconds:g} s, expected more than {self.floor:.2g} s, which starting and writing take here")
+            raise BudgetError(
+                f"found {seconds:g} s, expected more than {self.floor:.2g} s, which starting and writing"
+                f" take here"
+            )
         self._timer = threading.Timer(STOP * seconds - self.spent, self._stop)
         self._timer.daemon = True
         self._timer.start()
@@ -82,7 +88,8 @@ class Budget:
 
     @property
     def files(self) -> float:
-        """Seconds to set aside for what comes after the posterior: the most of the last runs; at first, as long as starting."""
+        """Seconds to set aside for what comes after the posterior: the most of the last runs; at first, as
+        long as starting."""
         known = [run["files"] for run in self.runs]
         return max(known, default=self.stages.seconds.get("load", 0.0))
 
@@ -100,19 +107,19 @@ class Budget:
 
     @property
     def starting(self) -> float:
-        """Seconds that the libraries of the chains take to load, where they are not: the most of the last runs; at first, as
-        long as all others."""
+        """Seconds that the libraries of the chains take to load, where they are not: the most of the last
+        runs; at first, as long as all others."""
         if "emcee" in sys.modules:
             return 0.0
         known = [run["chains"] for run in self.runs if run.get("chains")]
         return max(known, default=self.stages.seconds.get("load", 0.0))
 
     def load_chains(self, alone: bool) -> None:
-        """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter idle. `alone`: in a
-        process of the command's own."""
+        """Load what chains need: as long as all other imports, and beside a fit, which leaves the interpreter
+        idle. `alone`: in a process of the command's own."""
         begun = time.perf_counter()
-        # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it does without where
-        # there is none. Another program's process must not be told so.
+        # For a move that is not used here emcee loads scipy.stats, a third of the time of all imports; it
+        # does without where there is none. Another program's process must not be told so.
         hidden = alone and "scipy.stats" not in sys.modules
         if hidden:
             sys.modules["scipy.stats"] = None  # type: ignore[assignment]
@@ -142,7 +149,8 @@ class Budget:
             shutil.rmtree(self.fresh, ignore_errors=True)
         shown = "\x1b[?25h\n" if sys.stderr.isatty() else ""  # the line hides the cursor
         print(
-            f"{shown}identify: --budget: found {self.seconds:g} s, expected more for these logs: still {self.stages.now} after"
+            f"{shown}identify: --budget: found {self.seconds:g} s, expected more for these logs: still"
+            f" {self.stages.now} after"
             f" {self.spent:.2g} s; nothing was written",
             file=sys.stderr,
             flush=True,

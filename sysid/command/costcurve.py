@@ -1,7 +1,9 @@
-"""The work-precision diagram of the user's own logs: for each accuracy the error, and the wall time until its numbers are there.
+"""The work-precision diagram of the user's own logs: for each accuracy the error, and the wall time until its
+numbers are there.
 
-Cold: nothing compiled, as after an installation. Warm: all programs in the user's cache folder, as in every later run of logs of
-these lengths. Both are measured, in one process each stage of which begins as it would in a new one; imports are measured once.
+Cold: nothing compiled, as after an installation. Warm: all programs in the user's cache folder, as in every
+later run of logs of these lengths. Both are measured, in one process each stage of which begins as it would
+in a new one; imports are measured once.
 """
 
 import math
@@ -24,8 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Point:
-    """One accuracy. Seconds from the command to the numbers. `error` as the rung states it and `distance` of its estimates from
-    those of the last, None for itself: largest of means and intervals' ends, in standard deviations of the parameter."""
+    """One accuracy. Seconds from the command to the numbers. `error` as the rung states it and `distance` of
+    its estimates from those of the last, None for itself: largest of means and intervals' ends, in standard
+    deviations of the parameter."""
 
     accuracy: str
     cold_s: float
@@ -49,9 +52,12 @@ class CostCurve:
 
 
 def measure(read: Callable[[], list], settings: Mapping[str, Any], seed: int) -> "CostCurve | Posterior":
-    """Climb the whole ladder cold and warm, over the logs that `read()` gives, `settings` for the fit. A posterior instead where
-    the logs do not bound one: nothing is approached then."""
-    imports = {name: math.fsum(_seconds(partial(import_module, module))[0] for module in of) for name, of in MODULES.items()}
+    """Climb the whole ladder cold and warm, over the logs that `read()` gives, `settings` for the fit. A
+    posterior instead where the logs do not bound one: nothing is approached then."""
+    imports = {
+        name: math.fsum(_seconds(partial(import_module, module))[0] for module in of)
+        for name, of in MODULES.items()
+    }
     from sysid.precision import forget_programs, keep_programs
 
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +75,9 @@ def measure(read: Callable[[], list], settings: Mapping[str, Any], seed: int) ->
 MODULES = {"load": ("pandas", "sysid.posterior.posterior"), "load chains": ("sysid.posterior.chain",)}
 
 
-def _climb(read: Callable[[], list], settings: Mapping[str, Any], seed: int) -> "tuple[dict[str, float], Posterior]":
+def _climb(
+    read: Callable[[], list], settings: Mapping[str, Any], seed: int
+) -> "tuple[dict[str, float], Posterior]":
     from sysid.fitting import fit
     from sysid.posterior.posterior import sample
 
@@ -81,7 +89,8 @@ def _climb(read: Callable[[], list], settings: Mapping[str, Any], seed: int) -> 
 
 
 def curve(top: "Posterior", cold: dict[str, float], warm: dict[str, float]) -> CostCurve:
-    """The points of a climbed ladder: a rung stands on all below it, and on the chains' libraries if it has chains."""
+    """The points of a climbed ladder: a rung stands on all below it, and on the chains' libraries if it has
+    chains."""
     points, rungs = [], ladder(top)
     for i, rung in enumerate(rungs):
         used = ["load", "read", "fit", *(p.accuracy for p in rungs[: i + 1]), *(["load chains"] if i else [])]
@@ -94,7 +103,10 @@ def curve(top: "Posterior", cold: dict[str, float], warm: dict[str, float]) -> C
 def table(points: Sequence[Point]) -> list[tuple[str, ...]]:
     """The rows of the screen's table, a header first."""
     head = ("accuracy", "first run", "later runs", "evaluations", "error", f"from {points[-1].accuracy}")
-    rows = [(p.accuracy, span(p.cold_s), span(p.warm_s), str(p.evaluations), f"{p.error:.1g}", _or_none(p)) for p in points]
+    rows = [
+        (p.accuracy, span(p.cold_s), span(p.warm_s), str(p.evaluations), f"{p.error:.1g}", _or_none(p))
+        for p in points
+    ]
     return [head, *rows]
 
 

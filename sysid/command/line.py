@@ -1,4 +1,5 @@
-"""One line on a terminal while a run goes on: what is being done, what of it is being tried, and the time so far.
+"""One line on a terminal while a run goes on: what is being done, what of it is being tried, and the time so
+far.
 
 What is tried is what the package logs (`logging`, level INFO), which any other program may listen to as well.
 """

@@ -30,7 +30,8 @@ SCHEMA = 1
 PRIORS = {  # sysid/model/likelihood.py has the equations
     "G, tau": "flat in the logarithm",
     "f0, k_T, finger_damping, finger_detuning, rotation": "flat",
-    "offset, feedthrough, slope, baseline, start": "normal about zero, ten times as wide as the log's largest response;"
+    "offset, feedthrough, slope, baseline, start": "normal about zero, ten times as wide as the log's"
+    " largest response;"
     " narrower where the logs show their size",
     "delay": "normal about zero, as wide as one row, or as a radian of the carrier where that is longer",
     "noise": "flat in the logarithm of its level; its colour as estimated",
@@ -51,9 +52,9 @@ def document(
     advice: "Sequence[Advice | Raised] | None" = None,
     change: "Change | None" = None,
 ) -> dict[str, Any]:
-    """The content of fit.json, with what the bench `added` to each log, and where they were asked for `advice`, and the `change`
-    from an older fit. `files` and `cost` are empty until the other files are written; `created` and `cost` alone differ from run
-    to run."""
+    """The content of fit.json, with what the bench `added` to each log, and where they were asked for
+    `advice`, and the `change` from an older fit. `files` and `cost` are empty until the other files are
+    written; `created` and `cost` alone differ from run to run."""
     from sysid.posterior.change import covariance, plate_of
     from sysid.report.text import derived, verdict
 
@@ -74,7 +75,9 @@ def document(
         "warnings": list(warnings),
         "notes": list(fit.notes),
         "findings": [finding(f) for f in fit.findings],
-        "logs": [_log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)],
+        "logs": [
+            _log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)
+        ],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
         "change": None if change is None else _change(change),
@@ -88,14 +91,23 @@ def document(
 
 
 def _uncertainty(posterior: "Posterior") -> dict[str, Any]:
-    """How the posterior was had, and the numerical error of each estimate, in its unit; of the rungs, in standard deviations."""
+    """How the posterior was had, and the numerical error of each estimate, in its unit; of the rungs, in
+    standard deviations."""
     from sysid.command.bill import ladder
 
-    errors = {n: {"value": e.value, "std": e.std, "ci95": [e.low, e.high]} for n, e in posterior.errors.items()}
+    errors = {
+        n: {"value": e.value, "std": e.std, "ci95": [e.low, e.high]} for n, e in posterior.errors.items()
+    }
     rungs = [
-        {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved} for p in ladder(posterior)
+        {"accuracy": p.accuracy, "evaluations": p.evaluations, "error": p.error, "moved": p.moved}
+        for p in ladder(posterior)
     ]
-    how = {"accuracy": posterior.accuracy, "method": posterior.method, "ess": posterior.ess, "rhat": posterior.rhat}
+    how = {
+        "accuracy": posterior.accuracy,
+        "method": posterior.method,
+        "ess": posterior.ess,
+        "rhat": posterior.rhat,
+    }
     how["convergence"] = {n: c._asdict() for n, c in posterior.convergence.items()}
     stated = {n: f"normal about {value:g}, {std:g} wide" for n, (value, std) in posterior.fit.priors.items()}
     return how | {"numerical_error": errors, "rungs": rungs, "priors": PRIORS | stated}
@@ -107,14 +119,27 @@ def to_json(content: Mapping[str, Any]) -> str:
 
 
 def _parameter(p: "Parameter") -> dict[str, Any]:
-    shown = {"value": p.value, "std": p.std, "ci95": p.ci95, "unit": p.unit, "determined": p.determined, "why": p.why}
+    shown = {
+        "value": p.value,
+        "std": p.std,
+        "ci95": p.ci95,
+        "unit": p.unit,
+        "determined": p.determined,
+        "why": p.why,
+    }
     return shown | ({"modes": list(p.modes)} if p.modes else {})
 
 
 def finding(f: "Finding") -> dict[str, Any]:
     """A finding as it stands in fit.json."""
     numbers = {name: x._asdict() for name, x in f.numbers.items()}
-    found = {"key": f.key, "outcome": f.outcome, "logs": list(f.logs), "numbers": numbers, "evidence": f.evidence}
+    found = {
+        "key": f.key,
+        "outcome": f.outcome,
+        "logs": list(f.logs),
+        "numbers": numbers,
+        "evidence": f.evidence,
+    }
     return found | {"moves": f.moves, "sentence": f.sentence}
 
 
@@ -139,11 +164,18 @@ def _log(fitted: "FittedLog", own: "Mapping[str, Parameter]") -> dict[str, Any]:
 
 
 def _models(compared: "Sequence[Comparison]") -> dict[str, Any]:
-    """Descriptions of the logs that leave something out of the fit's, and what the logs say of them in one line."""
+    """Descriptions of the logs that leave something out of the fit's, and what the logs say of them in one
+    line."""
     from sysid.verdict.comparison import verdict
 
     rows = [
-        {"description": c.description, "elpd_difference": c.difference, "elpd_error": c.error, "moves": c.moves, "worse": c.worse}
+        {
+            "description": c.description,
+            "elpd_difference": c.difference,
+            "elpd_error": c.error,
+            "moves": c.moves,
+            "worse": c.worse,
+        }
         for c in compared
     ]
     return {"verdict": verdict(compared), "compared": rows}
@@ -154,23 +186,48 @@ def _advice(a: "Advice | Raised") -> dict[str, Any]:
     from sysid.posterior.planning import Advice
 
     e = a.experiment
-    experiment = {"kind": e.kind, "drive": e.drive, "drive_unit": e.unit, "frequency_Hz": e.frequency, "rows": e.rows}
+    experiment = {
+        "kind": e.kind,
+        "drive": e.drive,
+        "drive_unit": e.unit,
+        "frequency_Hz": e.frequency,
+        "rows": e.rows,
+    }
     experiment |= {"temperature_degC": e.temperature, "record_s": e.record}
     if isinstance(a, Advice):
         found = {"parameter": a.parameter, "std_before": a.before, "std_after": a.after, "unit": a.unit}
         found |= {"std_after_between": a.between}
     else:
-        found = {"promise": a.parameter, "before": a.before, "after": a.after, "exactly_known": a.best, "unit": a.unit}
+        found = {
+            "promise": a.parameter,
+            "before": a.before,
+            "after": a.after,
+            "exactly_known": a.best,
+            "unit": a.unit,
+        }
     return {"sentence": str(a), **found, "seconds": a.seconds, "experiment": experiment}
 
 
 def _change(change: "Change") -> dict[str, Any]:
     """How far the plate is from an older fit's."""
     rows = {
-        name: {"old": d.old, "new": d.new, "change": d.change, "std": d.std, "sigmas": d.sigmas, "p": d.p, "unit": d.unit}
+        name: {
+            "old": d.old,
+            "new": d.new,
+            "change": d.change,
+            "std": d.std,
+            "sigmas": d.sigmas,
+            "p": d.p,
+            "unit": d.unit,
+        }
         for name, d in change.parameters.items()
     }
-    told = {"sentence": str(change), "changed": change.changed, "chi_square": change.chi_square, "p": change.p}
+    told = {
+        "sentence": str(change),
+        "changed": change.changed,
+        "chi_square": change.chi_square,
+        "p": change.p,
+    }
     return told | {"parameters": rows, "left_out": change.left_out, "notes": list(change.notes)}
 
 
@@ -186,12 +243,15 @@ def plain(value: Any) -> Any:
 
 
 def write_draws(posterior: "Posterior", path: Path) -> None:
-    """The draws as NetCDF4, group "posterior", dimensions (chain, draw): `arviz.from_netcdf(path)` opens it."""
+    """The draws as NetCDF4, group "posterior", dimensions (chain, draw): `arviz.from_netcdf(path)` opens
+    it."""
     import h5netcdf
     import numpy as np
 
     chains, count = next(iter(posterior.draws.values())).shape
-    whole = io.BytesIO()  # a disk that is full is an OSError of ours, and none within a library that then cannot close its file
+    whole = (
+        io.BytesIO()
+    )  # a disk that is full is an OSError of ours, and none within a library that then cannot close its file
     with h5netcdf.File(whole, "w") as file:
         group = file.create_group("posterior")
         group.dimensions = {"chain": chains, "draw": count}
@@ -241,10 +301,12 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def place(fresh: Path, folder: Path) -> None:
-    """Put the files of `fresh` in the place of an older set in `folder`. Raises OSError, and the older set stands as it was.
+    """Put the files of `fresh` in the place of an older set in `folder`. Raises OSError, and the older set
+    stands as it was.
 
-    fit.json goes out first and comes in last, so that it stands beside the files of its own run and no others, whenever the
-    process is killed; older controller files go out next. Of two runs that end at once one waits. Ctrl-C waits too.
+    fit.json goes out first and comes in last, so that it stands beside the files of its own run and no
+    others, whenever the process is killed; older controller files go out next. Of two runs that end at once
+    one waits. Ctrl-C waits too.
     """
     main = threading.current_thread() is threading.main_thread()  # no other is interrupted
     with _uninterrupted() if main else nullcontext():
@@ -288,7 +350,8 @@ def _sync(path: Path) -> None:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Wait until no other process is within this block for the folder, where the system can lock one; a killed one lets go."""
+    """Wait until no other process is within this block for the folder, where the system can lock one; a
+    killed one lets go."""
     try:
         import fcntl
     except ImportError:  # Windows

@@ -1,4 +1,5 @@
-"""The command `sysid presets`: the mapping files that ship for instruments' files, or one of them, to save and change.
+"""The command `sysid presets`: the mapping files that ship for instruments' files, or one of them, to save
+and change.
 
 Exit codes: 0; 2 for a name that is none.
 """
@@ -25,15 +26,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         from sysid.report.screen import rows
 
-        rows([("preset", "files"), *((name, one.title) for name, one in presets().items())], sys.stdout, right=False)
+        rows(
+            [("preset", "files"), *((name, one.title) for name, one in presets().items())],
+            sys.stdout,
+            right=False,
+        )
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=called("presets"),
-        description="The mapping files that ship for instruments' files, used as identify --columns preset:NAME.",
-        epilog="a mapping file of the line preset = \"NAME\" says further lines beside it",
+        description="The mapping files that ship for instruments' files, used as identify --columns"
+        " preset:NAME.",
+        epilog='a mapping file of the line preset = "NAME" says further lines beside it',
         allow_abbrev=False,
     )
     parser.add_argument("name", nargs="?", metavar="NAME", help="print this one; without it, list them all")

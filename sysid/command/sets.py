@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 def save(
     posterior: Posterior, folder: str | Path, loop: Any = None, warnings: Sequence[str] | None = None
 ) -> Path:
-    """Put the set into `folder` in the place of an older one; see `Posterior.save`. `warnings`: instead of the
-    fit's."""
+    """Put the set into `folder` in the place of an older one; see `Posterior.save`. `warnings`: instead of
+    the fit's."""
     folder = Path(folder)
     content = described(posterior, loop, posterior.fit.warnings if warnings is None else warnings)
     with outputs.staging(folder) as fresh:

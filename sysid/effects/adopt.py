@@ -1,6 +1,7 @@
 """Effects that logs call for, found and fitted: the loop
 
-    minima --not described--> each effect, from each of its starts --> the best, with all its numbers --> described? --> adopted
+    minima --not described--> each effect, from each of its starts --> the best, with all its numbers -->
+    described? --> adopted
 
 One is adopted if its evidence beats both the plant alone and all that the first order found of other kinds,
 whose evidence is at most
@@ -8,8 +9,8 @@ whose evidence is at most
     worth - freedom log(2 worth/freedom) / 2
 
 as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. The
-best that is not adopted is still named where it explains most of what the plant leaves. What was tried in full
-and explains nothing is refuted: the first order's name for it is no cause.
+best that is not adopted is still named where it explains most of what the plant leaves. What was tried in
+full and explains nothing is refuted: the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,9 @@ from sysid.verdict.unexplained import left_of
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
-TAKEN = 0.25  # of the power that neighbouring rows share, which an effect takes beside which there may be another
+TAKEN = (
+    0.25  # of the power that neighbouring rows share, which an effect takes beside which there may be another
+)
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,8 @@ class _Adoption:
     def best(
         self, before: tuple[Instance, ...], numbers: np.ndarray, here: Sequence[Instance], count: int
     ) -> Description | None:
-        """The best description with one more effect; None where none gains, or one that is no effect at all by
-        its numbers gains more: something else is there."""
+        """The best description with one more effect; None where none gains, or one that is no effect at all
+        by its numbers gains more: something else is there."""
         ends = self.search.ends(before, numbers, here, count)
         self.alone += [] if before else ends
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
@@ -135,7 +138,9 @@ def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bo
     """Whether the logs that it is about are not described, and the first order says nothing of one of them,
     or something that this may be."""
     told = [f for f in found if f.log is None or f.log in instance.where]
-    return not wrong.isdisjoint(instance.where) and (not told or any(f.name in instance.effect.alike for f in told))
+    return not wrong.isdisjoint(instance.where) and (
+        not told or any(f.name in instance.effect.alike for f in told)
+    )
 
 
 def _most_evidence(found: Found) -> float:

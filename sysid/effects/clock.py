@@ -14,8 +14,11 @@ ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late,
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
 FILTERED = np.array([0.03, 0.1, 0.3, 1.0])  # of tau, the delay of all poles of a filter
 LEAST = 1e-3  # of tau: of a filter and of a dwell, which are not negative
-THROUGH = 0.03  # of the response: in a step a delay of less than a row looks like a gain and a feedthrough that cancel
-DWELLS = 2.0 ** np.arange(-2, 2.5, 0.5)[:, None]  # tau: of less a sweep shows no resonance, of more its points settle
+# of the response: in a step a delay of less than a row looks like a gain and a feedthrough that cancel
+THROUGH = 0.03
+DWELLS = (
+    2.0 ** np.arange(-2, 2.5, 0.5)[:, None]
+)  # tau: of less a sweep shows no resonance, of more its points settle
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
 
@@ -66,7 +69,9 @@ def _filter(order: int) -> Effect:
     in tau."""
 
     def shows(trial: Trial) -> bool:  # means of many rows would have to be of fewer
-        return _timed(trial) and trial.signed and trial.whole is None and "lockin_tau_s" not in trial.log.bench
+        return (
+            _timed(trial) and trial.signed and trial.whole is None and "lockin_tau_s" not in trial.log.bench
+        )
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
@@ -117,8 +122,10 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
     dwell = found["dwell_s"]
     return Told(
-        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s), and read as such a sweep",
-        f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind: transient",
+        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s), and read"
+        f" as such a sweep",
+        f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind:"
+        f" transient",
     )
 
 

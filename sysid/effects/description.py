@@ -11,7 +11,9 @@ from sysid.trials.trial import Trial
 from sysid.verdict.finding import Finding
 from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
 
-LEFT = 0.01  # of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
+LEFT = (
+    0.01  # of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ class Description(NamedTuple):
         return all(_white(self.state.trials[i], self.state.models[i]) for i in self.where)
 
     def explains(self, before: State, left: float = LEFT) -> bool:
-        """Whether it leaves that share of what the plant alone leaves of these logs, or no more than chance."""
+        """Whether it leaves that share of what the plant alone leaves of these logs, or no more than
+        chance."""
         for i in self.where:
             power, chance = shared(self.state.trials[i], self.state.models[i])
             if chance > SIGNIFICANT and power > left * shared(before.trials[i], before.models[i])[0]:
@@ -73,9 +76,10 @@ class Description(NamedTuple):
             another = x.effect.another
             so = "so that it has no G and tau of first order" if another else beside
             sentence = f"{', '.join(names)}: {told.what}, {so}{doubt}; {told.to_do}"
-            found.append(Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence, mostly=another))
+            found.append(
+                Finding(x.effect.name, outcome, sentence, names, numbers, self.evidence, mostly=another)
+            )
         return tuple(found)
-
 
     def names(self) -> set[tuple[str, int]]:
         """First order's names of its effects, in each of their logs."""

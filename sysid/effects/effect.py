@@ -4,7 +4,7 @@
 
 All else is fitted as ever: an effect knows nothing of plants, noise or minima. An effect is absent at zero.
 Its numbers have normal priors about zero, in units of physics (a delay in time constants, a shift in half
-bandwidths, a share of the response), so that no verdict hangs on the units of a log. """
+bandwidths, a share of the response), so that no verdict hangs on the units of a log."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -67,12 +67,12 @@ class Effect:
     "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
     may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for the
     errors that the fit states, so that it is named and not adopted. `another`: with it the plant is not of
-    first order, and G and tau are none of it. `afresh`: with it the plant of that log may be
-    far from what it seems without, and is looked for anew from each start. `stretched`: of one that changes what
-    was recorded, the log of by how much it stretches that. `known_as`: names that the first order gives to it
+    first order, and G and tau are none of it. `afresh`: with it the plant of that log may be far from what it
+    seems without, and is looked for anew from each start. `stretched`: of one that changes what was recorded,
+    the log of by how much it stretches that. `known_as`: names that the first order gives to it
     (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given
     to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the effect;
-    unless stated, whether one of them is seen at all. """
+    unless stated, whether one of them is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -89,7 +89,9 @@ class Effect:
     stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
     known_as: Sequence[str] = ()
     alike: Sequence[str] = ()
-    makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(np.max(np.abs(values) / stds) > SEEN)
+    makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(
+        np.max(np.abs(values) / stds) > SEEN
+    )
 
 
 def plain(trial: Trial, std: float) -> Trial:

@@ -1,4 +1,5 @@
-"""What a plate shows besides a single, linear resonance: it softens, something else moves with it, it overshoots."""
+"""What a plate shows besides a single, linear resonance: it softens, something else moves with it, it
+overshoots."""
 
 from dataclasses import replace
 
@@ -12,7 +13,9 @@ from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
-APART = 2.0 ** np.arange(0, 5)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
+APART = 2.0 ** np.arange(
+    0, 5
+)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 LEAST_ROWS = 8
 LEAST = 1e-6  # of a log: less is a plant of first order
@@ -27,7 +30,12 @@ CAPACITIVE, RESISTIVE = 0.3, 0.05
 
 def _sweep(trial: Trial) -> bool:
     """Settled points of a sweep, each of them driven."""
-    return trial.swept and trial.driven and len(trial.log) >= LEAST_ROWS and bool(np.all(trial.inputs.drive != 0))
+    return (
+        trial.swept
+        and trial.driven
+        and len(trial.log) >= LEAST_ROWS
+        and bool(np.all(trial.inputs.drive != 0))
+    )
 
 
 def _sweep_or_transient(trial: Trial) -> bool:
@@ -41,9 +49,9 @@ def _moving(trial: Trial) -> bool:
 
 
 def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A Duffing plate is one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations, 1979,
-    4.1): row k shows, whichever way a sweep came, what a linear plate shows at f_k - kappa |W_k|^2, and so from
-    one row of a transient to the next."""
+    """A Duffing plate is one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations,
+    1979, 4.1): row k shows, whichever way a sweep came, what a linear plate shows at f_k - kappa |W_k|^2, and
+    so from one row of a transient to the next."""
     power = (np.abs(trial.log.response) / about.top) ** 2
     power = power if trial.steady else 0.5 * (power + np.append(power[1:], power[-1]))
     moved = read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * power)
@@ -53,9 +61,11 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift, at = found["shift_Hz"], found["at"]
     return Told(
-        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at {at.value:.2g}"
+        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at"
+        f" {at.value:.2g}"
         f" {trial.log.response_unit}",
-        "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a smaller drive",
+        "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a"
+        " smaller drive",
     )
 
 
@@ -78,8 +88,8 @@ DUFFING = Effect(
 
 
 def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarray:
-    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, from rest, of size one where
-    the largest drive of the logs holds it at its resonance."""
+    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, from rest,
+    of size one where the largest drive of the logs holds it at its resonance."""
     theta = about.theta + np.array([0.0, width, place * about.half_bandwidth, 0.0, 0.0, 0.0])
     theta[0] = -np.log(about.drive)
     return Course.of(trial, about.reference, theta).forced
@@ -136,10 +146,14 @@ def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
     in_phase, across = found["in_phase"], found["in_quadrature"]
-    share, error = (100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std)))
+    share, error = (
+        100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std))
+    )
     return Told(
-        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest response",
-        "of a capacitance in parallel, or of a resonance outside of the sweep; record wd and wq, or both parts of the admittance",
+        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest"
+        f" response",
+        "of a capacitance in parallel, or of a resonance outside of the sweep; record wd and wq, or both"
+        " parts of the admittance",
     )
 
 
@@ -147,7 +161,9 @@ FEEDTHROUGH = Effect(
     name="feedthrough",
     shows=lambda trial: _sweep(trial) and not trial.signed and "background" in trial.nuisances,
     stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
-    starts=lambda trial, about: np.array([[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]),
+    starts=lambda trial, about: np.array(
+        [[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]
+    ),
     applied=_fed_through,
     numbers=lambda trial, values, stds, about: {
         "in_phase": number(values[0], stds[0], "of the largest response"),
@@ -161,7 +177,12 @@ FEEDTHROUGH = Effect(
 def _baseband(trial: Trial) -> bool:
     """A transient without a frequency, which is not behind a lock-in's filter."""
     alone = not trial.steady and not trial.resonant and trial.signed and len(trial.log) >= LEAST_ROWS
-    return alone and not np.iscomplexobj(trial.log.response) and trial.log.theta is None and trial.smoothing[1] == 0
+    return (
+        alone
+        and not np.iscomplexobj(trial.log.response)
+        and trial.log.theta is None
+        and trial.smoothing[1] == 0
+    )
 
 
 def _lasted(trial: Trial) -> float:
@@ -170,8 +191,8 @@ def _lasted(trial: Trial) -> float:
 
 
 def _ringing(trial: Trial, about: About) -> np.ndarray:
-    """(m, 2): times as shares of the log, 1/(2 pi f) at the largest peaks f of the periodogram of what the first
-    order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
+    """(m, 2): times as shares of the log, 1/(2 pi f) at the largest peaks f of the periodogram of what the
+    first order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
     course, lasted = Course.of(trial, about.reference, about.theta), _lasted(trial)
     shapes = np.stack([course.forced.real, course.free.real, np.ones(len(trial.log))], axis=1)
     left = trial.log.response - shapes @ np.linalg.lstsq(shapes, trial.log.response, rcond=None)[0]
@@ -193,7 +214,10 @@ def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about:
     time, error = values[0] * _lasted(trial), stds[0] / values[0]
     hertz, ratio = 1 / (2 * np.pi * time), about.fitted[0] / (2 * time)
     most = error + about.fitted[1]  # however the two go together
-    return {"natural_Hz": number(hertz, hertz * error, "Hz"), "damping_ratio": number(ratio, ratio * most, "1")}
+    return {
+        "natural_Hz": number(hertz, hertz * error, "Hz"),
+        "damping_ratio": number(ratio, ratio * most, "1"),
+    }
 
 
 def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:

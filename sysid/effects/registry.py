@@ -6,6 +6,15 @@ from sysid.effects.plate import DUFFING, FEEDTHROUGH, OVERSHOOT, SECOND_MODE
 from sysid.effects.sensor import SATURATIONS
 from sysid.trials.trial import NUISANCES
 
-EFFECTS: tuple[Effect, ...] = (*SATURATIONS, DELAY, *FILTERS, OVERSHOOT, DUFFING, SECOND_MODE, FEEDTHROUGH, DWELL)
+EFFECTS: tuple[Effect, ...] = (
+    *SATURATIONS,
+    DELAY,
+    *FILTERS,
+    OVERSHOOT,
+    DUFFING,
+    SECOND_MODE,
+    FEEDTHROUGH,
+    DWELL,
+)
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for
 EVERY = (*NUISANCES, *ADOPTED)  # unless less is asked for

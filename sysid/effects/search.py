@@ -1,7 +1,8 @@
 """The search for the numbers of effects beside a minimum.
 
 An effect's numbers u stand outside of the fit of the plant. At each u the log is read as with the effect, and
-all else is fitted as ever; u then goes along the Gauss-Newton step of plant and numbers together, with columns
+all else is fitted as ever; u then goes along the Gauss-Newton step of plant and numbers together, with
+columns
 
     d model/d u = (model(u + h) - model(u - h)) / 2h
 
@@ -45,7 +46,8 @@ DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose e
 
 
 class Point(NamedTuple):
-    """Numbers of effects, and the minimum of all else there; `hoped` is the cost after one more step, to second order."""
+    """Numbers of effects, and the minimum of all else there; `hoped` is the cost after one more step, to
+    second order."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
@@ -75,7 +77,8 @@ class Search:
     def ends(
         self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int
     ) -> list[Description]:
-        """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest first."""
+        """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
+        first."""
         starts = [p for x in tried for p in self.starts(before, numbers, x) if np.isfinite(p.hoped)]
         starts.sort(key=lambda p: p.hoped)
         followed = []
@@ -84,7 +87,10 @@ class Search:
             followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
         followed.sort(key=lambda p: p.cost)
         optima = [self.followed(p, STEPS) if p.cost < followed[0].cost + WITHIN else p for p in followed]
-        each = [self.distinct([p for p in optima if p.instances == x], NEARLY) for x in {p.instances for p in optima}]
+        each = [
+            self.distinct([p for p in optima if p.instances == x], NEARLY)
+            for x in {p.instances for p in optima}
+        ]
         return sorted((self.ended(p, count) for points in each for p in points), key=lambda d: -d.evidence)
 
     def starts(self, before: tuple[Instance, ...], numbers: np.ndarray, instance: Instance) -> list[Point]:
@@ -127,7 +133,9 @@ class Search:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
         read = zip(self.applied(instances, numbers), near.trials, strict=True)
-        return self.minimiser.refine(tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1)
+        return self.minimiser.refine(
+            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1
+        )
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
@@ -159,7 +167,8 @@ class Search:
         return point
 
     def distinct(self, points: Sequence[Point], within: float) -> list[Point]:
-        """Of points of the same effects, the best first, each whose cost is `within` so much of the best, once."""
+        """Of points of the same effects, the best first, each whose cost is `within` so much of the best,
+        once."""
         kept: list[Point] = []
         for p in sorted(points, key=lambda p: p.cost):
             if kept and p.cost > kept[0].cost + within:
@@ -178,7 +187,9 @@ class Search:
         cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
         score = sum(x.T @ v.r for x, v in zip(rows, views, strict=True)) - numbers / stds**2
         own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
-        covariance = np.linalg.pinv(own / np.outer(1 / stds, 1 / stds), rcond=1e-12, hermitian=True) * np.outer(stds, stds)
+        covariance = np.linalg.pinv(
+            own / np.outer(1 / stds, 1 / stds), rcond=1e-12, hermitian=True
+        ) * np.outer(stds, stds)
         by = linear.inverse @ cross
         index = [NAMES.index(n) for n in self.names]
         dispersion = np.zeros((len(NAMES), len(NAMES)))
@@ -196,7 +207,9 @@ class Search:
                 away = step[k] * np.eye(len(numbers))[k]
                 above, below = (self.applied(instances, numbers + way) for way in (away, -away))
                 for i in instance.where:
-                    change = (self.modelled(above[i], views[i]) - self.modelled(below[i], views[i])) / (2 * step[k])
+                    change = (self.modelled(above[i], views[i]) - self.modelled(below[i], views[i])) / (
+                        2 * step[k]
+                    )
                     found[i][:, k] = views[i].off(change)
         return found
 
@@ -209,8 +222,8 @@ class Search:
         return view.observed(plate[None])[0] - trial.log.response
 
     def ended(self, point: Point, count: int) -> Description:
-        """The description at an optimum. Its evidence is that in white noise of one level, as that of the plant
-        alone is: tails and colour make up for what a wrong description leaves."""
+        """The description at an optimum. Its evidence is that in white noise of one level, as that of the
+        plant alone is: tails and colour make up for what a wrong description leaves."""
         _, covariance, dispersion = self.looked(point)
         stds, parts = self.stds(point.instances), self.parts(point.instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
@@ -225,9 +238,14 @@ class Search:
         return all(x.effect.makes_sense(found.numbers[p], std[p]) for x, p in each)
 
     def in_colour(
-        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, trials: tuple[Trial, ...] = ()
+        self,
+        instances: tuple[Instance, ...],
+        numbers: np.ndarray,
+        near: State,
+        trials: tuple[Trial, ...] = (),
     ) -> Point:
-        """The minimum near another with the noise that is there, whatever its colour; its logs read as `trials`, or as there."""
+        """The minimum near another with the noise that is there, whatever its colour; its logs read as
+        `trials`, or as there."""
         state = self.minimiser.refine(trials or near.trials, near.theta, known=1)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 

@@ -23,7 +23,11 @@ def _compressed(power: int, each: bool) -> Effect:
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         y = trial.log.response
         whole, taken = not (each and np.iscomplexobj(y)), float(values[0])
-        undone = grown(trial, y, taken)[0] if whole else grown(trial, y.real, taken)[0] + 1j * grown(trial, y.imag, taken)[0]
+        undone = (
+            grown(trial, y, taken)[0]
+            if whole
+            else grown(trial, y.real, taken)[0] + 1j * grown(trial, y.imag, taken)[0]
+        )
         return replace(trial, log=replace(trial.log, response=undone))
 
     def stretched(trial: Trial, values: np.ndarray) -> float:
@@ -39,7 +43,8 @@ def _compressed(power: int, each: bool) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         taken, what = found["taken"], "each channel" if each else "the response"
         return Told(
-            f"{what} is compressed at its largest, by {100 * taken.value:.2g} ± {100 * taken.std:.1g} %: saturated",
+            f"{what} is compressed at its largest, by {100 * taken.value:.2g} ± {100 * taken.std:.1g} %:"
+            f" saturated",
             "record it again within the range",
         )
 
@@ -54,7 +59,9 @@ def _compressed(power: int, each: bool) -> Effect:
         applied=applied,
         rough=True,
         stretched=stretched,
-        numbers=lambda trial, values, stds, about: {"taken": number(values[0], stds[0], "of the largest row")},
+        numbers=lambda trial, values, stds, about: {
+            "taken": number(values[0], stds[0], "of the largest row")
+        },
         said=said,
         known_as=("saturation",),
         alike=("saturation", "amplitude"),
@@ -62,4 +69,6 @@ def _compressed(power: int, each: bool) -> Effect:
     )
 
 
-SATURATIONS = tuple(_compressed(power, each) for power in (2, 6) for each in (False, True))  # softly, and as a clip does
+SATURATIONS = tuple(
+    _compressed(power, each) for power in (2, 6) for each in (False, True)
+)  # softly, and as a clip does

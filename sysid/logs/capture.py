@@ -100,7 +100,8 @@ def _whole(head: Head) -> Body:
     body = read_body(head, list(range(len(head.names))), dated=dated)
     if body.tables is not None:
         raise LogError(
-            f"{head.path}: found the header {len(body.tables)} times, expected one table in each file of a capture"
+            f"{head.path}: found the header {len(body.tables)} times, expected one table in each file of a"
+            f" capture"
         )
     return body
 
@@ -125,7 +126,10 @@ def _check_same(head: Head, own: int, other: int) -> None:
     apart = ~((np.abs(first - second) <= STEP * step) | (np.isnan(first) & np.isnan(second)))
     if apart.any():
         row = int(np.argmax(apart))
-        said = f"found {head.sheet.text(row, other)}, expected {head.sheet.text(row, own)} as in {head.sheet.where(row, own)}"
+        said = (
+            f"found {head.sheet.text(row, other)}, expected {head.sheet.text(row, own)} as in"
+            f" {head.sheet.where(row, own)}"
+        )
         raise LogError(f"{head.sheet.where(row, other)}, column {head.names[other] or other!r}: {said}")
 
 

@@ -1,6 +1,7 @@
-"""The drive as its samples show it: cut where its amplitude or frequency changes, with a line for its phase in each stretch.
+"""The drive as its samples show it: cut where its amplitude or frequency changes, with a line for its phase
+in each stretch.
 
-    v(t) = Re[jV e^{j theta}] = V cos(phase + omega (t - middle))        theta = phase + omega (t - middle) - pi/2
+    v(t) = Re[jV e^{j theta}] = V cos(phase + omega (t - middle))    theta = phase + omega (t - middle) - pi/2
 
 Times are counted in samples, frequencies in rad/sample.
 """
@@ -15,7 +16,8 @@ from sysid.logs.csvfile import LogError
 from sysid.logs.lockin import blocks
 from sysid.logs.switched import fundamental, is_switched
 
-FLOOR = 2e-4  # of the largest drive: noise level that it has at least, so that changes much smaller are left unseen
+# of the largest drive: noise level that it has at least, so that changes much smaller are left unseen
+FLOOR = 2e-4
 FINE = 18  # samples in a period of a switched drive, at least: its noise is then a ninth of it
 HARMONICS = 0.03  # of a switched drive that its harmonics leave in a block
 ON = 8.0  # noise levels of a block above which the drive counts as on
@@ -32,9 +34,9 @@ HOLDS = "found no carrier in the drive that holds for a few periods, expected it
 
 
 class Stretches(NamedTuple):
-    """The drive, piece by piece: `edge` (m + 1,) when each begins, and the last ends; `start` the first sample after it; of each
-    (m,) its `level` (signed), `omega`, `theta` at `start`, and `error` (standard deviation) of omega, inf while it is off.
-    `switched`: they are those of its fundamental."""
+    """The drive, piece by piece: `edge` (m + 1,) when each begins, and the last ends; `start` the first
+    sample after it; of each (m,) its `level` (signed), `omega`, `theta` at `start`, and `error` (standard
+    deviation) of omega, inf while it is off. `switched`: they are those of its fundamental."""
 
     edge: np.ndarray
     start: np.ndarray
@@ -47,7 +49,8 @@ class Stretches(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """One stretch's level (0: off) and phase; standard deviations `spread` of the phase at `middle`, `error` of omega."""
+    """One stretch's level (0: off) and phase; standard deviations `spread` of the phase at `middle`, `error`
+    of omega."""
 
     level: float
     middle: float
@@ -65,7 +68,8 @@ class Line:
 
 
 def strongest(signal: np.ndarray) -> float:
-    """Strongest frequency (rad/sample) in the liveliest part of a signal, to a small part of its resolution; 0: constant."""
+    """Strongest frequency (rad/sample) in the liveliest part of a signal, to a small part of its resolution;
+    0: constant."""
     size = min(len(signal), 1 << 16)
     begins = range(0, len(signal) - size + 1, max(size // 2, 1))
     part = max((signal[b : b + size] for b in begins), key=np.var)
@@ -86,13 +90,15 @@ def filling(start: int, stop: int, n: int) -> np.ndarray:
 
 
 def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
-    """The stretches of `drive` (samples), whose frequency is near `omega`, seen in blocks of `n`. Of a drive that is switched
-    between levels they are those of its fundamental, whose phase each block tells to a sample: its edges stand at whole ones.
+    """The stretches of `drive` (samples), whose frequency is near `omega`, seen in blocks of `n`. Of a drive
+    that is switched between levels they are those of its fundamental, whose phase each block tells to a
+    sample: its edges stand at whole ones.
 
-    Where the phases, or else the carriers, before and after a cut meet, the cut is there; otherwise it is taken to be at the
-    first sample that shows it, and may lie up to one earlier. Stretches whose phases lie on one line share it, also across a
-    pause; in a pause theta goes from the phase before it to the phase after. Raises LogError when the drive is no carrier, when
-    it changes more often than every second block, and when its phase jumps while it is on (by half a turn: a change of sign).
+    Where the phases, or else the carriers, before and after a cut meet, the cut is there; otherwise it is
+    taken to be at the first sample that shows it, and may lie up to one earlier. Stretches whose phases lie
+    on one line share it, also across a pause; in a pause theta goes from the phase before it to the phase
+    after. Raises LogError when the drive is no carrier, when it changes more often than every second block,
+    and when its phase jumps while it is on (by half a turn: a change of sign).
     """
     start = n * np.arange(len(drive) // n)
     base = Line(1.0, 0.0, 0.0, omega)
@@ -104,7 +110,9 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
         raise LogError(f"{found}, expected {FINE} or more, or a sine")
     jitter = omega + HARMONICS if switched else 0.0
     floor = max(FLOOR, 0.3 * jitter)
-    noise = float(np.hypot(2.2 * np.quantile(np.abs(np.diff(size)), 0.25), floor * np.max(size)))  # of normal numbers
+    noise = float(
+        np.hypot(2.2 * np.quantile(np.abs(np.diff(size)), 0.25), floor * np.max(size))
+    )  # of normal numbers
     pieces = _pieces(seen, noise, jitter) if noise else []
     lines = [_fitted(middle[a:b], seen[a:b], base, noise, jitter) for a, b in pieces]
     if not any(line.level for line in lines):
@@ -120,21 +128,32 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
     if not any(line.level for line in fitted):
         raise LogError(HOLDS)
     if switched:
-        fitted = [_switched(drive[a:b], a, line) for line, (a, b) in zip(fitted, pairwise(edges), strict=True)]
+        fitted = [
+            _switched(drive[a:b], a, line) for line, (a, b) in zip(fitted, pairwise(edges), strict=True)
+        ]
     joined = _as_one(fitted, edges)
-    turned = [z * np.exp(1j * (old.at(t) - new.at(t))) for t, z, old, new in zip(times, rows, lines, joined, strict=True)]
+    turned = [
+        z * np.exp(1j * (old.at(t) - new.at(t)))
+        for t, z, old, new in zip(times, rows, lines, joined, strict=True)
+    ]
     level = np.array([_level(z.real, line, noise) for z, line in zip(turned, joined, strict=True)])
     if switched:
         level = np.where(level == 0, 0.0, np.copysign([line.level for line in fitted], level))
     if np.sum(level**2 * np.diff(edges)) < np.var(drive) * len(drive):  # less than half of its power
-        raise LogError(f"found a drive that is no carrier of {2 * np.pi / omega:.4g} samples a period, expected its raw samples")
+        raise LogError(
+            f"found a drive that is no carrier of {2 * np.pi / omega:.4g} samples a period, expected its"
+            f" raw samples"
+        )
     theta = [line.at(edge) - np.pi / 2 for line, edge in zip(joined, edges, strict=False)]
     omegas, errors = ([getattr(line, name) for line in joined] for name in ("omega", "error"))
-    return Stretches(cuts, np.array(edges), level, np.array(omegas), np.array(theta), np.array(errors), switched)
+    return Stretches(
+        cuts, np.array(edges), level, np.array(omegas), np.array(theta), np.array(errors), switched
+    )
 
 
 def _pieces(z: np.ndarray, noise: float, jitter: float) -> list[tuple[int, int]]:
-    """Blocks (first, last + 1) of stretches of two or more in which z has one amplitude and a phase on one line, to `jitter`."""
+    """Blocks (first, last + 1) of stretches of two or more in which z has one amplitude and a phase on one
+    line, to `jitter`."""
     size = np.abs(z) / noise
     weight = np.where(size > ON, size**2 / (1 + (jitter * size) ** 2), 0.0)
     seen = np.stack([np.unwrap(np.angle(z)), weight, size])
@@ -165,7 +184,17 @@ def _best_cut(angle: np.ndarray, weight: np.ndarray, size: np.ndarray) -> tuple[
         y = y - np.average(y, weights=some)
         off = x - np.average(x, weights=some)
         y = y - off * np.sum(weight * off * y) / max(np.sum(weight * off**2), 1e-300)
-    terms = [np.ones(len(x)), size, size**2, weight, weight * x, weight * x**2, weight * y, weight * x * y, weight * y**2]
+    terms = [
+        np.ones(len(x)),
+        size,
+        size**2,
+        weight,
+        weight * x,
+        weight * x**2,
+        weight * y,
+        weight * x * y,
+        weight * y**2,
+    ]
     sums = np.cumsum(terms, axis=1)
     total, sums = sums[:, -1:], sums[:, :-1]
     least = 1e-9 * total[3]  # weights below it are rounding
@@ -186,7 +215,8 @@ def _cost(sums: np.ndarray, least: np.ndarray) -> np.ndarray:
 
 
 def _fitted(t: np.ndarray, z: np.ndarray, base: Line, noise: float, jitter: float) -> Line:
-    """The line of blocks z at times t, which were demodulated at `base`'s phase; that of each is known to `jitter` at best."""
+    """The line of blocks z at times t, which were demodulated at `base`'s phase; that of each is known to
+    `jitter` at best."""
     level, middle = float(np.median(np.abs(z))), float(np.mean(t))
     if level <= ON * noise:
         return Line(0.0, middle, base.at(middle), base.omega)
@@ -195,7 +225,9 @@ def _fitted(t: np.ndarray, z: np.ndarray, base: Line, noise: float, jitter: floa
     slope = np.sum(x * angle) / width if width else 0.0
     each = float(np.hypot(noise / level, jitter))
     error = each / np.sqrt(width) if width else np.inf
-    return Line(level, middle, base.at(middle) + np.mean(angle), base.omega + slope, each / np.sqrt(len(t)), error)
+    return Line(
+        level, middle, base.at(middle) + np.mean(angle), base.omega + slope, each / np.sqrt(len(t)), error
+    )
 
 
 def _switched(drive: np.ndarray, start: int, line: Line) -> Line:
@@ -214,20 +246,23 @@ def _level(z: np.ndarray, line: Line, noise: float) -> float:
     return float(np.mean(z)) if line.level or leaks else 0.0
 
 
-def _refuse_pulse(between: np.ndarray, left: float, right: float, noise: float, where: tuple[int, int]) -> None:
+def _refuse_pulse(
+    between: np.ndarray, left: float, right: float, noise: float, where: tuple[int, int]
+) -> None:
     """LogError when what lies between two stretches is not a step from one to the other."""
     low, high = min(left, right) - ON * noise, 1.5 * max(left, right) + ON * noise
     pulse = np.any(between > high) or (len(between) > 1 and np.any(between < low))
     if pulse or len(between) > WIDEST:
         raise LogError(
-            f"rows {where[0]} to {where[1]} (counted from 0): found a drive that does not hold, expected it to for a few periods"
+            f"rows {where[0]} to {where[1]} (counted from 0): found a drive that does not hold, expected it"
+            f" to for a few periods"
             " or more between its changes"
         )
 
 
 def _cuts(drive: np.ndarray, spans: list[tuple[int, int]], lines: list[Line], n: int) -> list[float]:
-    """When the stretches begin, and the last ends: where phases meet when frequency alone changes (any other cut would turn
-    the frame), else at the sample where a cut leaves the least squares."""
+    """When the stretches begin, and the last ends: where phases meet when frequency alone changes (any other
+    cut would turn the frame), else at the sample where a cut leaves the least squares."""
     offset, cuts = np.mean(drive), [float(spans[0][0])]
     for (_, last), (first, end), left, right in zip(spans, spans[1:], lines, lines[1:], strict=False):
         least = int(np.ceil(cuts[-1])) + n
@@ -246,7 +281,8 @@ def _cuts(drive: np.ndarray, spans: list[tuple[int, int]], lines: list[Line], n:
 
 
 def _meeting(a: Line, b: Line, near: float) -> float | None:
-    """When the phases of two lines of one level meet, the time nearest to `near`; None for lines of other kinds."""
+    """When the phases of two lines of one level meet, the time nearest to `near`; None for lines of other
+    kinds."""
     same = a.level and abs(b.level - a.level) < SURE * np.hypot(a.spread * a.level, b.spread * b.level)
     if not same or abs(b.omega - a.omega) < SURE * np.hypot(a.error, b.error):
         return None
@@ -255,7 +291,8 @@ def _meeting(a: Line, b: Line, near: float) -> float | None:
 
 
 def _as_one(lines: list[Line], edges: list[int]) -> list[Line]:
-    """The same lines, those that are one line joined, signs continued, and pauses led from one to the next."""
+    """The same lines, those that are one line joined, signs continued, and pauses led from one to the
+    next."""
     groups: list[tuple[Line, list[int]]] = []
     for i, line in enumerate(lines):
         if not line.level:
@@ -283,7 +320,8 @@ def _as_one(lines: list[Line], edges: list[int]) -> list[Line]:
 
 
 def _joined(a: Line, b: Line) -> Line | None:
-    """The one line that both are, from what either tells of phase (but for half turns) and omega; None when they differ."""
+    """The one line that both are, from what either tells of phase (but for half turns) and omega; None when
+    they differ."""
     away = b.phase - a.at(b.middle)
     away -= np.pi * round(away / np.pi)
     doubt = np.hypot(a.doubt(b.middle), b.spread)
@@ -305,13 +343,16 @@ def _continued(before: Line, line: Line, edge: int) -> Line:
     half = round(jump / np.pi)
     jump -= np.pi * half
     if abs(jump) > JUMP + SURE * np.hypot(before.doubt(t), line.doubt(t)):
-        found = f"row {edge} (counted from 0): found a drive whose phase jumps by {jump:.2g} rad while it is on"
+        found = (
+            f"row {edge} (counted from 0): found a drive whose phase jumps by {jump:.2g} rad while it is on"
+        )
         raise LogError(f"{found}, expected it to go on")
     return replace(line, phase=line.phase - np.pi * (half % 2))
 
 
 def _pause(before: Line, after: Line, start: int, stop: int) -> Line:
-    """Off from `start` to `stop`, with the frequency nearest to that before which leads to the phase after."""
+    """Off from `start` to `stop`, with the frequency nearest to that before which leads to the phase
+    after."""
     if after is before:
         return replace(before, level=0.0, error=np.inf)
     left = after.at(stop) - before.at(stop)

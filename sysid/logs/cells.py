@@ -1,4 +1,5 @@
-"""One line of a text table as cells: how it is parted, which cells are numbers, and how names are listed in messages."""
+"""One line of a text table as cells: how it is parted, which cells are numbers, and how names are listed in
+messages."""
 
 import csv
 import io
@@ -8,7 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
-GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+")  # 32,300: a fraction where the comma is the decimal mark, else thousands
+GROUPED = re.compile(
+    r"[+-]?[1-9]\d{0,2}([.,]\d{3})+"
+)  # 32,300: a fraction where the comma is the decimal mark, else thousands
 _MARKS = str.maketrans({"−": "-", "\u00a0": "'", "\u202f": "'", "’": "'"})
 # Thousands beside a fraction, in two groups or more, or behind a mark that is never a decimal one.
 _THOUSANDS = {
@@ -31,7 +34,9 @@ class Dialect:
     comment: tuple[str, ...] | None = None  # what lines of metadata begin with
     decimal: str | None = None
     header: bool | None = None
-    skip: int | None = None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
+    skip: int | None = (
+        None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
+    )
     table: str | None = None  # of a file of several tables, as of HDF5 groups: which of them
     join: str | int | None = None  # the column that tables one below the other share, side by side
 
@@ -47,11 +52,11 @@ def split_line(text: str, delimiter: str) -> list[str]:
 
 
 def to_number(text: str, decimal: str = ".") -> float:
-    """A cell as a number, NaN when it is none, or what instruments write for none. Where the decimal mark is a comma, 32.300 is
-    none: it may be thousands.
+    """A cell as a number, NaN when it is none, or what instruments write for none. Where the decimal mark is
+    a comma, 32.300 is none: it may be thousands.
 
-    Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard space), and so are a
-    printed minus and Fortran's 1.5D-3.
+    Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard
+    space), and so are a printed minus and Fortran's 1.5D-3.
     """
     text = text.strip()
     if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
@@ -110,7 +115,8 @@ def listed(names: Sequence[str]) -> str:
 
 
 def find_delimiter(line: str) -> str:
-    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab, else blanks."""
+    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab,
+    else blanks."""
     for mark in ",;\t ":
         if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
             return mark

@@ -1,7 +1,7 @@
 """The rows of a text table as numbers, in blocks, so that memory is bounded by the numbers themselves.
 
-What is no row ends in a `LogError` that names the file, the line and the column. Where the header stands again a table of
-its own begins.
+What is no row ends in a `LogError` that names the file, the line and the column. Where the header stands
+again a table of its own begins.
 """
 
 import hashlib
@@ -13,7 +13,16 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from sysid.logs.cells import NO_NUMBER, WHITESPACE, Dialect, is_number, listed, means_none, split_line, to_number
+from sysid.logs.cells import (
+    NO_NUMBER,
+    WHITESPACE,
+    Dialect,
+    is_number,
+    listed,
+    means_none,
+    split_line,
+    to_number,
+)
 from sysid.logs.csvfile import Head, LogError, metadata_of
 from sysid.logs.pieces import Gap, find_gaps, pieces, rows_like, without_end
 from sysid.logs.preamble import DEEPEST, names_below
@@ -27,8 +36,8 @@ RANGES = 8  # of good rows that a message names
 
 @dataclass(frozen=True)
 class Body:
-    """The wanted columns: `numbers[index]` is (n,) float64 with NaN where a cell is no number; `keys` is (n,) text, the cell of
-    the key column, or which of the file's tables the row belongs to."""
+    """The wanted columns: `numbers[index]` is (n,) float64 with NaN where a cell is no number; `keys` is (n,)
+    text, the cell of the key column, or which of the file's tables the row belongs to."""
 
     numbers: dict[int, np.ndarray]
     keys: np.ndarray | None
@@ -49,10 +58,11 @@ class Body:
 
 
 def read_body(head: Head, columns: list[int], key: int | None = None, dated: Collection[int] = ()) -> Body:
-    """The columns at `columns` as numbers and the one at `key` as text; every row must have its number of cells.
+    """The columns at `columns` as numbers and the one at `key` as text; every row must have its number of
+    cells.
 
-    Those of `dated` hold dates, which become seconds since the first row's. Where the header stands again, and there is no
-    key column, each table has a key of its own, "1" first.
+    Those of `dated` hold dates, which become seconds since the first row's. Where the header stands again,
+    and there is no key column, each table has a key of its own, "1" first.
     """
     if head.sheet is not None:
         return _of_sheet(head, columns, key, dated)
@@ -61,10 +71,15 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     blank_lines: list[int] = []
     spare: list[str] = []
     line = head.first_line
-    delimiter, marks = str(head.dialect.delimiter), tuple(mark.encode() for mark in head.dialect.comment or ())
+    delimiter, marks = (
+        str(head.dialect.delimiter),
+        tuple(mark.encode() for mark in head.dialect.comment or ()),
+    )
     digest, packed = _digest(head.path), is_packed(head.path)
     with open_text(head.path) as file:
-        gaps = find_gaps(file, (*head.header, b"")[0], head.start, line, rows_like(head.sample[0], delimiter), BLOCK)
+        gaps = find_gaps(
+            file, (*head.header, b"")[0], head.start, line, rows_like(head.sample[0], delimiter), BLOCK
+        )
         tables = (head.metadata, *(_of_table(head, gap) for gap in gaps))
         file.seek(head.start)
         blocks = pieces(file, BLOCK, delimiter == WHITESPACE, gaps)
@@ -80,14 +95,20 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
             line += count
             if packed and (line - head.first_line) * max(len(columns), 1) > UNPACKED:
                 found = f"found more than {UNPACKED} numbers in a packed file"
-                raise LogError(f"{head.path}, line {line}: {found}, expected fewer; unpack it, or save a part of it")
+                raise LogError(
+                    f"{head.path}, line {line}: {found}, expected fewer; unpack it, or save a part of it"
+                )
     if not keys:
         raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
     notes = [f"below the last row, left out: {listed(spare)}"] if spare else []
     notes += [_of_gap(gap, key is None) for gap in gaps]
     if key is not None:
-        if odd := next((gap for gap, table in zip(gaps, tables[1:], strict=True) if table != head.metadata), None):
-            found = "found other metadata than above, expected them once; the column tells the experiments apart"
+        if odd := next(
+            (gap for gap, table in zip(gaps, tables[1:], strict=True) if table != head.metadata), None
+        ):
+            found = (
+                "found other metadata than above, expected them once; the column tells the experiments apart"
+            )
             raise LogError(f"{head.path}, lines {odd.line} to {odd.line + odd.lines - 1}: {found}")
         return Body(joined, np.concatenate(keys), digest, blank_lines, tuple(notes))
     table = _tables(gaps, head.first_line, line, blank_lines)
@@ -115,15 +136,21 @@ def _of_gap(gap: Gap, own: bool) -> str:
 
 
 def _of_table(head: Head, gap: Gap) -> dict[str, str]:
-    """The metadata of the table below a gap: those of the file, and what is stated anew. Other units in the header: LogError."""
+    """The metadata of the table below a gap: those of the file, and what is stated anew. Other units in the
+    header: LogError."""
     lines = [raw.strip() for raw in gap.text.split(b"\n")]
     place = lines.index(head.header[0])
     if tuple(lines[place : place + len(head.header)]) != head.header:
         found = f"found the header again with other units, expected those of line {head.first_line - 1}"
-        raise LogError(f"{head.path}, line {gap.line + place + 1}: {found}; save each table in a file of its own")
+        raise LogError(
+            f"{head.path}, line {gap.line + place + 1}: {found}; save each table in a file of its own"
+        )
     texts = [raw.decode("utf-8", errors="replace") for raw in lines if raw]
     marks = head.dialect.comment or ()
-    return head.metadata | metadata_of([text[len(mark) :] for text in texts for mark in marks if text.startswith(mark)])[0]
+    return (
+        head.metadata
+        | metadata_of([text[len(mark) :] for text in texts for mark in marks if text.startswith(mark)])[0]
+    )
 
 
 def _tables(gaps: list[Gap], first: int, end: int, blank_lines: list[int]) -> np.ndarray | None:
@@ -134,7 +161,8 @@ def _tables(gaps: list[Gap], first: int, end: int, blank_lines: list[int]) -> np
 
 
 def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, more: str = "") -> NoReturn:
-    """Raise the LogError of one bad cell: what stands there is read again from the file. `more`: why it is needed."""
+    """Raise the LogError of one bad cell: what stands there is read again from the file. `more`: why it is
+    needed."""
     label = head.names[column] or column
     if head.sheet is not None:
         where, text, cell = head.sheet.where(row, column), "\n", head.sheet.text(row, column)
@@ -144,7 +172,11 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, mo
         cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
     found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
     found += ", which instruments write for no number" if means_none(cell) else ""
-    last = "" if text.endswith("\n") else " (the last line, without a line end: was the file still being written?)"
+    last = (
+        ""
+        if text.endswith("\n")
+        else " (the last line, without a line end: was the file still being written?)"
+    )
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
     if (is_date(cell) and not head.dated(column)) or is_local(cell):
         mark += f"; write a time as {EXAMPLE} in every row, or as the seconds since the first row"
@@ -161,17 +193,26 @@ def _line(path: str, number: int) -> str:
 
 
 def _without(good: np.ndarray, whole: bool) -> str:
-    """How to do without the rows that are not good; of a part of the file (not `whole`) a mapping file counts them otherwise."""
+    """How to do without the rows that are not good; of a part of the file (not `whole`) a mapping file counts
+    them otherwise."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(np.int8), [0]]))).reshape(-1, 2).tolist()
     bad = len(good) - int(good.sum())
     if bad == len(good) > 1:
         return f"; none of the {bad} rows holds one there"
-    others = f", or read the others by rows = {edges} in a mapping file" if whole and 0 < len(edges) <= RANGES else ""
-    return f"; leave {'the row' if bad == 1 else f'the {bad} rows that hold no number there'} out of the file{others}"
+    others = (
+        f", or read the others by rows = {edges} in a mapping file"
+        if whole and 0 < len(edges) <= RANGES
+        else ""
+    )
+    return (
+        f"; leave {'the row' if bad == 1 else f'the {bad} rows that hold no number there'} out of the"
+        f" file{others}"
+    )
 
 
 def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
-    """The blank lines' numbers and the count of lines in `block`, which begins at `line`. Odd rows: LogError."""
+    """The blank lines' numbers and the count of lines in `block`, which begins at `line`. Odd rows:
+    LogError."""
     text = np.frombuffer(block if block.endswith(b"\n") else block + b"\n", np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
     marks = np.flatnonzero(text == ord(str(head.dialect.delimiter)))
@@ -184,14 +225,21 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
     returns = np.flatnonzero(text == ord("\r"))
     if len(returns) > returned.sum():
         index = int(np.searchsorted(ends, np.setdiff1d(returns, ends - 1)[0]))
-        raise LogError(f"{head.path}, line {line + index}: found a carriage return alone, expected lines that end in a line feed")
+        raise LogError(
+            f"{head.path}, line {line + index}: found a carriage return alone, expected lines that end in a"
+            f" line feed"
+        )
     spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
     for index in map(int, np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare)):
         row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")
         cells = split_line(row, str(head.dialect.delimiter))
         if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):
             unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
-            last_line = " (the last line, without a line end: was the file still being written?)" if unfinished else ""
+            last_line = (
+                " (the last line, without a line end: was the file still being written?)"
+                if unfinished
+                else ""
+            )
             model = "the header" if head.dialect.header else f"the first row, line {head.first_line}"
             remark = "; leave it out of the file if it is a remark" if _is_remark(row, cells, head) else ""
             remark = _other_table(block[ends[index] - lengths[index] :], line + index, head.dialect) or remark
@@ -203,10 +251,15 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
 
 
 def _other_table(below: bytes, line: int, dialect: Dialect) -> str:
-    """What to do about a table of another header that begins among the lines from `line` on; "" where none does."""
+    """What to do about a table of another header that begins among the lines from `line` on; "" where none
+    does."""
     lines = [raw.decode("utf-8", errors="replace") for raw in below.split(b"\n", DEEPEST)[:DEEPEST]]
     names = names_below(lines, replace(dialect, delimiter=None))
-    return "" if names is None else f"; another table begins in line {line + names}: save each in a file of its own, or join them"
+    return (
+        ""
+        if names is None
+        else f"; another table begins in line {line + names}: save each in a file of its own, or join them"
+    )
 
 
 def _is_remark(row: str, cells: list[str], head: Head) -> bool:
@@ -215,7 +268,13 @@ def _is_remark(row: str, cells: list[str], head: Head) -> bool:
 
 
 def _parse(
-    head: Head, block: bytes, line: int, rows: int, columns: list[int], key: int | None, dated: Collection[int]
+    head: Head,
+    block: bytes,
+    line: int,
+    rows: int,
+    columns: list[int],
+    key: int | None,
+    dated: Collection[int],
 ) -> tuple[dict[int, Any], Any]:
     """Columns of a block of `rows` as numbers, NaN where a cell is none, and the key column as text."""
     import pandas as pd
@@ -225,7 +284,8 @@ def _parse(
         wanted[key] = str
     options: dict[str, Any] = {
         "header": None, "index_col": False, "usecols": sorted(wanted), "sep": head.dialect.delimiter,
-        "decimal": head.dialect.decimal, "skipinitialspace": True, "encoding_errors": "replace", "engine": "c",
+        "decimal": head.dialect.decimal, "skipinitialspace": True, "encoding_errors": "replace",
+        "engine": "c",
         "keep_default_na": False,  # or experiments that are called NA and None would be one
     }  # fmt: skip
     if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
@@ -253,7 +313,8 @@ def _parse(
 
 
 def _not_a_row_a_line(head: Head, block: bytes, line: int, said: str) -> LogError:
-    """What to say of a block that is no table of one row a line: a quote that goes on over lines would swallow their rows."""
+    """What to say of a block that is no table of one row a line: a quote that goes on over lines would
+    swallow their rows."""
     odd = next((index for index, row in enumerate(block.split(b"\n")) if row.count(b'"') % 2), None)
     where = ": found no table" if odd is None else f", line {line + odd}: found a quote that is not closed"
     return LogError(f"{head.path}{where} ({said}), expected one row a line")

@@ -1,7 +1,7 @@
 """A text table as it lies on the disk: comments, header and dialect. It knows lines and cells, no physics.
 
-`read_head` reads down to the first row. What cannot be read ends in a `LogError` that names the file, the line and the
-column.
+`read_head` reads down to the first row. What cannot be read ends in a `LogError` that names the file, the
+line and the column.
 """
 
 import itertools
@@ -13,7 +13,16 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from sysid.logs import layout, units
-from sysid.logs.cells import GROUPED, Dialect, find_delimiter, is_number, listed, split_line, to_number, with_unit_cells
+from sysid.logs.cells import (
+    GROUPED,
+    Dialect,
+    find_delimiter,
+    is_number,
+    listed,
+    split_line,
+    to_number,
+    with_unit_cells,
+)
 from sysid.logs.preamble import DEEPEST, find_top, header_line, increment, is_table, left_out
 from sysid.logs.sheet import Sheet
 from sysid.logs.stamps import is_stamp
@@ -30,7 +39,9 @@ class Head:
     path: str
     metadata: dict[str, str]
     repeated: frozenset[str]  # metadata keys that stand there twice, capitals aside, with different values
-    names: tuple[str, ...]  # as in the header; "" where the header has nothing; empty texts when there is no header
+    names: tuple[
+        str, ...
+    ]  # as in the header; "" where the header has nothing; empty texts when there is no header
     dialect: Dialect  # with nothing left open
     start: int  # byte in the (decompressed) file where the rows begin
     first_line: int  # line number of that byte, counted from 1
@@ -40,8 +51,12 @@ class Head:
     header: tuple[bytes, ...] = ()  # its lines as they stand in the file, without their ends
     remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
     sheet: Sheet | None = None  # the whole table, where it does not lie in its file as one row a line
-    parts: Mapping[str, tuple[int, int]] = field(default_factory=dict)  # of several files: the columns of each
-    above: tuple[str, ...] = ()  # lines above the table, comments without marks, or the kind of a file: which instrument wrote it
+    parts: Mapping[str, tuple[int, int]] = field(
+        default_factory=dict
+    )  # of several files: the columns of each
+    above: tuple[
+        str, ...
+    ] = ()  # lines above the table, comments without marks, or the kind of a file: which instrument wrote it
 
     def first(self, column: int) -> str:
         """The column's cell in the first row, "" where that is too short."""
@@ -57,7 +72,8 @@ class Head:
 
 
 def read_head(path: str, dialect: Dialect) -> Head:
-    """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in it."""
+    """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in
+    it."""
     head = _read_top(path, dialect)
     if dialect.join is not None:
         found = layout.tables(path, dialect)
@@ -69,12 +85,16 @@ def read_head(path: str, dialect: Dialect) -> Head:
         header = head.names if head.dialect.header else ("",) * before
         sheet, names = layout.across(path, head.dialect, head.start, head.first_line, header, before)
         head = replace(head, above=(*head.above, ";".join(header)))
-        return _on_sheet(head, sheet, names, "a table that lies across: each of its lines is read as a column")
+        return _on_sheet(
+            head, sheet, names, "a table that lies across: each of its lines is read as a column"
+        )
     return head
 
 
 def _on_sheet(head: Head, sheet: Sheet, names: tuple[str, ...], note: str) -> Head:
-    return replace(head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, note), header=())
+    return replace(
+        head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, note), header=()
+    )
 
 
 def _read_top(path: str, dialect: Dialect) -> Head:
@@ -113,10 +133,18 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
-    if top and (step := increment(lines, top)) and not any(key.casefold().startswith("sample_rate") for key in metadata):
+    if (
+        top
+        and (step := increment(lines, top))
+        and not any(key.casefold().startswith("sample_rate") for key in metadata)
+    ):
         metadata["sample_rate_Hz"] = f"{1 / step:.12g}"
         notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
-    remarks = {key: value for key, value in (_stated(comment, "=") for comment in comments) if key and key not in metadata}
+    remarks = {
+        key: value
+        for key, value in (_stated(comment, "=") for comment in comments)
+        if key and key not in metadata
+    }
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
@@ -126,8 +154,8 @@ def _read_top(path: str, dialect: Dialect) -> Head:
 
 
 class _Above(NamedTuple):
-    """What stands above a table: the comments, the last of them as bytes; the first line below them, as text, as bytes and by
-    its number; the encoding of the lines below it; what comments begin with."""
+    """What stands above a table: the comments, the last of them as bytes; the first line below them, as text,
+    as bytes and by its number; the encoding of the lines below it; what comments begin with."""
 
     comments: list[str]
     last: bytes
@@ -155,7 +183,9 @@ def _read_comments(path: str, file: BinaryIO, dialect: Dialect, notes: list[str]
         elif line.replace(",", "").replace(";", "").strip():
             return _Above(comments, last, line, raw, number, encoding, marks or ("#",))
     if skip and number:
-        raise LogError(f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows")
+        raise LogError(
+            f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows"
+        )
     raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
 
 
@@ -181,7 +211,8 @@ def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[
 
 
 def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tuple[str, int, list[str]]:
-    """The header of a table that begins with the first line ("": none), how many lines are above its rows, and the comments."""
+    """The header of a table that begins with the first line ("": none), how many lines are above its rows,
+    and the comments."""
     if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
         line, comments = _header_in_comments(comments, lines[0], dialect)
         return line, 0, comments
@@ -197,16 +228,23 @@ def _stated(comment: str, mark: str) -> tuple[str, str]:
 
 
 def _equation(comment: str) -> tuple[str, str] | None:
-    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that is expected; else it
-    may be a sentence, or an instrument's setting."""
+    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that
+    is expected; else it may be a sentence, or an instrument's setting."""
     key, value = _stated(comment, "=")
     word = key.casefold()
-    said = value.isalpha() if word in ("kind", "sampling") else bool(value) if word == "plate" else is_number(value)
+    said = (
+        value.isalpha()
+        if word in ("kind", "sampling")
+        else bool(value)
+        if word == "plate"
+        else is_number(value)
+    )
     return (key, value) if said and units.is_key(key) else None
 
 
 def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
-    """Metadata, and the keys that stand there twice: `key: value`, or `key = value` of a key that logs have."""
+    """Metadata, and the keys that stand there twice: `key: value`, or `key = value` of a key that logs
+    have."""
     found: dict[str, str] = {}
     values: dict[str, set[str]] = {}
     for comment in comments:
@@ -218,7 +256,8 @@ def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
 
 
 def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
-    """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns, or none has a point."""
+    """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns, or
+    none has a point."""
     cells = [cell.strip() for row in rows for cell in row]
     commas = [cell for cell in cells if "," in cell and not math.isnan(to_number(cell, ","))]
     if delimiter == "," and any("." in cell and is_number(cell) for cell in cells):
@@ -237,7 +276,8 @@ def _holds_numbers(line: str, dialect: Dialect) -> bool:
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
-    """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it so)."""
+    """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it
+    so)."""
     if comments and dialect.header is None:
         delimiter = dialect.delimiter or find_delimiter(row)
         width = len(split_line(row, delimiter))
@@ -247,7 +287,8 @@ def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tupl
 
 
 def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
-    """Whether the line below the header holds units: short texts and no number, where the header has names alone."""
+    """Whether the line below the header holds units: short texts and no number, where the header has names
+    alone."""
     if not following:
         return False
     delimiter = dialect.delimiter or find_delimiter(line)

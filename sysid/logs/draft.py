@@ -17,12 +17,21 @@ from sysid.logs.mapping import ANGLES, is_decibel
 from sysid.logs.preset import named, recognised
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
 
-SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")  # of columns that number experiments
+SPLITS = (
+    "log",
+    "chunk",
+    "sweep",
+    "run",
+    "segment",
+    "block",
+    "experiment",
+)  # of columns that number experiments
 KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
 # What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
 # amplitude.
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
 _CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
+
 
 def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     """A mapping file for this file, filled in as far as the names tell, and as is `given` by the options of
@@ -125,7 +134,10 @@ class _Draft:
 
     def of_samples(self) -> list[str]:
         """What is to be said of raw samples."""
-        kind = 'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
+        kind = (
+            'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with'
+            " x and y, or w"
+        )
         guess = "# which of the columns is the drive, and which the response, is a guess"
         guess += "; they are in a file each: give both" if self.files else ""
         return [kind, self._quantity(self.found["response"]), guess]
@@ -176,7 +188,8 @@ class _Draft:
         return lines + ([f"# not used: {_in_comment(listed(named))}"] if unused else [])
 
     def _errors(self) -> list[str]:
-        """A column that may hold standard errors of the response, commented out: a spread of single readings is none."""
+        """A column that may hold standard errors of the response, commented out: a spread of single readings
+        is none."""
         spread = [
             index
             for index, label in enumerate(self.columns.labels)
@@ -185,7 +198,10 @@ class _Draft:
         if not spread or "response" in self.found or self.ratio:
             return []
         unit = self.columns.unit(spread[0]) or "?"
-        return [f"# std = {{ column = {self._place(spread[0])}, unit = {_quote(unit)} }}  # if these are its standard errors"]
+        return [
+            f"# std = {{ column = {self._place(spread[0])}, unit = {_quote(unit)} }}  # if these are its"
+            f" standard errors"
+        ]
 
     def _candidates(self, name: str, taken: Mapping[str, int]) -> list[int]:
         if any(self.head.names):
@@ -276,7 +292,10 @@ class _Draft:
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
         known = self.known.get("quantity", "?")  # of no ratio: its columns are none of an impedance
         quantity = known if quantity == "?" and known != "impedance" else quantity
-        return f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
+        return (
+            f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge",'
+            f' "current" or "impedance"'
+        )
 
 
 def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:

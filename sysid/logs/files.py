@@ -36,7 +36,8 @@ def open_head(path: str, dialect: Dialect) -> Head:
     if (found := _reader(path)) is None:
         if dialect.table is not None:
             raise LogError(
-                f"{path}: found a text table, expected a file of several tables, as table = {dialect.table!r} says"
+                f"{path}: found a text table, expected a file of several tables, as table ="
+                f" {dialect.table!r} says"
             )
         return read_head(path, dialect)
     reader, kind = found
@@ -61,7 +62,9 @@ def _reader(path: str) -> tuple[Reader, str] | None:
         return BY_ENDING[UFF]
     if found := next((of for mark, of in BY_MARK.items() if first.startswith(mark)), None):
         return found
-    if found := next((of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.I)), None):
+    if found := next(
+        (of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.I)), None
+    ):
         return found
     may_be = first.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") or re.search(JSON, path, re.IGNORECASE)
     return (read_jsonlines, "a file of JSON lines") if may_be and is_jsonlines(path) else None

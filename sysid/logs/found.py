@@ -34,7 +34,9 @@ def completed(head: Head, mapping: MappingFile) -> tuple[Head, MappingFile, tupl
         raise LogError(f"{head.path}: {_open(mapping, left)}", draft)
     for name, entry in options["columns"].items():
         if "column" not in entry:
-            raise mapping.fail(f"[columns] {name}", f"found no column of {head.path} that it may be, expected its name")
+            raise mapping.fail(
+                f"[columns] {name}", f"found no column of {head.path} that it may be, expected its name"
+            )
     return head, checked(mapping.path, options), _told(mapping, found, options)
 
 
@@ -53,8 +55,8 @@ def joined(head: Head, dialect: Dialect) -> Head:
 
 
 def with_preset(mapping: MappingFile | None, of: Preset) -> MappingFile:
-    """The facts of a preset, beside what a mapping file says that names no columns; what the preset assumes is
-    left open."""
+    """The facts of a preset, beside what a mapping file says that names no columns; what the preset assumes
+    is left open."""
     facts = {key: value for key, value in of.options.items() if key not in of.assumed}
     mapping = mapping or MappingFile(f"{PREFIX}{of.name}", {})
     return replace(mapping, options={**mapping.options, "preset": of.name}, base=facts, finds=True)
@@ -66,7 +68,11 @@ def _merged(mapping: MappingFile, found: Mapping[str, Any]) -> dict[str, Any]:
     given, base = mapping.options, mapping.base
     columns = _columns(given.get("columns", {}), _columns(base.get("columns", {}), found.get("columns", {})))
     driven = {*units.DRIVES} & ({*columns} | {*given.get("constants", {})} | {*found.get("constants", {})})
-    usual = {name: text for name, text in base.get("constants", {}).items() if name not in units.DRIVES or not driven}
+    usual = {
+        name: text
+        for name, text in base.get("constants", {}).items()
+        if name not in units.DRIVES or not driven
+    }
     impedance = {**base, **found, **given}.get("quantity") == "impedance"
     constants = {} if impedance else usual
     constants |= {name: text for name, text in found.get("constants", {}).items() if name not in columns}
@@ -83,7 +89,9 @@ def _columns(given: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, An
     no second drive."""
     given = {name: entry if isinstance(entry, dict) else {"column": entry} for name, entry in given.items()}
     named = {name for name, entry in given.items() if "column" in entry}
-    taken = (RESPONSE if named & RESPONSE else set()) | ({*units.DRIVES} if named & {*units.DRIVES} else set())
+    taken = (RESPONSE if named & RESPONSE else set()) | (
+        {*units.DRIVES} if named & {*units.DRIVES} else set()
+    )
     places = {entry["column"] for entry in given.values() if "column" in entry}
     beside = {n: e for n, e in found.items() if n not in taken and (n in given or e["column"] not in places)}
     return {
@@ -96,9 +104,13 @@ def _said(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Each thing that is said, by a name that a reader knows."""
     for key, value in options.items():
         if key == "columns":
-            yield from ((f"the {of} of {name}", x) for name, entry in value.items() for of, x in entry.items())
+            yield from (
+                (f"the {of} of {name}", x) for name, entry in value.items() for of, x in entry.items()
+            )
         elif key == "constants":
-            yield from ((f"the unit of {name}", "?") for name, text in value.items() if str(text).endswith(" ?"))
+            yield from (
+                (f"the unit of {name}", "?") for name, text in value.items() if str(text).endswith(" ?")
+            )
         elif key != "metadata":
             yield key, value
 
@@ -123,8 +135,13 @@ def _told(mapping: MappingFile, found: Mapping[str, Any], options: Mapping[str, 
     notes = [f"read as {PREFIX}{of.name} says: {of.title}"]
     open_ = [key for key in of.assumed if key in ("quantity", "columns") and key not in mapping.options]
     if "quantity" in open_ and options.get("quantity") == of.options.get("quantity") == found.get("quantity"):
-        notes.append(f"the signal is taken as a {options['quantity']}, as {PREFIX}{of.name} assumes; say quantity otherwise")
+        notes.append(
+            f"the signal is taken as a {options['quantity']}, as {PREFIX}{of.name} assumes; say quantity"
+            f" otherwise"
+        )
     if "columns" in open_:
         pair = [f"{name} {options['columns'][name]['column']!r}" for name in ("drive", "response")]
-        notes.append(f"taken, as {PREFIX}{of.name} assumes: {' and '.join(pair)}; say otherwise under [columns]")
+        notes.append(
+            f"taken, as {PREFIX}{of.name} assumes: {' and '.join(pair)}; say otherwise under [columns]"
+        )
     return tuple(notes)

@@ -44,7 +44,8 @@ def _enter(h5py: Any, store: Store, group: Any, place: str, depth: int) -> None:
         link = group.get(name, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             raise LogError(
-                f"{store.path}, {within}: found a link to another file, {link.filename!r}, expected the data themselves"
+                f"{store.path}, {within}: found a link to another file, {link.filename!r}, expected the"
+                f" data themselves"
             )
         if isinstance(link, h5py.SoftLink) or name == "#refs#":
             store.left_out.append(f"{within} (a link)" if name != "#refs#" else "#refs# (objects)")
@@ -71,7 +72,8 @@ def _add_dataset(h5py: Any, store: Store, item: Any, place: str, name: str) -> N
     store.claim(within, count)
     if item.size and not item.id.get_storage_size():
         raise LogError(
-            f"{store.path}, {within}: found {item.size} numbers claimed and none stored, expected the data themselves"
+            f"{store.path}, {within}: found {item.size} numbers claimed and none stored, expected the data"
+            f" themselves"
         )
     store.claimed -= count
     unit = next((_word(item.attrs[key]) for key in UNITS if key in item.attrs), "")

@@ -17,8 +17,8 @@ Object = dict[str, Any]
 
 
 def read_jsonlines(path: str, kind: str) -> Store:
-    """The contents of a file of JSON lines. Raises LogError where a line is no object of numbers and texts, or
-    there are too many."""
+    """The contents of a file of JSON lines. Raises LogError where a line is no object of numbers and texts,
+    or there are too many."""
     store, rows = Store(path, kind), _Rows()
     constants: Object = {}
     held: Object = {}  # the last object, while it may state constants
@@ -43,7 +43,9 @@ def read_jsonlines(path: str, kind: str) -> Store:
         rows.add(held)
         store.claim("the rows", len(rows.names) * rows.count)
         store.tables[""] = rows.columns()
-    store.constants |= {name: value if isinstance(value, str) else repr(value) for name, value in constants.items()}
+    store.constants |= {
+        name: value if isinstance(value, str) else repr(value) for name, value in constants.items()
+    }
     return store
 
 
@@ -67,7 +69,9 @@ def _objects(path: str) -> Iterator[tuple[int, Object]]:
             except (ValueError, RecursionError) as error:
                 raise LogError(f"{where}: found no JSON object ({error}), expected one a line") from None
             if not isinstance(found, dict):
-                raise LogError(f"{where}: found {_kind(found)}, expected an object with a name for each column")
+                raise LogError(
+                    f"{where}: found {_kind(found)}, expected an object with a name for each column"
+                )
             yield number, dict(_flat(where, found, 0))
 
 
@@ -118,7 +122,8 @@ class _Rows:
         self._close()
         names = dict.fromkeys(name for _, block in self._blocks for name in block)
         return {
-            name: _joined([block.get(name, np.full(n, np.nan)) for n, block in self._blocks]) for name in names
+            name: _joined([block.get(name, np.full(n, np.nan)) for n, block in self._blocks])
+            for name in names
         }
 
     def _close(self) -> None:

@@ -71,7 +71,8 @@ _TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  
 _TRACE = re.compile(r"\W*(data|memory) trace (real|imag)\W*", re.IGNORECASE)  # whatever it shows
 _PARTS = PHASE | REAL | IMAGINARY | MAGNITUDE
 _PLAIN = {
-    "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB", "dbm": "dBm",
+    "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB",
+    "dbm": "dBm",
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
 }  # fmt: skip
 # How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued

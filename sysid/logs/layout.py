@@ -55,7 +55,8 @@ def across(
         key, name = tuple(cells[: before - 1]), "".join(cells[before - 1 : before])
         if not name or is_number(name):
             raise LogError(
-                f"{path}, line {number}: found {name!r} as the name of a quantity, expected one before its numbers"
+                f"{path}, line {number}: found {name!r} as the name of a quantity, expected one before its"
+                f" numbers"
             )
         if name in (known := groups.setdefault(key, {})):
             raise LogError(
@@ -68,7 +69,8 @@ def across(
         if odd := sorted(group.keys() ^ first.keys()):
             at = next(iter(group.values()))[0]
             raise LogError(
-                f"{path}, line {at}: found other quantities than in line {line} ({listed(odd)}), expected the same"
+                f"{path}, line {at}: found other quantities than in line {line} ({listed(odd)}), expected"
+                f" the same"
             )
     counts = [len(next(iter(group.values()))[1]) for group in groups.values()]
     leading = [np.repeat(np.array([key[k] for key in groups], object), counts) for k in range(before - 1)]
@@ -94,7 +96,8 @@ def _even(path: str, group: dict[str, tuple[int, list[str]]]) -> None:
     )
     if not longest:
         raise LogError(
-            f"{path}, line {next(iter(group.values()))[0]}: found no numbers, expected at least one behind the name"
+            f"{path}, line {next(iter(group.values()))[0]}: found no numbers, expected at least one behind"
+            f" the name"
         )
     line = next(at for at, cells in group.values() if len(cells) >= longest and cells[longest - 1])
     for at, cells in group.values():
@@ -105,8 +108,8 @@ def _even(path: str, group: dict[str, tuple[int, list[str]]]) -> None:
 
 
 def tables(path: str, dialect: Dialect) -> list[Table]:
-    """The tables that stand one below the other in a file, with what stands above each. What is no row among rows:
-    LogError."""
+    """The tables that stand one below the other in a file, with what stands above each. What is no row among
+    rows: LogError."""
     found: list[Table] = []
     lines, above, place = _texts(path, 0), [], 0
     while place < len(lines):
@@ -128,7 +131,8 @@ def tables(path: str, dialect: Dialect) -> list[Table]:
 
 
 def _rows(lines: Sequence[str], place: int, delimiter: str, width: int) -> dict[int, tuple[str, ...]]:
-    """The rows from line `place` (from 0) on, by their numbers (from 1), up to a line that is none, blank ones aside."""
+    """The rows from line `place` (from 0) on, by their numbers (from 1), up to a line that is none, blank
+    ones aside."""
     found: dict[int, tuple[str, ...]] = {}
     for number, text in enumerate(lines[place:], place + 1):
         cells = _cells(text, delimiter)
@@ -182,7 +186,10 @@ def joined(path: str, found: Sequence[Table], join: str | int, decimal: str) -> 
         same = _same(first, _stimulus(table, place, decimal))
         if not same.all():
             row = int(np.argmin(same))
-            said = f"found {table.rows[row][place]}, expected {found[0].rows[row][places[0]]} as in line {found[0].lines[row]}"
+            said = (
+                f"found {table.rows[row][place]}, expected {found[0].rows[row][places[0]]} as in line"
+                f" {found[0].lines[row]}"
+            )
             raise LogError(
                 f"{path}, line {table.lines[row]}, column {join!r}: {said}: the traces of one measurement"
             )
@@ -245,7 +252,8 @@ def _texts(path: str, start: int) -> list[str]:
         content = file.read(LARGEST + 1)
     if len(content) > LARGEST:
         raise LogError(
-            f"{path}: found more than {LARGEST >> 20} MiB of a table that does not lie row by row, expected less"
+            f"{path}: found more than {LARGEST >> 20} MiB of a table that does not lie row by row, expected"
+            f" less"
         )
     try:
         text = content.decode("utf-8-sig")

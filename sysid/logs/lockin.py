@@ -1,4 +1,5 @@
-"""A lock-in in software: samples of a carrier become Wd + j Wq, by blocks of a few periods or through one-pole filters.
+"""A lock-in in software: samples of a carrier become Wd + j Wq, by blocks of a few periods or through
+one-pole filters.
 
     w(t) = Re[(Wd + j Wq) e^{j theta}]
 
@@ -15,12 +16,13 @@ CHUNK = 1 << 18  # samples that are worked on at a time
 def lock_in(signal: np.ndarray, phase: np.ndarray, rate: np.ndarray | None = None) -> np.ndarray:
     """(m, 3) complex c of `signal` (m, n), a block a row, at theta = `phase` (m, n):
 
-        signal = offset + Re[(c0 + c1 x + c2 (x^2 - mean)) e^{j theta}],     x from -1/2 to 1/2 along the block,
+        signal = offset + Re[(c0 + c1 x + c2 (x^2 - mean)) e^{j theta}],   x from -1/2 to 1/2 along the block,
 
-    by least squares. c0 is the mean of W over the block: that of 2 signal e^{-j theta}, freed of its image at twice the
-    carrier also where the block is no whole number of periods, an offset is there, or W changes within it. Two periods are
-    enough: the noise of c0 is then 1.5 % above sqrt(2/n) of a sample's. With `rate`, omega (m,), the signal is the derivative
-    of the right side, per sample. Raises LinAlgError when the shapes cannot be told apart.
+    by least squares. c0 is the mean of W over the block: that of 2 signal e^{-j theta}, freed of its image at
+    twice the carrier also where the block is no whole number of periods, an offset is there, or W changes
+    within it. Two periods are enough: the noise of c0 is then 1.5 % above sqrt(2/n) of a sample's. With
+    `rate`, omega (m,), the signal is the derivative of the right side, per sample. Raises LinAlgError when
+    the shapes cannot be told apart.
     """
     n = signal.shape[1]
     x = (np.arange(n) - (n - 1) / 2) / n
@@ -34,17 +36,27 @@ def lock_in(signal: np.ndarray, phase: np.ndarray, rate: np.ndarray | None = Non
 
 
 def blocks(
-    signal: np.ndarray, start: np.ndarray, n: int, phase: np.ndarray, omega: np.ndarray | float, derivative: bool = False
+    signal: np.ndarray,
+    start: np.ndarray,
+    n: int,
+    phase: np.ndarray,
+    omega: np.ndarray | float,
+    derivative: bool = False,
 ) -> np.ndarray:
-    """`lock_in` of the blocks of `n` samples that begin at `start` (m,), where theta is `phase` (m,) and turns by `omega`."""
+    """`lock_in` of the blocks of `n` samples that begin at `start` (m,), where theta is `phase` (m,) and
+    turns by `omega`."""
     t, omega = np.arange(n), np.broadcast_to(omega, len(start))
     found = np.empty((len(start), 3), complex)
     for k in _chunks(len(start), n):
-        found[k] = lock_in(signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k] if derivative else None)
+        found[k] = lock_in(
+            signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k] if derivative else None
+        )
     return found
 
 
-def low_pass(signal: np.ndarray, phase: np.ndarray, tau: float, order: int = 1, start: complex = 0.0) -> np.ndarray:
+def low_pass(
+    signal: np.ndarray, phase: np.ndarray, tau: float, order: int = 1, start: complex = 0.0
+) -> np.ndarray:
     """(n,) complex: 2 signal e^{-j phase} of samples (n,) through `order` one-pole filters of `tau` samples.
 
     `start` is what they held before. Of the image at twice the carrier (1/(2 omega tau))^order of W is left.

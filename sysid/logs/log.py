@@ -64,10 +64,11 @@ WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in 
 class Log(Shown):
     """One experiment: n rows of inputs and the measured response, peak amplitudes, in rows as recorded.
 
-    `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in `response_unit`;
-    `drive` is (n,) peak in `drive_unit`. What was not recorded is None; arrays are owned, read-only copies.
-    `kind` None: not stated, and a frequency that changes on every row leaves it open (steady at a dwell of four tau).
-    Raises LogError when lengths differ, a value is not finite, time decreases, or a word is unknown.
+    `response` is (n,) complex Wd + j Wq, or the real amplitude W where only that was recorded, in
+    `response_unit`; `drive` is (n,) peak in `drive_unit`. What was not recorded is None; arrays are owned,
+    read-only copies. `kind` None: not stated, and a frequency that changes on every row leaves it open
+    (steady at a dwell of four tau). Raises LogError when lengths differ, a value is not finite, time
+    decreases, or a word is unknown.
     """
 
     name: str
@@ -84,13 +85,21 @@ class Log(Shown):
     metadata: Mapping[str, str] = field(default_factory=dict)
     bench: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
+    warnings: tuple[
+        str, ...
+    ] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
     path: str = ""
     sha256: str = ""
-    std: np.ndarray | None = None  # standard error of each row's response, per channel, but for a factor of all
+    std: np.ndarray | None = (
+        None  # standard error of each row's response, per channel, but for a factor of all
+    )
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
-    temperature_digit: float = 0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
-    relative_noise: bool = False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
+    temperature_digit: float = (
+        0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
+    )
+    relative_noise: bool = (
+        False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
+    )
 
     def __post_init__(self) -> None:
         for name in ("response", "time", "drive", "frequency", "temperature", "force", "std", "theta"):
@@ -98,7 +107,10 @@ class Log(Shown):
             if values is not None:
                 object.__setattr__(self, name, self._own(name, values))
         if self.time is not None and (decrease := decrease_of(self.time)) is not None:
-            raise LogError(f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it to go on")
+            raise LogError(
+                f"{self.path or self.name}: time decreases at row {decrease} (counted from 0), expected it"
+                f" to go on"
+            )
         if self.std is not None and (row := int(np.argmin(self.std > 0))) >= 0 and not self.std[row] > 0:
             found = f"row {row} (counted from 0): found a standard error of {self.std[row]:g}"
             raise LogError(f"{self.path or self.name}, {found}, expected one above zero")
@@ -108,19 +120,28 @@ class Log(Shown):
             if word is not None and word not in words:
                 raise LogError(f"{self.path or self.name}: found {word!r}, expected {_either(word, words)}")
         if self.kind == "transient" and self.time is None:
-            raise LogError(f"{self.path or self.name}: found a transient log without time, expected a column such as time_s")
+            raise LogError(
+                f"{self.path or self.name}: found a transient log without time, expected a column such as"
+                f" time_s"
+            )
 
     def _own(self, name: str, values: Any) -> np.ndarray:
         array = np.asarray(values)
         array = array.astype(np.complex128 if np.iscomplexobj(array) else np.float64, copy=False)
         if array.ndim != 1 or not len(array) or len(array) != len(self.response):
             raise LogError(
-                f"{self.path or self.name}: found {name} of shape {array.shape}, expected ({len(self.response)},), n > 0"
+                f"{self.path or self.name}: found {name} of shape {array.shape}, expected"
+                f" ({len(self.response)},), n > 0"
             )
         if not np.isfinite(array).all():
             row = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise LogError(f"{self.path or self.name}, row {row} (counted from 0): found {name} {array[row]}, expected finite")
-        if array.flags.writeable or not array.flags.owndata:  # a log's own arrays may be shared with another log
+            raise LogError(
+                f"{self.path or self.name}, row {row} (counted from 0): found {name} {array[row]}, expected"
+                f" finite"
+            )
+        if (
+            array.flags.writeable or not array.flags.owndata
+        ):  # a log's own arrays may be shared with another log
             array = array.copy()
             array.flags.writeable = False
         return array
@@ -134,13 +155,14 @@ class Log(Shown):
 
     @classmethod
     def from_frame(cls, frame: Any, name: str = "log", **constants: Any) -> "Log":
-        """The log of a table, a pandas DataFrame or a mapping of columns (n,), whose names are the contract's and end in their
-        units. `constants`: what a file states above its header. A frame's `attrs` that state something of the kind are taken too,
-        as `log.to_frame()` has them. Raises LogError as `read_logs` does, and where the table holds several experiments.
+        """The log of a table, a pandas DataFrame or a mapping of columns (n,), whose names are the contract's
+        and end in their units. `constants`: what a file states above its header. A frame's `attrs` that state
+        something of the kind are taken too, as `log.to_frame()` has them. Raises LogError as `read_logs`
+        does, and where the table holds several experiments.
 
-        >>> columns = {"frequency_kHz": [32.2, 32.3, 32.4], "wd_nm": [900, 2000, 900], "wq_nm": [1000, 0, -1000]}
+        >>> columns = {"frequency_kHz": [32.2, 32.3], "wd_nm": [900, 2000], "wq_nm": [1000, 0]}
         >>> Log.from_frame(columns, voltage_V=100, temperature_degC=24).frequency
-        array([32200., 32300., 32400.])
+        array([32200., 32300.])
         """
         from sysid.logs.made import of_table
 
@@ -158,10 +180,12 @@ class Log(Shown):
         return of_arrays(response, name, fields)
 
     @classmethod
-    def from_waveform(cls, drive: Any, response: Any, rate: float, *, name: str = "log", **constants: Any) -> "Log":
-        """The log of raw carrier samples (n,) of drive (V) and response (um) at `rate` Hz, demodulated by the drive's own phase.
-        `drive_unit`, `response_unit`: other units; further constants as in `from_frame`. Raises LogError where the drive is no
-        carrier, or is sampled too seldom.
+    def from_waveform(
+        cls, drive: Any, response: Any, rate: float, *, name: str = "log", **constants: Any
+    ) -> "Log":
+        """The log of raw carrier samples (n,) of drive (V) and response (um) at `rate` Hz, demodulated by the
+        drive's own phase. `drive_unit`, `response_unit`: other units; further constants as in `from_frame`.
+        Raises LogError where the drive is no carrier, or is sampled too seldom.
 
         >>> t = np.arange(20_000) / 1e6
         >>> log = Log.from_waveform(100 * np.cos(2e5 * t), np.sin(2e5 * t), 1e6)
@@ -181,7 +205,8 @@ class Log(Shown):
         return len(self.response)
 
     def to_frame(self) -> Any:
-        """A pandas DataFrame of the rows by the contract's names; what is known of the whole log stands in `attrs`."""
+        """A pandas DataFrame of the rows by the contract's names; what is known of the whole log stands in
+        `attrs`."""
         from sysid.report.frames import of_log
 
         return of_log(self)
@@ -199,10 +224,12 @@ class Log(Shown):
 
 
 def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
-    """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other instruments' files.
+    """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other
+    instruments' files.
 
-    Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A file whose
-    bytes were read already counts once. Raises LogError, with `.mapping` to start from when one was not understood.
+    Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A
+    file whose bytes were read already counts once. Raises LogError, with `.mapping` to start from when one
+    was not understood.
     """
     mapping = None if columns is None else load_mapping(columns)
     logs: dict[str, list[Log]] = {}
@@ -232,7 +259,9 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
     notes = (*counted(head, dated), *body.notes)
     values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
     if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
-        raise LogError(f"{head.path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}")
+        raise LogError(
+            f"{head.path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}"
+        )
     rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
     tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
     plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
@@ -270,7 +299,12 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
     drive, drive_unit = _drive(head, plan, arrays)
     stated_errors = stated_in(head, body, plan, rows, arrays)
-    fields: dict[str, Any] = {"drive": drive, **inputs, "bench": bench_of(head, plan.metadata), "notes": plan.notes}
+    fields: dict[str, Any] = {
+        "drive": drive,
+        **inputs,
+        "bench": bench_of(head, plan.metadata),
+        "notes": plan.notes,
+    }
     fields["warnings"] = plan.warnings
     fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
     if kind == "waveform":
@@ -293,14 +327,19 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=not stated_errors and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
+        relative_noise=not stated_errors
+        and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
-        raise not_understood(head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)")
+        raise not_understood(
+            head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
+        )
     return log
 
 
-def _values(name: str, body: Body, source: Source, rows: np.ndarray | None, count: int) -> tuple[np.ndarray, str]:
+def _values(
+    name: str, body: Body, source: Source, rows: np.ndarray | None, count: int
+) -> tuple[np.ndarray, str]:
     """Peak values of one source, NaN where a cell holds no number, and their unit."""
     read = read_errors if name in ERRORS else decode
     if source.column is None:
@@ -310,24 +349,34 @@ def _values(name: str, body: Body, source: Source, rows: np.ndarray | None, coun
 
 
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:
-    """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as numbers show it."""
+    """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as
+    numbers show it."""
     if source.column is None:
         texts, numbers = [source.written], np.array([source.constant])
     else:
-        texts, numbers = [row[source.column] for row in head.sample if source.column < len(row)], body.numbers[source.column]
+        texts, numbers = (
+            [row[source.column] for row in head.sample if source.column < len(row)],
+            body.numbers[source.column],
+        )
     mark, places = str(head.dialect.decimal), range(DIGITS)
     written = max(decimals(text, mark) for text in texts)
     numbers = np.unique(numbers[np.isfinite(numbers)])
-    shown = next((k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS)
+    shown = next(
+        (k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS
+    )
     zero, one = (float(decode(np.array([x]), source)[0][0]) for x in (0.0, 10.0 ** -max(written, shown)))
-    return abs(float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit)))
+    return abs(
+        float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit))
+    )
 
 
 def _internal(quantity: str, values: Any, unit: str) -> Any:
     return units.convert(values, unit, units.INTERNAL[quantity])
 
 
-def _drive(head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray | None, str]:
+def _drive(
+    head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]
+) -> tuple[np.ndarray | None, str]:
     """Drive and its unit; a duty cycle becomes volts when `volts_per_duty` is known."""
     if "duty" not in arrays:
         drive = next((key for key in units.DRIVES if key in arrays), None)
@@ -344,16 +393,22 @@ def _response(
     """Wd + j Wq, or W, and its unit."""
     if "w" in arrays:
         return arrays["w"]
-    first, second = ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
+    first, second = (
+        ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
+    )
     signal, unit = arrays[first]
     if first == "magnitude" and "phase" in arrays:
         signal = signal * np.exp(1j * arrays["phase"][0])
     elif first != "magnitude":
         imaginary, other = arrays[second]
         if not units.same_kind(other, unit):
-            raise LogError(f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind")
+            raise LogError(
+                f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind"
+            )
         signal = _complex(signal, units.convert(imaginary, other, unit))
-    return (turned(signal, plan), unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+    return (
+        (turned(signal, plan), unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+    )
 
 
 def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:

@@ -27,7 +27,8 @@ def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
         found = logs_of(head)
     if len(found) != 1:
         raise LogError(
-            f"{name}: found {len(found)} experiments, expected one; make a log of each, by frame.groupby('log')"
+            f"{name}: found {len(found)} experiments, expected one; make a log of each, by"
+            f" frame.groupby('log')"
         )
     return doubted(dataclasses.replace(found[0], name=name, path="", sha256=""))
 

@@ -2,35 +2,46 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
 
     kind = "steady"                     # or "transient", "waveform"; left out: told from the columns
     sampling = "settled"                # or "instant"; only for transient logs
-    amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak to peak)
-    quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y (or magnitude) show
-    phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it fall; else 1
+    amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak
+                                        # to peak)
+    quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y
+                                        # (or magnitude) show
+    phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it
+                                        # fall; else 1
     phase_offset_deg = 90.0             # added to the phase, after the sign
 
     delimiter = ";"                     # "\t" is a tab, " " any run of blanks; left out: seen from the header
     decimal = ","                       # left out: seen from the first rows
-    comment = "%"                       # lines above the header that begin so are metadata; left out: "#", and a first % or !
+    comment = "%"                       # lines above the header that begin so are metadata; left out: "#",
+                                        # and a first % or !
     header = true                       # false: the first line holds numbers already; left out: seen from it
-    skip = 2                            # lines at the top of the file to leave out; left out: a preamble is seen from the rows
-    join = "Frequency"                  # tables one below the other, as traces are saved, share this column: read side by side
+    skip = 2                            # lines at the top of the file to leave out; left out: a preamble is
+                                        # seen from the rows
+    join = "Frequency"                  # tables one below the other, as traces are saved, share this column:
+                                        # read side by side
     table = "/sweep"                    # of a file of several tables, HDF5 groups say: which of them
-    rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 = [0, 90]}
+    rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 =
+                                        # [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
     preset = "sr865"                    # what a preset says (`logs.preset`), and is not said here
-    find = true                         # columns that are not named below are found by their heads, as a draft does
+    find = true                         # columns that are not named below are found by their heads, as a
+                                        # draft does
 
-    [columns]                           # name = "column", or position from 0, or table; number * scale + offset in unit
+    [columns]                           # name = "column", or position from 0, or table; number * scale
+                                        # + offset in unit
     time = "time_unix_s"                # the unit may be the end of the column's own name ...
     frequency = { column = "f", unit = "kHz" }                                # ... or be stated
     x = { column = 3, unit = "mV", scale = 10.0, offset = 0.0, amplitude = "peak" }
     y = { column = 4, unit = "mV", scale = 10.0 }
-    std = { column = 5, unit = "mV", scale = 10.0 }                           # standard error of each row, per channel
-                                        # `file = "*CH1.csv"` in each: one capture in several files, see logs.capture
+    std = { column = 5, unit = "mV", scale = 10.0 }            # standard error of each row, per channel
+                                        # `file = "*CH1.csv"` in each: one capture in several files, see
+                                        # logs.capture
 
     [units]                             # of columns that are found, and whose heads state none
     time = "s"
 
-    [constants]                         # what was constant and is not in the file; peak, unless the unit says `V_rms`
+    [constants]                         # what was constant and is not in the file; peak, unless the unit says
+                                        # `V_rms`
     voltage = "1 V"
     temperature = "20 degC"
 
@@ -38,23 +49,26 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     plate = "A7"
     lockin_tau_s = 0.003
 
-The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the response
-wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or with phase; of raw
-carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of the response are `std`, or `std` of
-d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of it (`logs.stated`). Rows may
-be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90, 380]}`. The unit of magnitude or w may
-be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column of dates (ISO 8601), and needs no unit then. Where the
-header stands again among the rows, `rows` are counted in each table.
+The names of columns and constants are time, frequency, temperature, force; voltage, drive or duty; for the
+response wd with wq, or w, or x with y (a lock-in's in-phase and quadrature parts), or magnitude, alone or
+with phase; of raw carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of
+the response are `std`, or `std` of d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of
+it (`logs.stated`). Rows may be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90,
+380]}`. The unit of magnitude or w may be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column
+of dates (ISO 8601), and needs no unit then. Where the header stands again among the rows, `rows` are counted
+in each table.
 
-A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1` alone, where their
-phase rises through the resonance, or `amplitude = "rms"`, of the drive and response whose names do not say it.
+A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1`
+alone, where their phase rises through the resonance, or `amplitude = "rms"`, of the drive and response whose
+names do not say it.
 
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
-Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times s).
-An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V drives, peak for peak and
-with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.)
-An admittance is a current of so many S, with `voltage = "1 V"` among the constants.
-Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
+Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times
+s). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V
+drives, peak for peak and with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own
+peak is the antiresonance, and no response.) An admittance is a current of so many S, with `voltage = "1 V"`
+among the constants. Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg`
+adds to the phase of Wd + jWq.
 """
 
 import math
@@ -70,7 +84,9 @@ from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.stamps import is_long
 
-_PLAIN_UNIT = re.compile(r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?")
+_PLAIN_UNIT = re.compile(
+    r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?"
+)
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
@@ -80,6 +96,7 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
+
 
 @dataclass(frozen=True)
 class Source:
@@ -93,7 +110,9 @@ class Source:
     scale: float = 1.0
     offset: float = 0.0
     dated: bool = False  # the column holds dates, read as seconds since the first
-    spare: bool = False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    spare: bool = (
+        False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    )
     written: str = ""  # the constant, as text
 
 
@@ -126,10 +145,15 @@ class MappingFile:
         return LogError(f"{self.path}, {key}: {message}")
 
     def _not_read(self, metadata: Mapping[str, str], sources: Mapping[str, Source]) -> list[str]:
-        """A note on each constant input of the metadata that [columns] and [constants] lack: they name all inputs there are."""
+        """A note on each constant input of the metadata that [columns] and [constants] lack: they name all
+        inputs there are."""
         named = {key: units.parse_name(key) for key in metadata if units.is_key(key)}
-        lost = [key for key, name in named.items() if name and name.unit and is_absent(name.quantity, sources)]
-        return [f"metadata {key!r} is not used: {self.path} does not say it under [constants]" for key in lost]
+        lost = [
+            key for key, name in named.items() if name and name.unit and is_absent(name.quantity, sources)
+        ]
+        return [
+            f"metadata {key!r} is not used: {self.path} does not say it under [constants]" for key in lost
+        ]
 
     @property
     def names_columns(self) -> bool:
@@ -151,49 +175,77 @@ class MappingFile:
     def plan(self, head: Head) -> Plan:
         """The plan for one file. Raises LogError when a column is not there or a unit does not fit."""
         columns = self.options.get("columns", {})
-        sources = {name: self._column(name, entry, head) for name, entry in columns.items()} | self._constants()
+        sources = {
+            name: self._column(name, entry, head) for name, entry in columns.items()
+        } | self._constants()
         sources = self._of_one_volt(sources) if self.options.get("quantity") == "impedance" else sources
         metadata = self.metadata(head)
         notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
         return self._told(Plan(sources, metadata, notes=notes), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of an impedance, with the 1 V that drives a current of 1/Z; another drive, or another unit: LogError."""
+        """The sources of an impedance, with the 1 V that drives a current of 1/Z; another drive, or another
+        unit: LogError."""
         for name in sources.keys() & {"x", "y", "magnitude"}:
             source, key = sources[name], f"[columns] {name}"
             if not units.is_of(source.unit, "ohm"):
-                raise self.fail(key, f"found the unit {source.unit!r} of an impedance, expected ohm, kohm or Mohm")
+                raise self.fail(
+                    key, f"found the unit {source.unit!r} of an impedance, expected ohm, kohm or Mohm"
+                )
             if source.amplitude != "peak":
-                raise self.fail(key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio")
+                raise self.fail(
+                    key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio"
+                )
         volt = Source("[constants] voltage", "V", constant=1.0)
         drives = [replace(sources[name], written="") for name in units.DRIVES if name in sources]
         if other := next((drive for drive in drives if drive != volt), None):
-            raise self.fail("quantity", f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V")
+            raise self.fail(
+                "quantity",
+                f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V",
+            )
         return sources | {"voltage": volt}
 
     def beside(self, plan: Plan, head: Head) -> Plan:
-        """The `plan` of a file by its own names, with all that is said here: a mapping file without [columns]."""
+        """The `plan` of a file by its own names, with all that is said here: a mapping file without
+        [columns]."""
         constants = self._constants()
         for name in constants:
             same = units.DRIVES if name in units.DRIVES else (name,)
             if known := next((plan.sources[other] for other in same if other in plan.sources), None):
-                raise self.fail(f"[constants] {name}", f"found {known.label} in {head.path} too, expected it once")
+                raise self.fail(
+                    f"[constants] {name}", f"found {known.label} in {head.path} too, expected it once"
+                )
         if "quantity" in self.options and "response" not in plan.sources:
-            raise self.fail("quantity", "belongs to x and y, or to magnitude, in [columns], or to a waveform; found neither")
+            raise self.fail(
+                "quantity",
+                "belongs to x and y, or to magnitude, in [columns], or to a waveform; found neither",
+            )
         sources = {name: self._as_stated(name, source) for name, source in plan.sources.items()}
         return self._told(replace(plan, sources=sources | constants), head)
 
     def _as_stated(self, name: str, source: Source) -> Source:
-        """A source of a file's own names, as rms or peak to peak where that is said here and its name says nothing."""
+        """A source of a file's own names, as rms or peak to peak where that is said here and its name says
+        nothing."""
         _, unit, stated = units.split_unit(source.label)
-        silent = name in units.AMPLITUDES and source.column is not None and not (stated or units.split_amplitude(unit)[1])
-        return replace(source, amplitude=self.options.get("amplitude", source.amplitude)) if silent else source
+        silent = (
+            name in units.AMPLITUDES
+            and source.column is not None
+            and not (stated or units.split_amplitude(unit)[1])
+        )
+        return (
+            replace(source, amplitude=self.options.get("amplitude", source.amplitude)) if silent else source
+        )
 
     def _told(self, plan: Plan, head: Head) -> Plan:
-        """The plan with the rows to use, how they are split, and how the phase is read, where there is one."""
+        """The plan with the rows to use, how they are split, and how the phase is read, where there is
+        one."""
         split, given = self.options.get("split_by"), self.options
         waveform, phased = "response" in plan.sources, bool(plan.sources.keys() & {"wd", "x", "phase"})
-        spare = [key for key in ("phase_sign", "phase_offset_deg")[: 1 if waveform else 2] if key in given and not phased]
+        spare = [
+            key
+            for key in ("phase_sign", "phase_offset_deg")[: 1 if waveform else 2]
+            if key in given and not phased
+        ]
         why = "that of a waveform is known" if waveform else "an amplitude has no phase"
         return replace(
             plan,
@@ -222,12 +274,18 @@ class MappingFile:
         if isinstance(column, int) and 0 <= column < len(head.names):
             return column
         if isinstance(column, int):
-            raise self.fail(key, f"found position {column}, expected 0 to {len(head.names) - 1} in {head.path}")
+            raise self.fail(
+                key, f"found position {column}, expected 0 to {len(head.names) - 1} in {head.path}"
+            )
         if column in head.names:
-            raise self.fail(key, f"{head.path} has several columns {column!r}, expected one; give its position")
+            raise self.fail(
+                key, f"{head.path} has several columns {column!r}, expected one; give its position"
+            )
         named = [name for name in head.names if name]
         hint = units.did_you_mean(column, named)
-        raise self.fail(key, f"{head.path} has no column {column!r}{hint}; it has {listed(named) or 'no header'}")
+        raise self.fail(
+            key, f"{head.path} has no column {column!r}{hint}; it has {listed(named) or 'no header'}"
+        )
 
     def _column(self, name: str, entry: dict[str, Any], head: Head) -> Source:
         key = f"[columns] {name}"
@@ -238,9 +296,20 @@ class MappingFile:
         amplitude = entry.get("amplitude") or amplitude or stated
         dated = name == "time" and head.dated(index)
         unit = "s" if dated else unit
-        dated = dated or (name == "time" and self.options.get("kind") == "waveform" and is_long(head.first(index)))
+        dated = dated or (
+            name == "time" and self.options.get("kind") == "waveform" and is_long(head.first(index))
+        )
         self._check_unit(key, name, unit)
-        return Source(label, unit, amplitude, index, 0.0, float(entry.get("scale", 1)), float(entry.get("offset", 0)), dated)
+        return Source(
+            label,
+            unit,
+            amplitude,
+            index,
+            0.0,
+            float(entry.get("scale", 1)),
+            float(entry.get("offset", 0)),
+            dated,
+        )
 
     def _constant(self, name: str, text: Any) -> Source:
         key = f"[constants] {name}"
@@ -271,17 +340,29 @@ class MappingFile:
             assumed = f"the response is taken as a displacement: {self.path} does not say quantity"
             return () if "quantity" in self.options else (assumed,)
         for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
-            silent = name in columns and "amplitude" not in columns[name] and not sources[name].label.startswith("[")
+            silent = (
+                name in columns
+                and "amplitude" not in columns[name]
+                and not sources[name].label.startswith("[")
+            )
             unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
-            stated = "amplitude" in self.options or units.split_amplitude(unit)[1] or self.options.get("quantity") == "impedance"
+            stated = (
+                "amplitude" in self.options
+                or units.split_amplitude(unit)[1]
+                or self.options.get("quantity") == "impedance"
+            )
             if silent and not stated:
-                notes.append(f'{name} is taken as peak: {self.path} does not say amplitude = "peak", "rms" or "pp"')
+                notes.append(
+                    f'{name} is taken as peak: {self.path} does not say amplitude = "peak", "rms" or "pp"'
+                )
         if "x" in sources or "magnitude" in sources:
             if "quantity" not in self.options:
                 notes.append(f"the signal is taken as a displacement: {self.path} does not say quantity")
             known = "phase_sign" in self.options or self.options.get("quantity") == "impedance"
             if not known and sources.keys() & {"x", "phase"}:
-                notes.append(f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign")
+                notes.append(
+                    f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign"
+                )
         return tuple(notes)
 
 
@@ -301,8 +382,11 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
     return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
 
 
-def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str) -> tuple[np.ndarray, str]:
-    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring says."""
+def lock_in(
+    signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str
+) -> tuple[np.ndarray, str]:
+    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring
+    says."""
     complete = np.iscomplexobj(signal)
     signal = turned(signal, plan) if complete else signal
     if plan.quantity in ("displacement", "charge"):
@@ -318,7 +402,9 @@ def lock_in(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: 
 
 def is_analysed(plan: Plan) -> bool:
     """Whether a response is a ratio as impedance analysers measure it, an impedance or an admittance."""
-    admittance = any(units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources)
+    admittance = any(
+        units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources
+    )
     return plan.quantity == "impedance" or (plan.quantity == "current" and admittance)
 
 
@@ -326,12 +412,16 @@ def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
     """1/Z in S of an impedance in ohm."""
     if not impedance.all():
         row = int(np.argmin(impedance != 0))
-        raise LogError(f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be inverted")
+        raise LogError(
+            f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be"
+            f" inverted"
+        )
     return 1 / impedance
 
 
 def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
-    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file says."""
+    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file
+    says."""
     signal = np.conj(signal) if plan.phase_sign < 0 else signal
     return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
 
@@ -354,7 +444,8 @@ def is_decibel(unit: str) -> bool:
 
 
 def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
-    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`, `X_V_rms`)."""
+    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`,
+    `X_V_rms`)."""
     if is_unit:
         unit, amplitude = units.split_amplitude(text)
         return units.short(unit), amplitude

@@ -18,7 +18,8 @@ from sysid.logs.csvfile import Head, LogError
 from sysid.logs.mapping import Plan, Source
 from sysid.logs.textfile import open_text
 
-LOST = 0.05  # of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most
+# of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most
+LOST = 0.05
 DWELL = 4.0  # times tau, from which on points are settled
 STEEP = 2.6  # by which the steepest slope of |W| shows a tau that is too short: 3 sqrt(3)/2
 EMPTY = {

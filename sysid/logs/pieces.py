@@ -1,7 +1,7 @@
 """The rows of a file in pieces of bounded size, without what stands among and below them that is no row.
 
-A logger that is started anew, and an instrument that writes block after block, repeat the header: there a table of its
-own begins. The lines from the last row above such a header to the first below it are a `Gap`.
+A logger that is started anew, and an instrument that writes block after block, repeat the header: there a
+table of its own begins. The lines from the last row above such a header to the first below it are a `Gap`.
 """
 
 import itertools
@@ -17,7 +17,8 @@ NEAR = 1 << 16  # bytes above a repeated header in which its gap begins
 
 
 class Gap(NamedTuple):
-    """Lines that are no rows around a header that stands again: bytes `start` to `end`, from line `line` (from 1) on."""
+    """Lines that are no rows around a header that stands again: bytes `start` to `end`, from line `line`
+    (from 1) on."""
 
     start: int
     end: int
@@ -27,7 +28,8 @@ class Gap(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What tells a row from other lines: how cells are parted, and which cells of the first row are numbers or dates."""
+    """What tells a row from other lines: how cells are parted, and which cells of the first row are numbers
+    or dates."""
 
     delimiter: str
     width: int
@@ -39,7 +41,8 @@ class Rows(NamedTuple):
         return all(len(cells) > k and _is_value(cells[k]) for k in self.numbers[:1])
 
     def is_like(self, raw: bytes) -> bool:
-        """Whether a line has as many cells as the first row, and a number where that has one: a row, if a bad one."""
+        """Whether a line has as many cells as the first row, and a number where that has one: a row, if a bad
+        one."""
         cells = self._cells(raw)
         return len(cells) == self.width and any(_is_value(cells[k]) for k in self.numbers)
 
@@ -53,7 +56,8 @@ def rows_like(first: Sequence[str], delimiter: str) -> Rows:
 
 
 def find_gaps(file: BinaryIO, header: bytes, start: int, line: int, rows: Rows, size: int) -> list[Gap]:
-    """Where `header` stands again below byte `start`, which begins line `line`; the file is read `size` bytes at a time."""
+    """Where `header` stands again below byte `start`, which begins line `line`; the file is read `size` bytes
+    at a time."""
     gaps: list[Gap] = []
     for place in list(_repeats(file, header, start, size)) if header else ():
         if place >= start:
@@ -81,8 +85,9 @@ def pieces(file: BinaryIO, size: int, whitespace: bool, gaps: Sequence[Gap] = ()
 def without_end(
     blocks: Iterator[bytes], delimiter: str, marks: tuple[bytes, ...], ends: bool, spare: list[str]
 ) -> Iterator[bytes]:
-    """The blocks without what is no row below the last one: delimiters and blanks alone, the END that a preamble began
-    (`ends`), and comments, lines that begin with one of `marks`, which are put into `spare`."""
+    """The blocks without what is no row below the last one: delimiters and blanks alone, the END that a
+    preamble began (`ends`), and comments, lines that begin with one of `marks`, which are put into
+    `spare`."""
     nothing = f" \t\r\n{delimiter}".encode()
     held = b""  # until something follows: only the file's end tells which row is the last
     for block in blocks:
@@ -119,7 +124,8 @@ def _repeats(file: BinaryIO, header: bytes, start: int, size: int) -> Iterator[i
 
 
 def _edges(file: BinaryIO, start: int, place: int, rows: Rows) -> tuple[int, int]:
-    """The gap around the header that begins at byte `place`: from the last row above it to the first below."""
+    """The gap around the header that begins at byte `place`: from the last row above it to the first
+    below."""
     near = max(start, place - NEAR)
     file.seek(near)
     above = file.read(place - near).splitlines(keepends=True)[-DEEPEST:]
@@ -145,7 +151,8 @@ def _text(file: BinaryIO, start: int, end: int) -> tuple[int, bytes]:
 
 
 def _cleaned(block: bytes, place: int, whitespace: bool, gaps: Sequence[Gap]) -> bytes:
-    """A block that begins at byte `place`, with the lines of gaps blank, and runs of blanks as one where those part the cells."""
+    """A block that begins at byte `place`, with the lines of gaps blank, and runs of blanks as one where
+    those part the cells."""
     for gap in reversed(gaps):
         first, end = max(gap.start - place, 0), min(gap.end - place, len(block))
         if first < end:

@@ -1,7 +1,7 @@
 """Where a table begins in a file whose first lines are neither marked as comments nor part of it.
 
-Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`, two rows of header. Comments may stand among
-them, and are read as those of any file.
+Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`, two rows of header. Comments
+may stand among them, and are read as those of any file.
 """
 
 from collections.abc import Collection
@@ -9,14 +9,24 @@ from itertools import groupby
 from typing import NamedTuple
 
 from sysid.logs import units
-from sysid.logs.cells import WHITESPACE, Dialect, find_delimiter, is_number, listed, split_line, to_number, with_unit_cells
+from sysid.logs.cells import (
+    WHITESPACE,
+    Dialect,
+    find_delimiter,
+    is_number,
+    listed,
+    split_line,
+    to_number,
+    with_unit_cells,
+)
 
 DEEPEST = 200  # lines among which the first row is looked for
 ALIKE = 3  # rows of numbers, one below the other, that are a table
 
 
 class Top(NamedTuple):
-    """Where a table begins: the line of its names, counted from 0, whether a row of units follows, how many columns it has."""
+    """Where a table begins: the line of its names, counted from 0, whether a row of units follows, how many
+    columns it has."""
 
     names: int
     units: bool
@@ -29,16 +39,21 @@ def is_table(lines: list[str], dialect: Dialect) -> bool:
     if _shape(lines[0], dialect):
         return True
     shape = next(iter(_shapes([line for line in lines[1:] if line.strip()], dialect)), None)
-    return shape is not None and _is_texts(lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE]))
+    return shape is not None and _is_texts(
+        lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE])
+    )
 
 
 def find_top(lines: list[str], dialect: Dialect) -> Top | None:
     """Where the table below a preamble begins; None where the first line is a header, or no header is found.
 
-    What begins with a number is a row, if a bad one, and no line of a preamble: it is left to be refused by its name.
+    What begins with a number is a row, if a bad one, and no line of a preamble: it is left to be refused by
+    its name.
     """
     shapes = _shapes(lines, dialect)
-    first = next((k for k, shape in enumerate(shapes) if shape and shapes[k : k + ALIKE] == [shape] * ALIKE), 0)
+    first = next(
+        (k for k, shape in enumerate(shapes) if shape and shapes[k : k + ALIKE] == [shape] * ALIKE), 0
+    )
     if not (shape := shapes[first]) or not first:
         return None
     delimiter = shape[0]
@@ -46,7 +61,9 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
     last = max((k for k in range(first) if lines[k].strip()), default=0)
     if not last or not _is_wide(lines[last], delimiter, width, dialect):
         return None
-    has_units = _is_wide(lines[last - 1], delimiter, width, dialect) and _are_units(_cells(lines[last], delimiter)[:width])
+    has_units = _is_wide(lines[last - 1], delimiter, width, dialect) and _are_units(
+        _cells(lines[last], delimiter)[:width]
+    )
     has_units = has_units and all(_cells(lines[last - 1], delimiter)[:width])
     names = last - has_units
     above = lines[: names + 1]
@@ -55,13 +72,16 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
         return None
     if any(is_number(_cells(line, delimiter)[0]) for line in above if line.strip()):
         return None
-    if all(_is_texts(line, delimiter, width) for line in above):  # names one below the other: the first of them are the header
+    if all(
+        _is_texts(line, delimiter, width) for line in above
+    ):  # names one below the other: the first of them are the header
         return None
     return Top(names, has_units, width, delimiter)
 
 
 def names_below(lines: list[str], dialect: Dialect) -> int | None:
-    """The line, counted from 0, that names the columns of a table which begins among these lines; None where none does."""
+    """The line, counted from 0, that names the columns of a table which begins among these lines; None where
+    none does."""
     if not _shape(lines[0], dialect) and is_table(lines, dialect):
         return 0
     top = find_top(lines, dialect)
@@ -76,7 +96,8 @@ def header_line(lines: list[str], top: Top) -> str:
 
 
 def increment(lines: list[str], top: Top) -> float | None:
-    """Seconds from sample to sample, where they stand below a name Increment behind the units (Rigol); else None."""
+    """Seconds from sample to sample, where they stand below a name Increment behind the units (Rigol); else
+    None."""
     names = [name.casefold() for name in _cells(lines[top.names], top.delimiter)]
     if not top.units or "increment" not in names[top.width :]:
         return None
@@ -85,9 +106,13 @@ def increment(lines: list[str], top: Top) -> float | None:
 
 
 def left_out(lines: list[str], number: int, top: Top, comments: Collection[int]) -> list[str]:
-    """Notes on the preamble, which begins at line `number` and of which the lines `comments` (from 0) are read, and on names at
-    the header's end that have no column."""
-    runs = [[k for k in run if lines[k].strip()] for read, run in groupby(range(top.names), lambda k: k in comments) if not read]
+    """Notes on the preamble, which begins at line `number` and of which the lines `comments` (from 0) are
+    read, and on names at the header's end that have no column."""
+    runs = [
+        [k for k in run if lines[k].strip()]
+        for read, run in groupby(range(top.names), lambda k: k in comments)
+        if not read
+    ]
     where = [str(number + run[0]) + (f" to {number + run[-1]}" if run[1:] else "") for run in runs if run]
     lone = len(where) == 1 and where[0].isdigit()
     notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
@@ -96,7 +121,8 @@ def left_out(lines: list[str], number: int, top: Top, comments: Collection[int])
 
 
 def _shapes(lines: list[str], dialect: Dialect) -> list[tuple[str, int] | None]:
-    """The shape of each line; a row with empty cells has that of the row below it, as an oscilloscope's first may."""
+    """The shape of each line; a row with empty cells has that of the row below it, as an oscilloscope's first
+    may."""
     shapes = [_shape(line, dialect) for line in lines]
     for k in reversed(range(len(lines) - 1)):
         if shapes[k] is None and (below := shapes[k + 1]) is not None:
@@ -131,10 +157,13 @@ def _is_texts(line: str, delimiter: str, width: int) -> bool:
 def _is_wide(line: str, delimiter: str, width: int, dialect: Dialect) -> bool:
     """Whether a line may head columns: as many as the rows have, or more where cells are parted by a mark."""
     count = len(split_line(line, delimiter))
-    return not line.startswith(dialect.comment or ()) and (count == width or (count > width and delimiter != WHITESPACE))
+    return not line.startswith(dialect.comment or ()) and (
+        count == width or (count > width and delimiter != WHITESPACE)
+    )
 
 
 def _are_units(cells: list[str]) -> bool:
-    """Whether all cells are units, the first aside, which may be a word such as Sequence, and the empty ones."""
+    """Whether all cells are units, the first aside, which may be a word such as Sequence, and the empty
+    ones."""
     stated = [cell.strip(" []()") for cell in cells[1:] if cell]
     return bool(stated) and all(map(units.is_known, stated))

@@ -1,7 +1,7 @@
 """Presets: mapping files that ship with the package, one for each kind of file that an instrument writes.
 
-`presets/index.toml` says of each what it is for, by what its files are recognised, and what it assumes that no
-file tells; `presets/NAME.toml` is the mapping file."""
+`presets/index.toml` says of each what it is for, by what its files are recognised, and what it assumes that
+no file tells; `presets/NAME.toml` is the mapping file."""
 
 import re
 import tomllib

@@ -86,7 +86,8 @@ class Columns:
 
     @cached_property
     def is_circuit(self) -> bool:
-        """Whether an analyser wrote the elements of a circuit, Cp beside D say, which are no response as they stand."""
+        """Whether an analyser wrote the elements of a circuit, Cp beside D say, which are no response as they
+        stand."""
         stated = [label.unit for label in self.labels if label.unit and label.unit not in ANGLES]
         return any(
             units.same_kind(unit, kind) for unit in stated for kind in ("F", "H") if not is_decibel(unit)

@@ -1,4 +1,5 @@
-"""Dates (ISO 8601) and times of day, 12:00:00.5, in place of seconds: how they look, and how many seconds lie between them."""
+"""Dates (ISO 8601) and times of day, 12:00:00.5, in place of seconds: how they look, and how many seconds lie
+between them."""
 
 import math
 import re
@@ -31,12 +32,14 @@ def is_stamp(text: str) -> bool:
 
 
 def is_long(text: str) -> bool:
-    """Whether a cell is a number of so many digits, as seconds since 1970 are, that double precision rounds its fraction."""
+    """Whether a cell is a number of so many digits, as seconds since 1970 are, that double precision rounds
+    its fraction."""
     return _LONG.fullmatch(text.strip()) is not None
 
 
 def seconds_since(first: str, cells: Sequence[str]) -> np.ndarray:
-    """Seconds (n,) from the stamp `first` to each cell, to the nanosecond; NaN where a cell is no stamp of its kind.
+    """Seconds (n,) from the stamp `first` to each cell, to the nanosecond; NaN where a cell is no stamp of
+    its kind.
 
     Of a long number (`is_long`) the differences, in its own unit.
     """
@@ -56,7 +59,8 @@ def _difference(cell: str, first: str) -> float:
 
 
 def coarse(time: np.ndarray) -> int | None:
-    """The first row whose stamp is no later than that of the row before, or is missing; None where all go on."""
+    """The first row whose stamp is no later than that of the row before, or is missing; None where all go
+    on."""
     later = np.diff(time, prepend=-np.inf) > 0
     return None if later.all() else int(np.argmin(later))
 

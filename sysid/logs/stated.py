@@ -19,8 +19,8 @@ Arrays = Mapping[str, tuple[np.ndarray, str]]
 
 
 def read_errors(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
-    """Numbers of a column of standard errors, and their unit: decibels are none of a level, and a share has no
-    peak."""
+    """Numbers of a column of standard errors, and their unit: decibels are none of a level, and a share has
+    no peak."""
     values = values * source.scale + source.offset
     share = is_decibel(source.unit) or _is_share(source.unit)
     return (values if share else values * units.PEAK.get(source.amplitude, 1.0)), source.unit
@@ -33,7 +33,8 @@ def stated_in(
     rows: np.ndarray | None,
     arrays: dict[str, tuple[np.ndarray, str]],
 ) -> Arrays:
-    """The standard errors among the `arrays`, which they leave. Raises LogError where one is not above zero."""
+    """The standard errors among the `arrays`, which they leave. Raises LogError where one is not above
+    zero."""
     stated = {name: arrays.pop(name) for name in ERRORS if name in arrays}
     for name, (values, _) in stated.items():
         if (values <= 0).any():
@@ -42,7 +43,9 @@ def stated_in(
     return stated
 
 
-def errors(where: str, plan: Plan, arrays: Arrays, stated: Arrays, frequency: np.ndarray | None) -> np.ndarray | None:
+def errors(
+    where: str, plan: Plan, arrays: Arrays, stated: Arrays, frequency: np.ndarray | None
+) -> np.ndarray | None:
     """(n,) standard errors in the unit of the response, which `arrays` hold as it was recorded; None where
     none are `stated`. Raises LogError where a unit does not fit."""
     if not stated:

@@ -82,7 +82,8 @@ class Store:
         if not tables:
             held = f"; it holds {listed(self.left_out)}" if self.left_out else ""
             raise LogError(
-                f"{self.path}: found {self.kind} without columns of numbers, expected two or more of one length{held}"
+                f"{self.path}: found {self.kind} without columns of numbers, expected two or more of one"
+                f" length{held}"
             )
         names = [*next(iter(tables.values()))]
         if any([*columns] != names for columns in tables.values()):

@@ -1,13 +1,15 @@
-"""A drive that is switched between levels, as an inverter or a logic output does it, rather than a sine: its fundamental.
+"""A drive that is switched between levels, as an inverter or a logic output does it, rather than a sine: its
+fundamental.
 
-Its edges stand at whole samples, so that its phase seems to jump. But those of one frequency lie, time over number, within half a
-sample of a line, which they leave hardly any room.
+Its edges stand at whole samples, so that its phase seems to jump. But those of one frequency lie, time over
+number, within half a sample of a line, which they leave hardly any room.
 """
 
 import numpy as np
 
 SWITCHED = 0.8  # share of the samples that lie on a level, of which a sine has a third
-LEVEL = 0.1  # of the range of two periods, within which a sample lies on a level: the highest, the lowest, or half way
+# of the range of two periods, within which a sample lies on a level: the highest, the lowest, or half way
+LEVEL = 0.1
 LIT = 0.2  # of the largest range, from which on the drive counts as on
 BLOCKS = 1000  # of two periods that are looked at, about
 OFF = 0.6  # samples by which edges lie off their line at most, unless more than the sampling moves them
@@ -30,15 +32,18 @@ def is_switched(drive: np.ndarray, omega: float) -> bool:
 
 
 def fundamental(drive: np.ndarray, omega: float) -> tuple[float, float, float] | None:
-    """(level, t, omega) of a switched drive (samples) of about `omega` (rad/sample): level cos(omega (k - t)); None where its
-    edges are too few. The level is 2/n sum_k v_k e^{-j omega k} over whole periods, in which what sampling does averages out."""
+    """(level, t, omega) of a switched drive (samples) of about `omega` (rad/sample): level cos(omega (k -
+    t)); None where its edges are too few. The level is 2/n sum_k v_k e^{-j omega k} over whole periods, in
+    which what sampling does averages out."""
     high = 0.75 * np.max(drive) + 0.25 * np.min(drive)
     above = drive > high
     edges = [np.flatnonzero(above[1:] & ~above[:-1]), np.flatnonzero(~above[1:] & above[:-1])]
     if min(map(len, edges)) < FEWEST:
         return None
     period = 2 * np.pi / omega
-    lines = [_line(k + (high - drive[k]) / (drive[k + 1] - drive[k]), period) for k in edges]  # half a sample off, both ways
+    lines = [
+        _line(k + (high - drive[k]) / (drive[k + 1] - drive[k]), period) for k in edges
+    ]  # half a sample off, both ways
     period = 0.5 * (lines[0][1] + lines[1][1])
     width = (lines[1][0] - lines[0][0]) % period  # of the upper part
     n = int(np.floor(len(drive) / period) * period)
@@ -47,15 +52,17 @@ def fundamental(drive: np.ndarray, omega: float) -> tuple[float, float, float] |
 
 
 def _line(times: np.ndarray, period: float) -> tuple[float, float]:
-    """Start and period of edges: the middle of all lines off which none lies farther than it has to; of edges that are moved by
-    more than their sampling, that of least squares."""
+    """Start and period of edges: the middle of all lines off which none lies farther than it has to; of edges
+    that are moved by more than their sampling, that of least squares."""
     from scipy.optimize import linprog  # a tenth of a second, which other logs need not wait for
 
     number = np.append(0.0, np.cumsum(np.rint(np.diff(times) / period)))
     slope, start = np.polyfit(number, times, 1)
     some = np.linspace(0, len(times) - 1, min(len(times), MOST)).astype(int)
     x, y = number[some] / number[-1], times[some] - start - slope * number[some]
-    sides = np.concatenate([np.column_stack([sign * np.ones(len(x)), sign * x, -np.ones(len(x))]) for sign in (1, -1)])
+    sides = np.concatenate(
+        [np.column_stack([sign * np.ones(len(x)), sign * x, -np.ones(len(x))]) for sign in (1, -1)]
+    )
     found = linprog([0, 0, 1], sides, np.concatenate([y, -y]), bounds=[(None, None), (None, None), (0, None)])
     if found.x is None or found.x[2] > OFF:
         return start, slope

@@ -37,7 +37,8 @@ def read_tdms(path: str, kind: str) -> Store:
 
 @contextmanager
 def _heard(console: logging.Handler, said: list[str]) -> Iterator[None]:
-    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on its console."""
+    """What the library logs as warnings, of a file that is cut off say, put into `said` rather than on its
+    console."""
     log, handler, level = logging.getLogger("nptdms"), logging.Handler(logging.WARNING), console.level
     handler.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
     propagate, log.propagate = log.propagate, False

@@ -1,4 +1,5 @@
-"""A file of text as its bytes: packed or not, in UTF-16, what it is when it is no text, and whether it stays the same."""
+"""A file of text as its bytes: packed or not, in UTF-16, what it is when it is no text, and whether it stays
+the same."""
 
 import bz2
 import codecs
@@ -10,9 +11,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, BinaryIO
 
-LONGEST = 1 << 24  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
+LONGEST = (
+    1 << 24
+)  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
 # What a file is, told by its first bytes, not by its name.
-PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
+PACKED: dict[bytes, Callable[..., Any]] = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ\x00": lzma.open,
+}
 FOREIGN = {
     b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
     b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
@@ -38,7 +45,9 @@ def unchanged(path: str) -> Iterator[None]:
     yield
     after = os.stat(path)
     if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
-        raise LogError(f"{path}: found that it changed while it was read, expected a log that is written to its end")
+        raise LogError(
+            f"{path}: found that it changed while it was read, expected a log that is written to its end"
+        )
 
 
 def open_text(path: str) -> BinaryIO:
@@ -65,14 +74,19 @@ def _from_utf16(path: str) -> BinaryIO:
         with open(path, encoding="utf-16", newline="") as file:
             return io.BytesIO(file.read().encode())
     except UnicodeError as error:
-        raise LogError(f"{path}: found damaged UTF-16 text ({error}), expected a text table; save it as CSV") from None
+        raise LogError(
+            f"{path}: found damaged UTF-16 text ({error}), expected a text table; save it as CSV"
+        ) from None
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:
     """The next line, b"" at the end. One of unreasonable length: LogError."""
     raw = file.readline(LONGEST)
     if len(raw) == LONGEST and not raw.endswith(b"\n"):
-        raise LogError(f"{path}, line {number}: found more than {LONGEST} bytes without a line end, expected lines of text")
+        raise LogError(
+            f"{path}, line {number}: found more than {LONGEST} bytes without a line end, expected lines of"
+            f" text"
+        )
     return raw
 
 
@@ -83,4 +97,6 @@ def refuse_binary(path: str, raw: bytes, number: int) -> None:
     if b"\x00" in raw:
         raise LogError(f"{path}, line {number}: found binary data, expected a text table (CSV)")
     if b"\r" in raw.rstrip(b"\r\n"):
-        raise LogError(f"{path}, line {number}: found a carriage return alone, expected lines that end in a line feed")
+        raise LogError(
+            f"{path}, line {number}: found a carriage return alone, expected lines that end in a line feed"
+        )

@@ -1,4 +1,5 @@
-"""The time of a log's rows, as far as it serves: one that goes back is refused, and dates that are too coarse are kept out."""
+"""The time of a log's rows, as far as it serves: one that goes back is refused, and dates that are too coarse
+are kept out."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,11 +12,17 @@ from sysid.logs.mapping import Plan
 from sysid.logs.missing import refuse_row
 from sysid.logs.stamps import coarse
 
-FINER = "a later one than in the row before; record fractions of a second, or say kind: steady where the rows are settled points"
+FINER = (
+    "a later one than in the row before; record fractions of a second, or say kind: steady where the rows"
+    " are settled points"
+)
 
 
-def timed(head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: dict, kind: str | None) -> Plan:
-    """The plan without a time that does not serve. Raises LogError where one that is wanted goes back, or is too coarse."""
+def timed(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: dict, kind: str | None
+) -> Plan:
+    """The plan without a time that does not serve. Raises LogError where one that is wanted goes back, or is
+    too coarse."""
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
         return _without_time(plan, arrays)
     if "time" in arrays and (decrease := decrease_of(arrays["time"][0])) is not None:
@@ -30,12 +37,16 @@ def timed(head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: d
 def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
     """The plan with a note that the dates are kept out, as they now are of `arrays`."""
     del arrays["time"]
-    note = f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or are missing"
+    note = (
+        f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or"
+        f" are missing"
+    )
     return dataclasses.replace(plan, notes=(*plan.notes, note))
 
 
 def _sweeps(arrays: Mapping[str, tuple[np.ndarray, str]]) -> bool:
-    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its time."""
+    """Whether the frequency changes at every tenth row or more, as in a sweep, which is steady without its
+    time."""
     return "frequency" in arrays and bool(np.mean(np.diff(arrays["frequency"][0]) != 0) > 0.1)
 
 

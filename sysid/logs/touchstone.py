@@ -36,7 +36,8 @@ def read_touchstone(path: str, kind: str) -> Store:
             found = _admittances(network) if network.s.shape[1] <= 2 else {}
     except Exception as error:  # the library answers damaged files with errors of many types
         raise LogError(
-            f"{path}: found a damaged Touchstone file ({type(error).__name__}: {error}), expected one that can be read"
+            f"{path}: found a damaged Touchstone file ({type(error).__name__}: {error}), expected one that"
+            f" can be read"
         ) from None
     if s.shape[1] > 2:
         raise LogError(f"{path}: found {s.shape[1]} ports, expected one or two")

@@ -33,11 +33,13 @@ def read_uff(path: str, kind: str) -> Store:
             sets = [file.read_sets(k) for k in places]
     except Exception as error:  # the library answers damaged files with errors of many types
         raise LogError(
-            f"{path}: found a damaged universal file ({type(error).__name__}: {error}), expected one that can be read"
+            f"{path}: found a damaged universal file ({type(error).__name__}: {error}), expected one that"
+            f" can be read"
         ) from None
     if not sets:
         raise LogError(
-            f"{path}: found a universal file without a data set 58, expected a function: a frequency response, say"
+            f"{path}: found a universal file without a data set 58, expected a function: a frequency"
+            f" response, say"
         )
     for k, function in enumerate(sets, 1):
         _enter(store, function, f"function {k}" if len(sets) > 1 else "")

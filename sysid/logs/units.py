@@ -1,8 +1,9 @@
-"""Names and units of log columns: `frequency_kHz`, `Voltage [V] rms`, `w_um_pp`; conversion to the units used inside. Names of
-metadata: `kind`, `lockin_tau_us`.
+"""Names and units of log columns: `frequency_kHz`, `Voltage [V] rms`, `w_um_pp`; conversion to the units used
+inside. Names of metadata: `kind`, `lockin_tau_us`.
 
-Inside, time is in s, frequency in Hz, temperature in degC, force in N; drive and response keep the user's own unit and
-are peak amplitudes. The library `pint` knows the units; it is loaded only for units that are not the internal ones.
+Inside, time is in s, frequency in Hz, temperature in degC, force in N; drive and response keep the user's own
+unit and are peak amplitudes. The library `pint` knows the units; it is loaded only for units that are not the
+internal ones.
 """
 
 import difflib
@@ -12,19 +13,49 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-INTERNAL = {"time": "s", "frequency": "Hz", "temperature": "degC", "force": "N", "duty": "1", "carrier": "rad"}
-REFERENCE = INTERNAL | {"voltage": "V"}  # a unit must be of this one's kind; quantities not named here take any unit
+INTERNAL = {
+    "time": "s",
+    "frequency": "Hz",
+    "temperature": "degC",
+    "force": "N",
+    "duty": "1",
+    "carrier": "rad",
+}
+REFERENCE = INTERNAL | {
+    "voltage": "V"
+}  # a unit must be of this one's kind; quantities not named here take any unit
 # These may be rms or peak to peak.
 AMPLITUDES = ("voltage", "drive", "wd", "wq", "w", "x", "y", "magnitude", "response", "std", "std_q")
 QUANTITIES = (
-    *("time", "frequency", "temperature", "force", "duty", "carrier", "voltage", "drive", "wd", "wq", "w", "response"),
+    *(
+        "time",
+        "frequency",
+        "temperature",
+        "force",
+        "duty",
+        "carrier",
+        "voltage",
+        "drive",
+        "wd",
+        "wq",
+        "w",
+        "response",
+    ),
     *("std", "std_q"),  # standard errors of the response, or of d and of q
 )
 DRIVES = ("voltage", "drive", "duty")  # of which a log has one
 CONSTANTS = ("temperature", "frequency", "force", *DRIVES)  # what may be constant over a log
 WORDS = ("kind", "sampling", "plate", "volts_per_duty")  # metadata without a unit
-BENCH_TIMES = ("lockin_tau", "lockin_boxcar", "delay", "settle")  # in s inside; their metadata may carry another unit of time
-BENCH_NUMBERS = {"lockin_order": "lockin_order", "temperature_std_degc": "temperature_std_degC"}  # in one unit, in any case
+BENCH_TIMES = (
+    "lockin_tau",
+    "lockin_boxcar",
+    "delay",
+    "settle",
+)  # in s inside; their metadata may carry another unit of time
+BENCH_NUMBERS = {
+    "lockin_order": "lockin_order",
+    "temperature_std_degc": "temperature_std_degC",
+}  # in one unit, in any case
 PEAK = {"peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}  # peak = factor * value, for a sine
 
 _USUAL = {
@@ -36,7 +67,26 @@ _USUAL = {
     "carrier": ("rad", "deg"),
     "voltage": ("V", "mV", "kV", "uV"),
 }
-_PLAIN = ("um", "nm", "mm", "m", "m/s", "mm/s", "um/s", "V", "mV", "uV", "A", "mA", "uA", "S", "C", "degC", "1", "%")
+_PLAIN = (
+    "um",
+    "nm",
+    "mm",
+    "m",
+    "m/s",
+    "mm/s",
+    "um/s",
+    "V",
+    "mV",
+    "uV",
+    "A",
+    "mA",
+    "uA",
+    "S",
+    "C",
+    "degC",
+    "1",
+    "%",
+)
 _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
@@ -45,20 +95,27 @@ _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, 
 _ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF"}
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {
-    "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um", "newton": "N",
-    "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad", "percent": "%",
+    "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um",
+    "newton": "N",
+    "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad",
+    "percent": "%",
     "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
-_OHM = re.compile(r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)")  # the last two: a capital omega, and the sign of the ohm
+_OHM = re.compile(
+    r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)"
+)  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
 _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
-_QUOTIENT = re.compile(r"([^/_]*[^/_\s])\s*/\s*(\S.*)")  # f/Hz, a table's head by ISO 80000: a quantity over its unit
+_QUOTIENT = re.compile(
+    r"([^/_]*[^/_\s])\s*/\s*(\S.*)"
+)  # f/Hz, a table's head by ISO 80000: a quantity over its unit
 _AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
 
 
 class Name(NamedTuple):
-    """What a column name says: `voltage_V_rms` is ("voltage", "V", "rms"); the unit is "" when the name has none."""
+    """What a column name says: `voltage_V_rms` is ("voltage", "V", "rms"); the unit is "" when the name has
+    none."""
 
     quantity: str
     unit: str
@@ -66,7 +123,8 @@ class Name(NamedTuple):
 
 
 def parse_name(label: str) -> Name | None:
-    """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one of ours."""
+    """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one
+    of ours."""
     name, unit, amplitude = split_unit(label)
     quantity = name.casefold()
     if quantity not in QUANTITIES:
@@ -86,7 +144,8 @@ def bench_time(key: str) -> tuple[str, str] | None:
 
 
 def is_key(key: str) -> bool:
-    """Whether metadata may be called so: a word, what is known of the bench, or a constant input, in a unit of its kind."""
+    """Whether metadata may be called so: a word, what is known of the bench, or a constant input, in a unit
+    of its kind."""
     if key.casefold() in (*WORDS, *BENCH_NUMBERS):
         return True
     time, name = bench_time(key), parse_name(key)
@@ -105,7 +164,8 @@ def fits(quantity: str, unit: str) -> bool:
 
 
 def split_unit(label: str) -> tuple[str, str, str]:
-    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a name without one."""
+    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a
+    name without one."""
     label = label.strip()
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
@@ -125,7 +185,8 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 
 def short(unit: str) -> str:
-    """The sign of a unit that is written out: `Volts` is `V`, `kilohertz` is `kHz`. Any other text as it is."""
+    """The sign of a unit that is written out: `Volts` is `V`, `kilohertz` is `kHz`. Any other text as it
+    is."""
     if ohm := _OHM.fullmatch(unit):
         return f"{ohm[1]}ohm"
     found = _WRITTEN.fullmatch(unit)
@@ -133,12 +194,15 @@ def short(unit: str) -> str:
 
 
 def _in_case(quantity: str, unit: str) -> str:
-    """The usual unit of a quantity that differs in capitals alone, as instruments write `HZ`; not where an m might be an M."""
+    """The usual unit of a quantity that differs in capitals alone, as instruments write `HZ`; not where an m
+    might be an M."""
     usual = _USUAL.get(quantity, _PLAIN)
     if quantity == "temperature":
         unit = _CELSIUS.get(unit.upper(), unit)
     same = [other for other in usual if other.casefold() == unit.casefold()]
-    return same[0] if len(same) == 1 and unit not in usual and (len(unit) == 1 or unit[0] not in "mM") else unit
+    return (
+        same[0] if len(same) == 1 and unit not in usual and (len(unit) == 1 or unit[0] not in "mM") else unit
+    )
 
 
 def check_unit(quantity: str, unit: str) -> None:
@@ -152,7 +216,9 @@ def check_unit(quantity: str, unit: str) -> None:
         raise ValueError(f"found no unit, {expected}, as in {quantity}_{usual[0]}")
     if re.fullmatch(r"dB\w*", unit):
         raise ValueError(f"found decibels ({unit}), {expected}; decibels are read through a mapping file")
-    if len(unit) > 1 and unit[0] == "M" and (milli := nearest(unit, usual, 1.0)):  # MV: of a header in capitals, a millivolt
+    if (
+        len(unit) > 1 and unit[0] == "M" and (milli := nearest(unit, usual, 1.0))
+    ):  # MV: of a header in capitals, a millivolt
         raise ValueError(f"found the unit {unit!r}, of a million, {expected}; did you mean {milli!r}?")
     parsed = _parse(unit)
     if parsed is None or (reference and parsed.dimensionality != _parse(reference).dimensionality):
@@ -178,7 +244,8 @@ def same_kind(unit: str, other: str) -> bool:
 
 
 def is_of(unit: str, kind: str) -> bool:
-    """Whether values in `unit` can be converted to `kind`, an ohm or a siemens; of usual units without loading the library."""
+    """Whether values in `unit` can be converted to `kind`, an ohm or a siemens; of usual units without
+    loading the library."""
     return unit == kind or (unit not in _PLAIN and same_kind(unit, kind))
 
 
@@ -189,7 +256,11 @@ def convert(values: Any, unit: str, to: str) -> Any:
     scale, zero = _line(unit, to)
     small = 1 / scale
     # 12.5 ms is exactly 0.0125 s when divided by 1000, and not always when multiplied by 0.001
-    scaled = values / round(small) if small > 1 and math.isclose(small, round(small), rel_tol=1e-12) else values * scale
+    scaled = (
+        values / round(small)
+        if small > 1 and math.isclose(small, round(small), rel_tol=1e-12)
+        else values * scale
+    )
     return scaled + zero if zero else scaled
 
 
@@ -218,13 +289,16 @@ def _line(unit: str, to: str) -> tuple[float, float]:
     if to == "Hz" and "radian" in str(quantity(1.0, source).to_base_units().units):
         scale /= 2 * math.pi  # pint takes a radian for 1, so that 1 rad/s would be 1 Hz
     if str(target) == "degree_Celsius":
-        scale, zero = round(scale, 12), round(zero, 12)  # differences of two temperatures carry rounding errors
+        scale, zero = (
+            round(scale, 12),
+            round(zero, 12),
+        )  # differences of two temperatures carry rounding errors
     return scale, zero
 
 
 def _power(unit: str, to: str) -> int | None:
-    """The power of ten that takes `unit` to `to`, where they differ by a prefix alone; else None. The library takes as long to
-    load as a dozen logs to read."""
+    """The power of ten that takes `unit` to `to`, where they differ by a prefix alone; else None. The library
+    takes as long to load as a dozen logs to read."""
     first, second = _PREFIXED.fullmatch(unit), _PREFIXED.fullmatch(to)
     return _POWERS[first[1]] - _POWERS[second[1]] if first and second and first[2] == second[2] else None
 
@@ -236,8 +310,12 @@ def _parse(unit: str) -> Any:
         return None
     try:
         parsed = _registry().parse_units(_ALIASES.get(unit) or short(unit))
-        return parsed if parsed.dimensionality is not None else None  # of nepers times kelvin there is none: it raises
-    except Exception:  # pint answers odd text with AttributeError, ValueError, AssertionError and tokenizer errors
+        return (
+            parsed if parsed.dimensionality is not None else None
+        )  # of nepers times kelvin there is none: it raises
+    except (
+        Exception
+    ):  # pint answers odd text with AttributeError, ValueError, AssertionError and tokenizer errors
         return None
 
 
@@ -246,6 +324,8 @@ def _registry() -> Any:
     import pint
 
     try:
-        return pint.UnitRegistry(cache_folder=":auto:")  # ten times faster than without, where the cache can be written
+        return pint.UnitRegistry(
+            cache_folder=":auto:"
+        )  # ten times faster than without, where the cache can be written
     except Exception:
         return pint.UnitRegistry()

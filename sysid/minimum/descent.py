@@ -1,5 +1,5 @@
-"""The way down to a minimum: Levenberg-Marquardt as one compiled program, then single Gauss-Newton steps between noise
-estimates."""
+"""The way down to a minimum: Levenberg-Marquardt as one compiled program, then single Gauss-Newton steps
+between noise estimates."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +14,9 @@ from sysid.model.likelihood import Residual, linearised
 from sysid.precision import seldom
 
 SHORTEST = 1e-8  # a step that is not shortened any further
-ROUGH = 1e-5  # step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
+ROUGH = (
+    1e-5  # step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
+)
 NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case
@@ -22,8 +24,8 @@ STILL = 1e-3  # relative move of the noise, above which gains before and after a
 
 
 class _Look(NamedTuple):
-    """The problem at one theta: half the sum of squares; for each log, group by group, J^T J and the gradient along the
-    directions, and the residual. The prior comes last, as a group of its own without a residual."""
+    """The problem at one theta: half the sum of squares; for each log, group by group, J^T J and the gradient
+    along the directions, and the residual. The prior comes last, as a group of its own without a residual."""
 
     cost: Array
     grams: tuple[Array, ...]
@@ -32,7 +34,8 @@ class _Look(NamedTuple):
 
 
 class _Progress(NamedTuple):
-    """A search under way: the best point so far and what it looks like there, the point to look at next, the step to it."""
+    """A search under way: the best point so far and what it looks like there, the point to look at next, the
+    step to it."""
 
     theta: Array
     look: _Look
@@ -50,7 +53,10 @@ def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
         jacobian = jax.vmap(change, in_axes=1)(directions)
         return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
-    parts = [jax.vmap(lambda x, layout=layout: one(x, layout))(x) for layout, x in zip(layouts, groups, strict=True)]
+    parts = [
+        jax.vmap(lambda x, layout=layout: one(x, layout))(x)
+        for layout, x in zip(layouts, groups, strict=True)
+    ]
     grams, gradients, found = zip(*parts, strict=True)
     slope = precision @ (theta - mean)
     cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
@@ -70,12 +76,12 @@ def _summed(look: _Look) -> Any:
 
 @seldom
 def levenberg_marquardt(theta, directions, most, mean, precision, layouts, groups):
-    """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps; J^T J, gradients and
-    residuals there.
+    """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps; J^T J,
+    gradients and residuals there.
 
-    The damped Newton step and the trust region are those of optimistix. Its loop is not used: it evaluates the plant in several
-    places, and a program takes longer to compile and to load the more equations it has. optimistix is imported only where a
-    program is made: one that was kept on disk does not need it.
+    The damped Newton step and the trust region are those of optimistix. Its loop is not used: it evaluates
+    the plant in several places, and a program takes longer to compile and to load the more equations it has.
+    optimistix is imported only where a program is made: one that was kept on disk does not need it.
     """
     import optimistix
 
@@ -104,10 +110,12 @@ def levenberg_marquardt(theta, directions, most, mean, precision, layouts, group
 
 @dataclass
 class GaussNewton:
-    """Single Gauss-Newton steps, one in each round of noise estimates; `next` is the step to take, None where a search is needed.
+    """Single Gauss-Newton steps, one in each round of noise estimates; `next` is the step to take, None where
+    a search is needed.
 
-    Where a derivative vanishes on resonance a whole step leads away from the minimum. `left` = g^T (J^T J)^-1 g, what the step
-    would gain, shows it: it should fall on the way to the minimum, and where it rises the step is shortened.
+    Where a derivative vanishes on resonance a whole step leads away from the minimum. `left` = g^T (J^T J)^-1
+    g, what the step would gain, shows it: it should fall on the way to the minimum, and where it rises the
+    step is shortened.
     """
 
     next: np.ndarray | None = None
@@ -117,8 +125,8 @@ class GaussNewton:
     measured: bool = False  # `left` is that of the noise with which the next one will be judged
 
     def taken_back(self, left: float, newton: np.ndarray | None) -> bool:
-        """Whether to go back to where the last step began: it was too long; or the noise had changed before it, so that `left` is
-        first measured anew, by a step of no length."""
+        """Whether to go back to where the last step began: it was too long; or the noise had changed before
+        it, so that `left` is first measured anew, by a step of no length."""
         if self.next is None:
             return False
         if not (np.any(self.next) or self.measured):
@@ -126,7 +134,9 @@ class GaussNewton:
             return True
         if not self.still or left <= max(self.left, DONE) or self.damping <= LEAST_DAMPING:
             return False
-        if self.left < NONE and not self.measured:  # the step was nothing: what is left now comes from the new noise alone
+        if (
+            self.left < NONE and not self.measured
+        ):  # the step was nothing: what is left now comes from the new noise alone
             self._begin(left, newton, measured=True)
             return True
         shrink = 0.25 if self.measured else 0.0
@@ -134,9 +144,14 @@ class GaussNewton:
         return True
 
     def kept(self, left: float, newton: np.ndarray | None, moved: float) -> None:
-        """Go on from here, after the noise `moved` by so much; `newton` is the whole step, None where it is too long to trust."""
+        """Go on from here, after the noise `moved` by so much; `newton` is the whole step, None where it is
+        too long to trust."""
         self.still = moved < STILL
         self._begin(left, newton, measured=False)
 
     def _begin(self, left: float, newton: np.ndarray | None, measured: bool) -> None:
-        self.next, self.left, self.measured = None if newton is None else self.damping * newton, left, measured
+        self.next, self.left, self.measured = (
+            None if newton is None else self.damping * newton,
+            left,
+            measured,
+        )

@@ -1,20 +1,24 @@
-"""Starting values from the data alone: candidates (tau, local resonance) of a log, in plain numpy, without an optimiser.
+"""Starting values from the data alone: candidates (tau, local resonance) of a log, in plain numpy, without an
+optimiser.
 
-Sweeps: a rational function with one pole, linear in its coefficients (Sanathanan & Koerner, IEEE TAC 8, 56, 1963), so that a
-complex, sloping background does no harm. Transients: poles of a matrix pencil on each stretch of constant inputs (Hua & Sarkar,
-IEEE TASSP 38, 814, 1990), which needs neither start nor offset nor gain.
+Sweeps: a rational function with one pole, linear in its coefficients (Sanathanan & Koerner, IEEE TAC 8, 56,
+1963), so that a complex, sloping background does no harm. Transients: poles of a matrix pencil on each
+stretch of constant inputs (Hua & Sarkar, IEEE TASSP 38, 814, 1990), which needs neither start nor offset nor
+gain.
 """
 
 import numpy as np
 
 from sysid.trials.trial import Trial
 
-SAMPLES = 240  # rows of a stretch that the pencil sees: enough for the pole, and its decomposition stays below a millisecond
+# rows of a stretch that the pencil sees: enough for the pole, and its decomposition stays below a millisecond
+SAMPLES = 240
 STILL = 1e-8  # half widths of a window, by which a pole no longer moves
 
 
 def candidates(trial: Trial) -> np.ndarray:
-    """(n, 2) of tau in s and local resonance in Hz (NaN: none), the likely ones first; coarse ones fill the range."""
+    """(n, 2) of tau in s and local resonance in Hz (NaN: none), the likely ones first; coarse ones fill the
+    range."""
     log = trial.log
     if log.frequency is not None and np.ptp(log.frequency) > 0:
         found = _sweep(trial)
@@ -60,7 +64,8 @@ def _pole(f: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _rational_pole(u: np.ndarray, y: np.ndarray, degree: int) -> complex:
-    """Pole p of y = (A + B u + C u^2)/(u - p): u y = p y + A + B u + C u^2, reweighted by the last |u - p|."""
+    """Pole p of y = (A + B u + C u^2)/(u - p): u y = p y + A + B u + C u^2, reweighted by the last |u -
+    p|."""
     weight, pole, before = np.ones(len(u)), 0j, np.inf
     design = np.column_stack([y] + [u**k for k in range(degree + 1)])
     for _ in range(8):
@@ -73,23 +78,30 @@ def _rational_pole(u: np.ndarray, y: np.ndarray, degree: int) -> complex:
 
 
 def phase_falls(trial: Trial) -> bool:
-    """Whether the phase of a d/q sweep falls through the resonance, as e^{+j omega t} makes it: a pole above the real axis."""
+    """Whether the phase of a d/q sweep falls through the resonance, as e^{+j omega t} makes it: a pole above
+    the real axis."""
     log = trial.log
-    f, y = log.frequency, log.response if log.drive is None else log.response / np.where(log.drive == 0, 1.0, log.drive)
+    f, y = (
+        log.frequency,
+        log.response if log.drive is None else log.response / np.where(log.drive == 0, 1.0, log.drive),
+    )
     if np.ptp(f) == 0 or len(f) < 6:
         return True
     return bool(_rational_pole((f - f.mean()) / (np.ptp(f) / 2), y, 2).imag > 0)
 
 
 def _lorentzian(f: np.ndarray, w: np.ndarray) -> list[tuple[float, float]]:
-    """1/w^2 is a parabola in f: its vertex is the resonance, and its width at twice the vertex the half bandwidth."""
+    """1/w^2 is a parabola in f: its vertex is the resonance, and its width at twice the vertex the half
+    bandwidth."""
     centre, half = f.mean(), max(np.ptp(f) / 2, 1e-300)
     u = (f - centre) / half
     if not np.any(w):
         return []
     w = np.maximum(np.abs(w), 1e-9 * np.max(np.abs(w)))
     weight = w**3
-    c0, c1, c2 = np.linalg.lstsq(np.column_stack([np.ones(len(u)), u, u**2]) * weight[:, None], weight / w**2, rcond=None)[0]
+    c0, c1, c2 = np.linalg.lstsq(
+        np.column_stack([np.ones(len(u)), u, u**2]) * weight[:, None], weight / w**2, rcond=None
+    )[0]
     if c2 <= 0:
         return []
     vertex = -c1 / (2 * c2)
@@ -100,12 +112,16 @@ def _lorentzian(f: np.ndarray, w: np.ndarray) -> list[tuple[float, float]]:
 
 def _transient(trial: Trial) -> list[tuple[float, float]]:
     log = trial.log
-    inputs = np.stack([np.nan_to_num(np.zeros(len(log)) if c is None else c) for c in (log.drive, log.frequency)])
+    inputs = np.stack(
+        [np.nan_to_num(np.zeros(len(log)) if c is None else c) for c in (log.drive, log.frequency)]
+    )
     if log.sampling == "settled":
         inputs = np.concatenate([inputs[:, 1:], inputs[:, -1:]], axis=1)
     edges = np.flatnonzero(np.append(True, np.any(inputs[:, 1:] != inputs[:, :-1], axis=0)))
     ends = np.append(edges[1:], len(log) - 1)
-    stretches = sorted(zip(edges, ends, strict=True), key=lambda s: _liveliness(log, int(s[0]), int(s[1])), reverse=True)
+    stretches = sorted(
+        zip(edges, ends, strict=True), key=lambda s: _liveliness(log, int(s[0]), int(s[1])), reverse=True
+    )
     found = []
     for begin, end in stretches[:3]:
         drive_frequency = np.nan if log.frequency is None else log.frequency[begin]
@@ -146,7 +162,10 @@ def _averaged(grid: np.ndarray, t: np.ndarray, y: np.ndarray) -> np.ndarray:
     near[t > grid[-1] + 0.5 * (grid[1] - grid[0])] = len(grid)
     count = np.bincount(near, minlength=len(grid) + 1)[:-1]
     if np.all(count > 1):
-        total = np.bincount(near, y.real, len(grid) + 1)[:-1] + 1j * np.bincount(near, np.imag(y), len(grid) + 1)[:-1]
+        total = (
+            np.bincount(near, y.real, len(grid) + 1)[:-1]
+            + 1j * np.bincount(near, np.imag(y), len(grid) + 1)[:-1]
+        )
         return total / count
     return np.interp(grid, t, y.real) + 1j * np.interp(grid, t, np.imag(y))
 
@@ -154,7 +173,9 @@ def _averaged(grid: np.ndarray, t: np.ndarray, y: np.ndarray) -> np.ndarray:
 def _matrix_pencil(y: np.ndarray, dt: float, order: int, signed: bool) -> list[complex]:
     length = len(y) // 3
     hankel = np.lib.stride_tricks.sliding_window_view(y, length + 1)
-    right = np.linalg.eigh(hankel.T @ hankel.conj())[1][:, ::-1]  # its right singular vectors, in a quarter of the time
+    right = np.linalg.eigh(hankel.T @ hankel.conj())[1][
+        :, ::-1
+    ]  # its right singular vectors, in a quarter of the time
     found = []
     for rank in {2, order}:
         v = right[:, :rank]

@@ -1,4 +1,5 @@
-"""Other minima of a fit that sees only amplitudes: mirror images of one that was found, as trials and theta to start from."""
+"""Other minima of a fit that sees only amplitudes: mirror images of one that was found, as trials and theta
+to start from."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,25 +11,34 @@ from sysid.trials.trial import LEAST_WARMING, Trial
 Begin = tuple[tuple[Trial, ...], np.ndarray]
 
 
-def images(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
+def images(
+    trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool
+) -> list[Begin]:
     """All images of a minimum at theta; `drifts`: whether k_T is free."""
     begun = any(t.begun for t in trials)
     return [*_mirrored(trials, theta, reference, drifts), *([as_settled(trials, theta)] if begun else [])]
 
 
-def _mirrored(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool) -> list[Begin]:
-    """Images with the resonance on the other side of the drive, at the same distance. There is one for each log at a constant
-    frequency that shows only its amplitude, or that a demodulator of unknown phase has turned: once by shifting f0, and once by
-    changing k_T about the temperature of the other logs. The start of that log is mirrored too."""
+def _mirrored(
+    trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float], drifts: bool
+) -> list[Begin]:
+    """Images with the resonance on the other side of the drive, at the same distance. There is one for each
+    log at a constant frequency that shows only its amplitude, or that a demodulator of unknown phase has
+    turned: once by shifting f0, and once by changing k_T about the temperature of the other logs. The start
+    of that log is mirrored too."""
     resonant = [t for t in trials if t.resonant]
     level, drift = theta[2:4] * [1, drifts]
     warming = {id(t): float(np.mean(t.hold(reference).warming)) for t in resonant}
     mirrored = {}
     for trial in (t for t in resonant if _of_size_alone(t) and np.ptp(t.log.frequency) == 0):
-        turned = tuple(replace(t, start=np.conj(t.start), offset=np.conj(t.offset)) if t is trial else t for t in trials)
+        turned = tuple(
+            replace(t, start=np.conj(t.start), offset=np.conj(t.offset)) if t is trial else t for t in trials
+        )
         image = 2 * (trial.log.frequency[0] - reference[0]) - level - drift * warming[id(trial)]
         mirrored[image - drift * warming[id(trial)], drift] = turned
-        others = [warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING]
+        others = [
+            warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING
+        ]
         if drifts and others:
             pivot = float(np.mean(others))
             slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
@@ -41,8 +51,8 @@ def _of_size_alone(trial: Trial) -> bool:
 
 
 def as_settled(trials: Sequence[Trial], theta: np.ndarray, more: float = 1.0) -> Begin:
-    """Amplitudes taken as settled at their first row: another start with another G may look the same. `more`: a further factor on
-    G."""
+    """Amplitudes taken as settled at their first row: another start with another G may look the same. `more`:
+    a further factor on G."""
     size = next(abs(1 + t.start) for t in trials if t.begun) or 1.0
     settled = tuple(replace(t, start=0.0) if t.begun else t for t in trials)
     return settled, theta + np.log(size * more) * np.eye(1, len(theta))[0]

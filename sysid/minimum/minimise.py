@@ -1,4 +1,5 @@
-"""Minima of the cost, from the likeliest starting points; the noise of each log is estimated from its residual along the way."""
+"""Minima of the cost, from the likeliest starting points; the noise of each log is estimated from its
+residual along the way."""
 
 import logging
 from collections.abc import Sequence
@@ -24,7 +25,9 @@ log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
 MOST = 128  # steps of a search
-ROUNDING = 1e-28  # relative to the largest information along a direction: added to all, so that none is singular
+ROUNDING = (
+    1e-28  # relative to the largest information along a direction: added to all, so that none is singular
+)
 ROUNDED = 1e-12  # change of the noise, and of a sum of squares, that is only rounding
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
@@ -34,8 +37,9 @@ DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fa
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta as in `model.likelihood.basis`, the likelihood's covariance, and the trials with their noise and
-    nuisances. `dispersion`: what logs that differ by more than their errors add to it (`verdict.differing`)."""
+    """A converged minimum: theta as in `model.likelihood.basis`, the likelihood's covariance, and the trials
+    with their noise and nuisances. `dispersion`: what logs that differ by more than their errors add to it
+    (`verdict.differing`)."""
 
     theta: np.ndarray
     covariance: np.ndarray
@@ -71,16 +75,21 @@ class State:
 
     @property
     def likelihood(self) -> float:
-        """Log-likelihood of the logs, every number of theirs at its optimum, up to a constant of the same logs in the same unit.
-        By its difference descriptions with other nuisances compare, whatever the units: `cost` counts each number that a
-        description leaves to a log by the logarithm of its noise, in the unit of the response."""
+        """Log-likelihood of the logs, every number of theirs at its optimum, up to a constant of the same
+        logs in the same unit. By its difference descriptions with other nuisances compare, whatever the
+        units: `cost` counts each number that a description leaves to a log by the logarithm of its noise, in
+        the unit of the response."""
         return -self.cost - sum(numbers_taken(t) * float(np.log(t.noise.std)) for t in self.trials)
 
     @property
     def evidence(self) -> float:
         """Log of the posterior mass about this minimum (Laplace), up to a constant of the logs."""
         bounded = np.diag(self.covariance) > 0
-        return 0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1]) - self.volume - self.cost
+        return (
+            0.5 * float(np.linalg.slogdet(self.covariance[np.ix_(bounded, bounded)])[1])
+            - self.volume
+            - self.cost
+        )
 
 
 def shares(states: Sequence[State]) -> np.ndarray:
@@ -92,7 +101,8 @@ def shares(states: Sequence[State]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Minimiser:
-    """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are taken from."""
+    """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are
+    taken from."""
 
     reference: tuple[float, float]
     free: tuple[str, ...]
@@ -108,11 +118,14 @@ class Minimiser:
         trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
         untouched = np.zeros((len(points), len(FINGER)))
         starts = np.column_stack([_log_gains(search, points), points, untouched])
-        rounds = 4 if any(t.begun for t in trials) else 1  # what an amplitude began with is found with the plant
+        rounds = (
+            4 if any(t.begun for t in trials) else 1
+        )  # what an amplitude began with is found with the plant
         log.info("start 1 of %d", len(starts))
         found = [self.refine(trials, starts[0], rounds)]
         reached = search.score(found[0].theta[None, 1:4], cost)[0]
-        # A start that is far worse than where the best one ended leads nowhere new; where the ends differ, all are tried.
+        # A start that is far worse than where the best one ended leads nowhere new; where the ends differ,
+        # all are tried.
         for k, (theta, short) in enumerate(zip(starts[1:], score[1:], strict=True), 2):
             if short < reached + 10 * MODES or reached > 0.25 * search.freedom.sum():
                 log.info("start %d of %d", k, len(starts))
@@ -120,11 +133,14 @@ class Minimiser:
         found.sort(key=lambda s: s.cost)
         found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
         # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
-        return self._distinct([s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()])
+        return self._distinct(
+            [s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()]
+        )
 
     def imaged(self, states: Sequence[State]) -> list[State]:
-        """The minima and the images of the best of them, the best first, as far as they count as modes: for whoever changed what
-        the logs are behind or what of the bench is fitted, as an image may then be where none was."""
+        """The minima and the images of the best of them, the best first, as far as they count as modes: for
+        whoever changed what the logs are behind or what of the bench is fitted, as an image may then be where
+        none was."""
         log.info("mirror images of the minimum")
         best = sorted(states, key=lambda s: s.cost)
         more = self._images(best, 30)
@@ -136,17 +152,25 @@ class Minimiser:
         for _ in range(2):  # an image of an image is on the other side of two drives
             begins = [begin for s in latest for begin in images(s.trials, s.theta, self.reference, drifts)]
             latest = [self.refine(*begin, rounds) for begin in begins]
-            latest = [s for s in latest if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in every)]
+            latest = [
+                s
+                for s in latest
+                if s.cost < found[0].cost + 10 * MODES and all(self._apart(s, f) for f in every)
+            ]
             every += latest
         return every[len(found) :]
 
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
-        """Start compiling the search while starting points are looked for, on the assumption that Q is not low."""
+        """Start compiling the search while starting points are looked for, on the assumption that Q is not
+        low."""
         theta = np.zeros(len(NAMES))
-        levenberg_marquardt.prepare(lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0))
+        levenberg_marquardt.prepare(
+            lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0)
+        )
 
     def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
-        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with and without.
+        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with
+        and without.
 
         `known`: rounds in which the noise of the trials has been estimated already; 0: none.
         """
@@ -159,10 +183,13 @@ class Minimiser:
         other = self._descend(trials, state.theta, not state.low_q, rounds, known)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
-    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int) -> State:
+    def _descend(
+        self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int
+    ) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
-        Once a Gauss-Newton step is short and changes the sum of squares by less than NEAR, single steps replace the search.
+        Once a Gauss-Newton step is short and changes the sum of squares by less than NEAR, single steps
+        replace the search.
         """
         steps, last, converged, unmoved, begin = GaussNewton(), np.inf, False, False, theta
         if all(t.silent for t in trials):
@@ -176,7 +203,10 @@ class Minimiser:
                 theta, grams, gradients, found = self._seen(groups, first, directions, most)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
-            gradient, inverse = np.concatenate(gradients).sum(axis=0), _invert(np.concatenate(grams).sum(axis=0))
+            gradient, inverse = (
+                np.concatenate(gradients).sum(axis=0),
+                _invert(np.concatenate(grams).sum(axis=0)),
+            )
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
             if steps.taken_back(left, whole):
@@ -188,22 +218,31 @@ class Minimiser:
             steps.kept(left, whole, moved)
             change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if k == rounds or (converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)):
+            if k == rounds or (
+                converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)
+            ):
                 break
         if known:
             jitters = map(jitter.found, trials, models, courses)
-            trials = tuple(replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True))
+            trials = tuple(
+                replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True)
+            )
         # Padding stands behind each group's logs, and the prior behind the groups.
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
-        freedom = np.concatenate([x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)])
+        freedom = np.concatenate(
+            [x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)]
+        )
         told = np.array([trials[i].noise.told for logs in members for i in logs])
         information = _informed(freedom, told[:, None, None] * held, inverse)
         alone, covariance = self._covariances(information, directions)
         volume = _volume(found, members)
-        return State(theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior)
+        return State(
+            theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior
+        )
 
     def _covariances(self, information: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(6, 6) of theta: from the logs alone, whose information along the directions is given, and with the prior."""
+        """(6, 6) of theta: from the logs alone, whose information along the directions is given, and with the
+        prior."""
         alone = directions @ _invert(information) @ directions.T
         if not np.any(self.prior.precision):
             return alone, alone
@@ -212,13 +251,16 @@ class Minimiser:
 
     def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
         """What `levenberg_marquardt` finds from theta, in numpy."""
-        return jax.tree.map(np.asarray, levenberg_marquardt(*self._arguments(groups, theta, directions, most)))
+        return jax.tree.map(
+            np.asarray, levenberg_marquardt(*self._arguments(groups, theta, directions, most))
+        )
 
     def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
         return theta, directions, np.asarray(most), *self.prior, *split(groups)
 
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
-        """The state where the search began, for logs that do not bound tau: any tau far from it fits as well."""
+        """The state where the search began, for logs that do not bound tau: any tau far from it fits as
+        well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         *_, found = self._seen(groups, theta, directions, 0)
@@ -226,10 +268,13 @@ class Minimiser:
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0
-        return State(theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior)
+        return State(
+            theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior
+        )
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points (n, 3), the log-likelihood by which each falls short, and the least residual sum of each log."""
+        """Points (n, 3), the log-likelihood by which each falls short, and the least residual sum of each
+        log."""
         if start is not None:
             f0 = 0.0 if start.f0 is None else start.f0 - self.reference[0]
             k_T = start.k_T or 0.0
@@ -259,8 +304,8 @@ class Minimiser:
         return bool(np.any(np.abs(step) > 0.5 * spread + 1e-9))
 
     def _directions(self, theta: np.ndarray) -> np.ndarray:
-        """(6, free) unit steps in theta: a factor e in G and tau; a half bandwidth in f0; a tenth of one per degC; for a finger
-        the plate's own damping and a half bandwidth."""
+        """(6, free) unit steps in theta: a factor e in G and tau; a half bandwidth in f0; a tenth of one per
+        degC; for a finger the plate's own damping and a half bandwidth."""
         half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
@@ -274,7 +319,8 @@ class Minimiser:
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first few points, with their scores, that differ by half a bandwidth or a factor of two in tau from all before them."""
+    """The first few points, with their scores, that differ by half a bandwidth or a factor of two in tau from
+    all before them."""
     kept: list[int] = []
     for i, p in enumerate(points):
         half_bandwidth = 1 / (2 * np.pi * np.exp(p[0]))
@@ -303,7 +349,8 @@ def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> floa
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix; where it holds no information the variance becomes very large, not infinite."""
+    """Inverse of an information matrix; where it holds no information the variance becomes very large, not
+    infinite."""
     gram = gram + ROUNDING * np.max(np.diag(gram)) * np.eye(len(gram))
     size = np.sqrt(np.maximum(np.diag(gram), 1e-30))
     values, vectors = np.linalg.eigh(np.nan_to_num(gram / np.outer(size, size)))
@@ -312,9 +359,11 @@ def _invert(gram: np.ndarray) -> np.ndarray:
 
 
 def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Information of all logs, from (logs, p, p), each less the share of its residual that the plant's parameters have absorbed.
+    """Information of all logs, from (logs, p, p), each less the share of its residual that the plant's
+    parameters have absorbed.
 
-    The noise is that of the largest likelihood, S/freedom; a log of leverage tr(gram inverse) has that many degrees fewer.
+    The noise is that of the largest likelihood, S/freedom; a log of leverage tr(gram inverse) has that many
+    degrees fewer.
     """
     leverage = np.einsum("lpq,pq->l", grams, inverse)
     left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)

@@ -2,10 +2,10 @@
 
     |W| = G V/sqrt(1 + x^2),   x = 2 pi (f - f0) tau
 
-An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood. Near x = 0 no normal has this
-shape: there J^T J says nothing about f0, and takes the noise in its derivative for information on the other parameters. So the
-ridge is followed: everything else is fitted anew with f0 held at several places, until the cost has risen by DEEP. Each place
-gives one normal of a mixture.
+An amplitude at one frequency depends on x^2, and so do G and tau along the ridge of the likelihood. Near x =
+0 no normal has this shape: there J^T J says nothing about f0, and takes the noise in its derivative for
+information on the other parameters. So the ridge is followed: everything else is fitted anew with f0 held at
+several places, until the cost has risen by DEEP. Each place gives one normal of a mixture.
 """
 
 from collections.abc import Sequence
@@ -46,9 +46,10 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
 
         std f0 = h/2,   covariance = that with f0 held + (std/h)^2 s s^T + 2 (std/h)^4 d d^T
 
-    h is the distance at which the cost has risen by RISE, at most FAR, as an amplitude that had settled and then rings down is
-    the same at any x. s is the part of theta's move to +-h that is odd in x, d the part that is even. (A fourth power that rises
-    by 2 at h has a standard deviation of 0.489 h; for a normal x the variance of x^2 is 2 std^4.)
+    h is the distance at which the cost has risen by RISE, at most FAR, as an amplitude that had settled and
+    then rings down is the same at any x. s is the part of theta's move to +-h that is odd in x, d the part
+    that is even. (A fourth power that rises by 2 at h has a standard deviation of 0.489 h; for a normal x the
+    variance of x^2 is 2 std^4.)
     """
     first, begun = float(np.sqrt(state.covariance[F0, F0])), _begun(state)
     told = first < VAGUE * state.half_bandwidth
@@ -68,7 +69,8 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
 
 
 def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
-    """The places on the ridges through the minima: states with f0 held, whose covariances reach the neighbouring places."""
+    """The places on the ridges through the minima: states with f0 held, whose covariances reach the
+    neighbouring places."""
     least = min(s.cost for s in modes)
     ridges: list[list[State]] = []
     for mode in modes:
@@ -99,7 +101,8 @@ def _begun(state: State) -> list[Trial]:
 
 
 def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
-    """The minimum near a theta with f0 held there; it starts from the noise of `mode`, so that costs compare."""
+    """The minimum near a theta with f0 held there; it starts from the noise of `mode`, so that costs
+    compare."""
     precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
     precision[F0, F0], mean[F0] = (HELD * mode.half_bandwidth) ** -2, f0
     both = minimiser.prior.precision + precision
@@ -116,8 +119,9 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
 
 
 def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list[np.ndarray]]:
-    """How far f0 can go (Hz), at most FAR, until the mean cost of both sides has risen by RISE; and theta above and below. Where
-    the start's phase is not seen, there are minima side by side: then each side has to rise."""
+    """How far f0 can go (Hz), at most FAR, until the mean cost of both sides has risen by RISE; and theta
+    above and below. Where the start's phase is not seen, there are minima side by side: then each side has to
+    rise."""
 
     def both(off: float) -> tuple[float, list[np.ndarray]]:
         sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]

@@ -1,12 +1,15 @@
-"""How well plants fit logs that each have a gain of their own: residual sums over many candidates, in plain numpy.
+"""How well plants fit logs that each have a gain of their own: residual sums over many candidates, in plain
+numpy.
 
-At most SEARCH_ROWS rows of each log are used, and their noise is taken as white. For each candidate (tau, f0, k_T)
+At most SEARCH_ROWS rows of each log are used, and their noise is taken as white. For each candidate (tau, f0,
+k_T)
 
     y = a h + s e + sum_c nu_c column_c + noise,     |h| and |e| for an amplitude y
 
-where h is the plant's response per unit G and e the free decay from the unknown start. The bench's columns are projected out
-once; the gain a and s at each plant, by Gram-Schmidt over all candidates side by side. Priors are those of `model.likelihood`,
-one row each. An undriven amplitude, |s e| lifted by its floor, is linearised in its start and floor about their present values.
+where h is the plant's response per unit G and e the free decay from the unknown start. The bench's columns
+are projected out once; the gain a and s at each plant, by Gram-Schmidt over all candidates side by side.
+Priors are those of `model.likelihood`, one row each. An undriven amplitude, |s e| lifted by its floor, is
+linearised in its start and floor about their present values.
 """
 
 from collections.abc import Sequence
@@ -34,7 +37,8 @@ class Search:
         self.freedom = np.array([min(freedom(t), 2 * SEARCH_ROWS) for t in trials])
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference, k_T."""
+        """Residual sums of squares and gains, both (n, logs), at points (n, 3) of log tau, f0 - reference,
+        k_T."""
         sums, gains = np.stack([self._found(log, points) for log in self.logs], axis=-1)
         return sums, gains
 
@@ -62,23 +66,32 @@ class Search:
 
 
 class Thinned:
-    """One log at as many rows as a search needs. Arrays are (N + priors, B): its rows, and B candidates side by side."""
+    """One log at as many rows as a search needs. Arrays are (N + priors, B): its rows, and B candidates side
+    by side."""
 
     def __init__(self, trial: Trial, reference: tuple[float, float]):
         rows = _thin(trial)
         kept = np.isin(np.arange(len(trial.log)), rows)
-        self.trial = trial = replace(trial, noise=replace(trial.noise, time=0.0, levels=(), rounded=None, own=None, kept=kept))
+        self.trial = trial = replace(
+            trial, noise=replace(trial.noise, time=0.0, levels=(), rounded=None, own=None, kept=kept)
+        )
         hold = trial.hold(reference)
         held, count = (rows, len(rows)) if trial.steady else (slice(None), len(hold.drive))
-        hold = padded(hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count))
-        self.hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+        hold = padded(
+            hold, rows, held, len(rows), count if trial.steady or count <= ONE_LANE else bucket(count)
+        )
+        self.hold = hold._replace(
+            **{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"}
+        )
         self.together = max(TOGETHER // max(len(rows), len(hold.drive)), 1)
         self.weight = trial.noise.whitening()[0][:, None]
         ((basis, _),) = trial.spans
         self.priors = len(basis)  # where the rows of the priors of what depends on the plant begin
         self.bench = [self._with_priors(column[:, None].astype(complex)) for column in basis.T]
         self.response = _off(self.bench, self._with_priors(self.weight * trial.log.response[rows, None]))
-        self.drive = float(np.max(np.abs(hold.drive))) or 1.0  # by which the prior of what settles is in the response's unit
+        self.drive = (
+            float(np.max(np.abs(hold.drive))) or 1.0
+        )  # by which the prior of what settles is in the response's unit
         self.start_free = trial.start_free * (trial.scale / trial.looseness if trial.begun else trial.started)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -118,8 +131,11 @@ class Thinned:
         found[: len(rows)] = rows
         return found
 
-    def _explained(self, columns: Sequence[np.ndarray], response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual sums of squares (B,) after fitting columns (N, B), and the magnitude of the last column's coefficient."""
+    def _explained(
+        self, columns: Sequence[np.ndarray], response: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residual sums of squares (B,) after fitting columns (N, B), and the magnitude of the last column's
+        coefficient."""
         units, left, gain = list(self.bench), response, np.ones(response.shape[1])
         for i, column in enumerate(columns):
             column = self._with_priors(self.weight * column)
@@ -133,7 +149,8 @@ class Thinned:
 
 
 def _off(units: Sequence[np.ndarray], v: np.ndarray) -> np.ndarray:
-    """`v` (n, B) less its projections on the units, one after the other: for a handful, a threaded library does not pay."""
+    """`v` (n, B) less its projections on the units, one after the other: for a handful, a threaded library
+    does not pay."""
     for unit in units:
         v = v - _along(unit, v) * unit
     return v
@@ -144,14 +161,17 @@ def _along(unit: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _thin(trial: Trial) -> np.ndarray:
-    """The rows for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its start."""
+    """The rows for a search: evenly spread over a sweep; in each stretch of constant inputs densest at its
+    start."""
     rows = _evenly(trial)
     return rows[trial.there[rows]]
 
 
 def _evenly(trial: Trial) -> np.ndarray:
     n, hold = len(trial.log), trial.inputs
-    edges = np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
+    edges = (
+        np.array([0, n]) if trial.steady else np.searchsorted(hold.interval, np.arange(len(hold.drive) + 1))
+    )
     if n <= SEARCH_ROWS:
         return np.arange(n)
     if len(edges) - 1 > SEARCH_ROWS // 8:

@@ -9,12 +9,14 @@ from sysid.minimum.search import Search
 from sysid.trials.trial import LEAST_WARMING
 
 NEARBY = 9  # random points about each log's best, twice
-SHARED = 24  # logs whose points all logs try: of more, each tries its own besides, and the time goes with their number
+# logs whose points all logs try: of more, each tries its own besides, and the time goes with their number
+SHARED = 24
 PAIRS = 40  # pairs of logs at different temperatures, furthest apart first
 
 
 def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """The best point (log tau, local resonance - reference, k_T = 0) of each log by itself, (logs, 3), and its residual sum."""
+    """The best point (log tau, local resonance - reference, k_T = 0) of each log by itself, (logs, 3), and
+    its residual sum."""
     pools = [_points(candidates(t), search.reference[0]) for t in search.trials]
     if not any(map(len, pools)):
         pools[0] = np.array([[np.log(1e-3), 0.0, 0.0]])
@@ -32,13 +34,15 @@ def local(search: Search, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
 def _points(guessed: np.ndarray, reference: float) -> np.ndarray:
     """(n, 3) of log tau, f0 - reference and k_T = 0, from candidates (n, 2)."""
     guessed = np.reshape(guessed, (-1, 2))
-    return np.column_stack([np.log(guessed[:, 0]), np.nan_to_num(guessed[:, 1] - reference), np.zeros(len(guessed))])
+    return np.column_stack(
+        [np.log(guessed[:, 0]), np.nan_to_num(guessed[:, 1] - reference), np.zeros(len(guessed))]
+    )
 
 
 def _tried(search: Search, pools: Sequence[np.ndarray], thin: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The best point (logs, 3) for each log, and its residual sum (logs,). `pools`: the points (n, 3) that each log proposes.
-    Each log tries its own points and those of at most SHARED logs, which help where it says little itself; with `thin`, only one
-    of those that are alike."""
+    """The best point (logs, 3) for each log, and its residual sum (logs,). `pools`: the points (n, 3) that
+    each log proposes. Each log tries its own points and those of at most SHARED logs, which help where it
+    says little itself; with `thin`, only one of those that are alike."""
     proposing = [k for k, points in enumerate(pools) if len(points)]
     shared = proposing[:: -(-len(proposing) // SHARED)]
     points = np.concatenate([pools[k] for k in shared])
@@ -54,14 +58,19 @@ def _tried(search: Search, pools: Sequence[np.ndarray], thin: bool) -> tuple[np.
 
 def _thinned(points: np.ndarray) -> np.ndarray:
     """One point of each cell a sixth wide in log tau and in bandwidths."""
-    cells = np.column_stack([points[:, 0] * 6, points[:, 1] * 6 * 2 * np.pi * np.exp(np.round(points[:, 0] * 6) / 6)])
+    cells = np.column_stack(
+        [points[:, 0] * 6, points[:, 1] * 6 * 2 * np.pi * np.exp(np.round(points[:, 0] * 6) / 6)]
+    )
     return points[np.sort(np.unique(np.round(cells), axis=0, return_index=True)[1])]
 
 
 def joint(search: Search, best: np.ndarray, cost: np.ndarray, drifts: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) for all logs and their scores, best first: each log's own, and lines through pairs of temperatures."""
+    """Points (n, 3) for all logs and their scores, best first: each log's own, and lines through pairs of
+    temperatures."""
     points = [best if len(best) <= SHARED else _thinned(best)]
-    temperatures = [search.reference[1] if t.log.temperature is None else t.log.temperature.mean() for t in search.trials]
+    temperatures = [
+        search.reference[1] if t.log.temperature is None else t.log.temperature.mean() for t in search.trials
+    ]
     warming = np.array(temperatures) - search.reference[1]
     if drifts:
         first, second = np.triu_indices(len(best), 1)

@@ -1,30 +1,34 @@
-"""What the logs say about a plant: whitened residuals and the log density, with every nuisance of the bench eliminated.
+"""What the logs say about a plant: whitened residuals and the log density, with every nuisance of the bench
+eliminated.
 
 For given (G, tau, f0, k_T) a d/q log is linear in all that the bench adds to it,
 
-    y = G e^{j phi} h + sum_c nu_c column_c + noise,     columns: offset, feedthrough, slope; free decay from the unknown start;
-                                                                  -G dh/dt of a response that is late
+    y = G e^{j phi} h + sum_c nu_c column_c + noise
 
-with h the plant's response per unit G. Lateness covers, to first order, a trigger and a demodulator's filter and, as nu is
-complex, the phase at which the carrier was switched (1/(2Q) of a step). The nu_c are projected out (variable projection; Golub &
-Pereyra, SIAM J. Numer. Anal. 10, 413, 1973): the columns that do not depend on the plant once and for all, the others at each
-plant; phi by its closed-form optimum, so that a fit and a posterior over any number of logs have four parameters, with a finger
-six. Each nu_c has a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or of a radian of the
-carrier where that is longer, which is all that its imaginary part has over a sweep; it enters as one more row and keeps columns
-apart that a log cannot separate (where a lone step cannot, the priors of feedthrough and lateness are narrower:
-`verdict.coincidence`). An amplitude log, w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it
-(`model.rice`), is linear in its nuisances only about their values: steps to these are taken at each plant. Where it is driven at
-its first row, h is the response that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is
-besides: no phase shows what else it began with. nu_4, an offset of d and q, is there where the log shows one
-(`verdict.standing`). Of a sweep nu_2 is the noise's square, given as well as its scatter tells it: how the means rise with it is
-a column like an offset.
+with h the plant's response per unit G, and for columns an offset, the feedthrough and its slope, the free
+decay from the unknown start, and -G dh/dt of a response that is late. Lateness covers, to first order, a
+trigger and a demodulator's filter and, as nu is complex, the phase at which the carrier was switched (1/(2Q)
+of a step). The nu_c are projected out (variable projection; Golub & Pereyra, SIAM J. Numer. Anal. 10, 413,
+1973): the columns that do not depend on the plant once and for all, the others at each plant; phi by its
+closed-form optimum, so that a fit and a posterior over any number of logs have four parameters, with a finger
+six. Each nu_c has a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or
+of a radian of the carrier where that is longer, which is all that its imaginary part has over a sweep; it
+enters as one more row and keeps columns apart that a log cannot separate (where a lone step cannot, the
+priors of feedthrough and lateness are narrower: `verdict.coincidence`). An amplitude log, w^2 = |G h + nu_1 e
+- nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only about
+their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response
+that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no
+phase shows what else it began with. nu_4, an offset of d and q, is there where the log shows one
+(`verdict.standing`). Of a sweep nu_2 is the noise's square, given as well as its scatter tells it: how the
+means rise with it is a column like an offset.
 
-Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex coefficients is so with
-real ones, two for each: the same shapes, and j times them. So it is where real and imaginary part have priors of their own.
+Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex
+coefficients is so with real ones, two for each: the same shapes, and j times them. So it is where real and
+imaginary part have priors of their own.
 
-The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the residual sum S,
-log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B of their coefficients,
-- 1/2 log det B, which depends on the plant where their columns do.
+The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the
+residual sum S, log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B
+of their coefficients, log p = - 1/2 log det B, which depends on the plant where their columns do.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,11 +45,14 @@ from sysid.model.span import REAL, Span, best_turn, times, turn_towards
 from sysid.rows.hold import Hold, Leaf
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
-OWN = 8  # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of `extra`
+# rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of
+# `extra`
+OWN = 8
 
 
 class Layout(NamedTuple):
-    """What decides which program evaluates an experiment; experiments of one layout are stacked and share one."""
+    """What decides which program evaluates an experiment; experiments of one layout are stacked and share
+    one."""
 
     amplitude: bool  # amplitude only: |W|
     own_gain: bool  # a sweep of which no drive is recorded: a gain of its own
@@ -54,7 +61,9 @@ class Layout(NamedTuple):
     late: bool  # a transient, by an unknown time
     touched: bool  # a finger's force is recorded
     apart: bool  # the noise of d and q differs
-    split: bool  # real and imaginary parts of coefficients are apart: where the noise is, a swept log may be late, or `extra`
+    # real and imaginary parts of coefficients are apart: where the noise is, a swept log may be late, or
+    # `extra`
+    split: bool
     order: int  # poles of the lock-in's filter
     extra: int  # shapes of the log's own
     steady: bool  # settled points
@@ -66,18 +75,19 @@ class Layout(NamedTuple):
 class Experiment(NamedTuple):
     """One log as arrays, padded to its layout; in a group each has a leading axis of logs.
 
-    `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`, `before` (N,) of
-    the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N): orthonormal, of the whitened
-    columns that do not depend on the plant, with a row for each one's prior. Where the noise of d and q differs, these three
-    are complex: real parts act on d, imaginary ones on q. `tightness`: one over the standard deviation of the nuisances'
-    prior; `freedom` degrees of freedom of the residual; `rounding` square of float64's noise over the log's; `rotated` 1 when
-    the demodulator's phase is unknown; `lateness` s, the standard deviation of how late the response is, over that of the
-    other nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each may have;
-    `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4 (complex), or (N,) what
-    moves alongside the plate; `start_free` and `offset_free` the priors of start and offset over that of the other nuisances,
-    `floor_free` 1, when they are to be found. `extra` (E, N): shapes of the log's own, held at a plate. `tied` (3,): its own
-    resonance where its thermometer's error is fitted, Hz above the reference, its mean warming, degC, and one over that
-    error; zeros elsewhere.
+    `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`,
+    `before` (N,) of the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N):
+    orthonormal, of the whitened columns that do not depend on the plant, with a row for each one's prior.
+    Where the noise of d and q differs, these three are complex: real parts act on d, imaginary ones on q.
+    `tightness`: one over the standard deviation of the nuisances' prior; `freedom` degrees of freedom of the
+    residual; `rounding` square of float64's noise over the log's; `rotated` 1 when the demodulator's phase is
+    unknown; `lateness` s, the standard deviation of how late the response is, over that of the other
+    nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each
+    may have; `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4
+    (complex), or (N,) what moves alongside the plate; `start_free` and `offset_free` the priors of start and
+    offset over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes
+    of the log's own, held at a plate. `tied` (3,): its own resonance where its thermometer's error is fitted,
+    Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
     """
 
     hold: Hold
@@ -103,10 +113,10 @@ class Experiment(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the nuisances' values:
-    `late` in units of `lateness`, `offset` as `Experiment` has it, `extra` (E,) of the columns, `turn` the demodulator's
-    rotation times the gain where that is the log's own. `volume` is half the log determinant of the nuisances' information,
-    as far as it depends on the plant."""
+    """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the
+    nuisances' values: `late` in units of `lateness`, `offset` as `Experiment` has it, `extra` (E,) of the
+    columns, `turn` the demodulator's rotation times the gain where that is the log's own. `volume` is half
+    the log determinant of the nuisances' information, as far as it depends on the plant."""
 
     rows: Array
     driven: Array
@@ -120,10 +130,12 @@ class Residual(NamedTuple):
 
 
 def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
-    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex arrays.
+    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex
+    arrays.
 
-    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the added damping in units
-    of the plate's own, and the shift of f0 in Hz). A finger divides tau and G by one factor, and with G the drive.
+    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the
+    added damping in units of the plate's own, and the shift of f0 in Hz). A finger divides tau and G by one
+    factor, and with G the drive.
     """
     tau = jnp.exp(theta[1])
     detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
@@ -144,14 +156,16 @@ def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
 
 
 def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Array], Array]]:
-    """`residual`, and the derivative of its rows by theta: that of the model with the nuisances held, projected off all that the
-    nuisances can adjust (Kaufman, BIT 15, 49, 1975). The gradient of the sum of squares is then exact, and J^T J is the
-    information with the nuisances eliminated."""
+    """`residual`, and the derivative of its rows by theta: that of the model with the nuisances held,
+    projected off all that the nuisances can adjust (Kaufman, BIT 15, 49, 1975). The gradient of the sum of
+    squares is then exact, and J^T J is the information with the nuisances eliminated."""
     found, nuisances, off = _eliminated(theta, x, layout)
     if not layout.extra:
         _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
         return found, lambda step: -off(_whiten(change(step), x))
-    _, change = jax.linearize(lambda t: (_modelled(_shapes(t, x, layout), nuisances, layout), _pull(t, x, layout)), theta)
+    _, change = jax.linearize(
+        lambda t: (_modelled(_shapes(t, x, layout), nuisances, layout), _pull(t, x, layout)), theta
+    )
 
     def along(step: Array) -> Array:
         model, pull = change(step)
@@ -168,15 +182,18 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
         forced = jnp.abs(forced)
     gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
-    # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the time.
+    # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
+    # time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
     forced = gain * forced + x.offset if layout.alongside else gain * forced
-    return jax.lax.optimization_barrier(Response(forced, -gain * x.lateness * rate, x.start_free * unit * free))
+    return jax.lax.optimization_barrier(
+        Response(forced, -gain * x.lateness * rate, x.start_free * unit * free)
+    )
 
 
 def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
-    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's distribution about its
-    size beside an offset, whose level is the root of the floor."""
+    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's
+    distribution about its size beside an offset, whose level is the root of the floor."""
     turn, start, late, *amplitude = nuisances
     w = turn * shapes.forced + start * shapes.free
     w = w + late * shapes.rate if layout.late else w
@@ -187,7 +204,8 @@ def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) ->
 
 
 def _eliminated(theta: Array, x: Experiment, layout: Layout):
-    """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances can adjust."""
+    """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances
+    can adjust."""
     shapes = _shapes(theta, x, layout)
     x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
     if layout.amplitude and not layout.own_gain:
@@ -196,8 +214,8 @@ def _eliminated(theta: Array, x: Experiment, layout: Layout):
 
 
 def _pull(theta: Array, x: Experiment, layout: Layout) -> Array:
-    """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance of the log's own:
-    by how much warmer the plate is, in standard deviations."""
+    """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance
+    of the log's own: by how much warmer the plate is, in standard deviations."""
     warmer = (x.tied[0] - theta[2] - theta[3] * x.tied[1]) / jnp.where(theta[3] == 0, 1.0, theta[3])
     row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
     return jnp.zeros(layout.rows).at[row].set(warmer * x.tied[2])
@@ -231,14 +249,16 @@ def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
 
 
 def _turned(shapes: Response, x: Experiment, layout: Layout):
-    """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are two columns, whose
-    coefficients are cos phi and sin phi."""
+    """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are
+    two columns, whose coefficients are cos phi and sin phi."""
     span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
     white = _off(_whiten(shapes.forced, x), x)
     white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
     left, shape = span.off(x.response), span.off(white)
     ahead = span.off(white_ahead) if layout.split else 1j * shape
-    turn = jnp.where(x.rotated > 0, best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape), 1.0)
+    turn = jnp.where(
+        x.rotated > 0, best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape), 1.0
+    )
     weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, x, layout)
     nuisances = (turn, *_filled(weights, layout))
     phase = turn.real * ahead - turn.imag * shape  # what a little more rotation adds
@@ -253,7 +273,11 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     rows = left - turn.real * shape - turn.imag * ahead
     volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
     numbers = _numbers(weights, x, layout)
-    return Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers), nuisances, off
+    return (
+        Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers),
+        nuisances,
+        off,
+    )
 
 
 def _own_gain(shapes: Response, x: Experiment, layout: Layout):
@@ -263,7 +287,9 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     nuisances = (weights[0], *_filled(weights[1:], layout))
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
     numbers = _numbers(weights, x, layout)
-    found = Residual(span.off(x.response), driven, x.start, x.floor, x.late, x.offset, weights[0], span.volume, numbers)
+    found = Residual(
+        span.off(x.response), driven, x.start, x.floor, x.late, x.offset, weights[0], span.volume, numbers
+    )
     return found, nuisances, lambda v: span.off(_off(v, x))
 
 
@@ -280,12 +306,21 @@ def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     size = _modelled(shapes, now, layout)
     floor = jnp.where(x.floor_free > 0, found[2] / x.tightness, x.floor)
     rows = _left(now, shapes, x, layout)
-    return Residual(rows, size, now[1], floor, now[2], now[4], now[0], span.volume, jnp.zeros(0)), now, span.off
+    return (
+        Residual(rows, size, now[1], floor, now[2], now[4], now[0], span.volume, jnp.zeros(0)),
+        now,
+        span.off,
+    )
 
 
 ROUNDS = 4  # of steps to the nuisances of an amplitude log
 LEAST = 0.1  # of its floor that a step leaves
-SHARES = (0.0, 0.1, 0.3, 1.0)  # of such a step, of which the best is taken: near resonance the whole is too long
+SHARES = (
+    0.0,
+    0.1,
+    0.3,
+    1.0,
+)  # of such a step, of which the best is taken: near resonance the whole is too long
 
 
 def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Array, ...]:
@@ -297,7 +332,9 @@ def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: La
     offset = jnp.where(x.offset_free > 0, x.offset_free * (found[-2] + 1j * found[-1]), now[4])
 
     def part(share: Array) -> tuple[Array, ...]:
-        return now[0], *(old + share * (new - old) for old, new in zip(now[1:], (start, late, floor, offset), strict=True))
+        return now[0], *(
+            old + share * (new - old) for old, new in zip(now[1:], (start, late, floor, offset), strict=True)
+        )
 
     left = jax.vmap(lambda share: jnp.sum(_left(part(share), shapes, x, layout) ** 2))(jnp.array(SHARES))
     return part(jnp.array(SHARES)[jnp.argmin(left)])
@@ -306,14 +343,20 @@ def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: La
 def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> Array:
     """Whitened residual of a transient's amplitude, with a row for the prior of each nuisance."""
     offset = now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
-    values = [now[1].real, now[1].imag, x.floor_free * x.tightness * now[3], *([now[2]] if layout.late else [])]
+    values = [
+        now[1].real,
+        now[1].imag,
+        x.floor_free * x.tightness * now[3],
+        *([now[2]] if layout.late else []),
+    ]
     values = [*values, offset.real, offset.imag]
     rows = _off(x.response - _whiten(_modelled(shapes, now, layout), x), x)
     return rows.at[-len(values) :].add(-x.tightness * jnp.stack(values[::-1]))
 
 
 def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
-    """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they are at best."""
+    """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they
+    are at best."""
     size = _modelled(shapes, now, layout)
     plate = _modelled(shapes, now[:3], layout) + now[4]
     towards = rice.towards(plate, now[3])
@@ -326,47 +369,62 @@ def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layo
     held, offset = towards * x.offset_free, now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
     own, values = [*own, held.real, -held.imag], [*values, offset.real, offset.imag]
     span = Span([_held(c, i, x) for i, c in enumerate(own)])
-    return span, span.weights(x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x))
+    return span, span.weights(
+        x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
+    )
 
 
 def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
-    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on the plant. `turn`: by
-    what the column is turned, and its prior with it."""
+    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on
+    the plant. `turn`: by what the column is turned, and its prior with it."""
     prior = (jnp.arange(len(column)) == len(column) - 1 - i).astype(column.dtype)
     prior = prior if turn == 1.0 else turn * prior
     return _off(_off(_whiten(column, x) + x.tightness * prior, x), x)  # twice is enough
 
 
 def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
-    """What columns can make, with complex coefficients; where these are split, with real ones of each and of j times it."""
+    """What columns can make, with complex coefficients; where these are split, with real ones of each and of
+    j times it."""
     if not layout.split:
         return Span([_held(c, i, x) for i, c in enumerate(columns)])
     turns = _turns(len(columns), x, layout)
-    return Span([_held(turns[i, k] * c, i, x, (1.0, 1j)[k]) for i, c in enumerate(columns) for k in range(2)], real=True)
+    return Span(
+        [_held(turns[i, k] * c, i, x, (1.0, 1j)[k]) for i, c in enumerate(columns) for k in range(2)],
+        real=True,
+    )
 
 
 def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
-    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. Those of the log's own
-    shapes are real in the plate's frame."""
+    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. Those
+    of the log's own shapes are real in the plate's frame."""
     turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
     turns = turns.at[LATE].set(x.toward) if layout.late else turns
-    return turns.at[columns - layout.extra :].set(x.toward[0] * jnp.array([1.0, 1j * REAL])) if layout.extra else turns
+    return (
+        turns.at[columns - layout.extra :].set(x.toward[0] * jnp.array([1.0, 1j * REAL]))
+        if layout.extra
+        else turns
+    )
 
 
 def _weights(span: Span, v: Array, x: Experiment, layout: Layout) -> Array:
     """Complex coefficients of the columns of `_span` in `v`."""
     found = span.weights(v)
-    return jnp.sum(found.reshape(-1, 2) * _turns(len(found) // 2, x, layout), axis=1) if layout.split else found
+    return (
+        jnp.sum(found.reshape(-1, 2) * _turns(len(found) // 2, x, layout), axis=1) if layout.split else found
+    )
 
 
 def _whiten(v: Array, x: Experiment) -> Array:
-    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid); padding is zero."""
+    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid);
+    padding is zero."""
     return times(x.now, v) - times(x.before, jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]]))
 
 
 def _off(v: Array, x: Experiment) -> Array:
     """`v` less its part in the span of the columns that do not depend on the plant."""
-    along = jnp.sum(times(x.basis, v), axis=1)  # a sum, not a matrix product: several times faster for a handful of columns
+    along = jnp.sum(
+        times(x.basis, v), axis=1
+    )  # a sum, not a matrix product: several times faster for a handful of columns
     made = times(x.basis, along[:, None]) if jnp.iscomplexobj(x.basis) else along[:, None] * x.basis
     return v - jnp.sum(made, axis=0)
 
@@ -374,9 +432,12 @@ def _off(v: Array, x: Experiment) -> Array:
 Groups = tuple[tuple[Layout, Experiment], ...]
 
 
-def density(squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp) -> Leaf:
-    """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened residual rows and the
-    nuisances' volumes: flat in log G, log tau, f0 and k_T, nuisances and noise levels integrated out. `xp`: numpy or jax.numpy.
+def density(
+    squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp
+) -> Leaf:
+    """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened
+    residual rows and the nuisances' volumes: flat in log G, log tau, f0 and k_T, nuisances and noise levels
+    integrated out. `xp`: numpy or jax.numpy.
 
     No level is below that of rounding, so that the density of logs without noise is finite and of its width.
     """
@@ -384,5 +445,7 @@ def density(squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[E
     for square, volume, x in zip(squares, volumes, groups, strict=True):
         blank = x.freedom == 0  # padding of its group
         total = total - xp.sum(xp.where(blank, 0.0, volume), axis=-1)
-        total = total - 0.5 * xp.sum(x.freedom * xp.log(xp.where(blank, 1.0, square + x.freedom * x.rounding)), axis=-1)
+        total = total - 0.5 * xp.sum(
+            x.freedom * xp.log(xp.where(blank, 1.0, square + x.freedom * x.rounding)), axis=-1
+        )
     return total

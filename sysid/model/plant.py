@@ -1,22 +1,23 @@
 """The plant: one resonance, seen in the frame that turns with the drive.
 
-With W = Wd + j Wq and the drive along +q the rotating-frame equation of m w'' + ds w' + c w = N v has two poles,
+With W = Wd + j Wq and the drive along +q the rotating-frame equation of m w'' + ds w' + c w = N v has two
+poles,
 
     s1 = -1/tau + j (wd - omega)        the slow one, which a lock-in sees
-    s2 = -1/tau - j (wd + omega)        the fast one, a ripple at twice the drive frequency,   wd = sqrt(w0^2 - 1/tau^2)
+    s2 = -1/tau - j (wd + omega)        the fast one, a ripple of twice the drive;   wd = sqrt(w0^2 - 1/tau^2)
 
-and W = Z1 + Z2 with  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V,  b = G w0 / (tau wd): exact, also while frequency and drive change
-from one interval to the next. Where the resonance itself jumps, a fraction (change of w0)/(2 w0) passes from one mode to the
-other; that is left out. The steady response of the sum is the exact one,
+and W = Z1 + Z2 with  Z1' = s1 Z1 + b V,  Z2' = s2 Z2 - b V,  b = G w0 / (tau wd): exact, also while frequency
+and drive change from one interval to the next. Where the resonance itself jumps, a fraction (change of w0)/(2
+w0) passes from one mode to the other; that is left out. The steady response of the sum is the exact one,
 
     W = G V (w0/omega) / (1 - j (w0^2 - omega^2) tau / (2 omega)),
 
-at any Q. A lock-in removes the ripple, so Z2 follows its steady value at once, unless `both_modes` asks for the whole.
-A log without a frequency is driven at resonance: the first-order model tau W' = -W + G V.
+at any Q. A lock-in removes the ripple, so Z2 follows its steady value at once, unless `both_modes` asks for
+the whole. A log without a frequency is driven at resonance: the first-order model tau W' = -W + G V.
 
-All frequencies enter as offsets from a reference, in Hz: their differences are exact near the resonance, and are turned into
-rad/s last, so that float64 resolves a micro-hertz at a gigahertz.
-Everything here is a pure function of JAX arrays: differentiable, any time grid, no resampling. What takes `xp`, the module of its
+All frequencies enter as offsets from a reference, in Hz: their differences are exact near the resonance, and
+are turned into rad/s last, so that float64 resolves a micro-hertz at a gigahertz. Everything here is a pure
+function of JAX arrays: differentiable, any time grid, no resampling. What takes `xp`, the module of its
 arrays, is as well one of numpy's, with nothing to compile.
 """
 
@@ -46,7 +47,8 @@ class Poles(NamedTuple):
 
 
 def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None, xp: Any = jnp) -> Poles:
-    """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau in s.
+    """Poles at drive `omega` (rad/s; NaN: driven at resonance) with `detuning` = omega0 - omega (rad/s), tau
+    in s.
 
     `omega0`: where it is known otherwise than as their sum, which cancels for drives far above it.
     """
@@ -63,8 +65,8 @@ def poles(tau: Leaf, detuning: Leaf, omega: Leaf, omega0: Leaf | None = None, xp
 
 
 def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
-    """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega (rad/s); arrays of
-    the module `xp`."""
+    """Settled response W/(G V) at drive `omega` (rad/s; NaN: at resonance) with `detuning` = omega0 - omega
+    (rad/s); arrays of the module `xp`."""
     known = xp.isfinite(omega)
     omega = xp.where(known, omega, 1.0)
     detuning = xp.where(known, detuning, 0.0)
@@ -74,7 +76,8 @@ def steady(tau: Leaf, detuning: Leaf, omega: Leaf, xp: Any = jnp) -> Any:
 
 
 class Response(NamedTuple):
-    """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a unit start."""
+    """(N,) per row: response to the drive from rest, per unit G; its rate of change, 1/s; free decay of a
+    unit start."""
 
     forced: Leaf
     rate: Leaf
@@ -92,16 +95,17 @@ def respond(
     omega0: Leaf | None = None,
     xp: Any = jnp,
 ) -> Response:
-    """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the slow mode.
+    """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the
+    slow mode.
 
-    `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole, exactly, where
-    theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}], is conj(U) e^{-2j theta} of Z1.
-    `begun`: not from rest where `hold.begun` says that an interval begins settled; a unit start is then that state once more.
-    `order`: behind so many poles of a lock-in's filter, of time constant `hold.smoothing`, that were at rest as the log began, or
-    settled.
-    SECOND: no lock-in, but a plant without a frequency that is of second order (`_second_order`).
-    `omega0` (M,) as `poles` has it. With numpy for `xp`, of B plants at once, (N, B): tau (B,), detuning (M, B),
-    and what `hold` has of intervals and rows (M, 1) and (N, 1), but for `interval`.
+    `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole,
+    exactly, where theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}],
+    is conj(U) e^{-2j theta} of Z1. `begun`: not from rest where `hold.begun` says that an interval begins
+    settled; a unit start is then that state once more. `order`: behind so many poles of a lock-in's filter,
+    of time constant `hold.smoothing`, that were at rest as the log began, or settled. SECOND: no lock-in, but
+    a plant without a frequency that is of second order (`_second_order`). `omega0` (M,) as `poles` has it.
+    With numpy for `xp`, of B plants at once, (N, B): tau (B,), detuning (M, B), and what `hold` has of
+    intervals and rows (M, 1) and (N, 1), but for `interval`.
     """
     if order == SECOND:
         return _second_order(tau, hold, xp)
@@ -121,12 +125,14 @@ def respond(
 
 
 SECOND = -1  # instead of a number of poles
-APART = 1e-12  # of tau^2, by which the discriminant of two poles is off zero: costs six digits of sixteen where they coincide
+# of tau^2, by which the discriminant of two poles is off zero: costs six digits of sixteen where they
+# coincide
+APART = 1e-12
 
 
 def _second_order(tau: Leaf, hold: Hold, xp: Any) -> Response:
-    """Response of T^2 w'' + tau w' + w = V, which overshoots for tau < 2 T (damping ratio tau/(2 T)), with T e^{j phi} (s) for
-    `hold.smoothing`. By partial fractions in its poles p and q,
+    """Response of T^2 w'' + tau w' + w = V, which overshoots for tau < 2 T (damping ratio tau/(2 T)), with T
+    e^{j phi} (s) for `hold.smoothing`. By partial fractions in its poles p and q,
 
         1/(1 + tau s + T^2 s^2) = a (-p)/(s - p) + (1 - a) (-q)/(s - q),    a = q/(q - p),
 
@@ -145,14 +151,16 @@ def _second_order(tau: Leaf, hold: Hold, xp: Any) -> Response:
 
 
 def _settled(pole: Leaf, push: Leaf, hold: Hold, xp: Any) -> Leaf:
-    """(M,) the settled response of Z' = pole Z + push as an interval begins of which `hold.begun` says that it is there."""
+    """(M,) the settled response of Z' = pole Z + push as an interval begins of which `hold.begun` says that
+    it is there."""
     return -hold.begun * (_over if xp is jnp else np.divide)(push, pole)
 
 
 @jax.custom_jvp
 def _over(real: Array, z: Array) -> Array:
-    """real/z of a z that neither over- nor underflows when squared: a fifth of the code of a division of complex numbers. Of the
-    terms that its derivative has as it stands, two nearly cancel; that of a quotient has none such."""
+    """real/z of a z that neither over- nor underflows when squared: a fifth of the code of a division of
+    complex numbers. Of the terms that its derivative has as it stands, two nearly cancel; that of a quotient
+    has none such."""
     return (real / (z.real**2 + z.imag**2)) * z.conj()
 
 
@@ -165,8 +173,9 @@ def _over_changes(primals: tuple[Array, Array], tangents: tuple[Array, Array]) -
 
 @jax.custom_jvp
 def expm1(z: Array) -> Array:
-    """exp(z) - 1 of a complex z without cancellation in either part; its derivative is exp(z), which 1 + value is only to the
-    rounding of a turn: over a long interval, times its length, that of a mode which has long died away would be seen."""
+    """exp(z) - 1 of a complex z without cancellation in either part; its derivative is exp(z), which 1 +
+    value is only to the rounding of a turn: over a long interval, times its length, that of a mode which has
+    long died away would be seen."""
     grown = jnp.expm1(z.real)
     s, c = jnp.sin(0.5 * z.imag), jnp.cos(0.5 * z.imag)  # each sine is much to compile
     return grown - 2 * (1 + grown) * s**2 + 2j * ((1 + grown) * s * c)
@@ -179,12 +188,16 @@ FEW = 32  # plants at once, each of which is solved for itself
 ONE_LANE = 64  # intervals that are taken one after the other
 
 
-def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp) -> tuple[tuple[Leaf, Leaf], tuple[Leaf, Leaf]]:
-    """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a unit start.
+def carried(
+    growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp
+) -> tuple[tuple[Leaf, Leaf], tuple[Leaf, Leaf]]:
+    """State before each interval, and after the last, of Z+ = Z + growth (Z + target): from rest, and of a
+    unit start.
 
     Arrays (M, ...) of the module `xp`. `kick` is added to the state from rest as each interval begins.
 
-    Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps that stable.
+    Many intervals are taken in lanes that run side by side and are joined at the end; |1 + growth| <= 1 keeps
+    that stable.
     """
     if xp is np and growth[0].size <= FEW:
         return _solved(growth, target, kick)
@@ -210,7 +223,9 @@ def carried(growth: Leaf, target: Leaf, kick: Leaf | None = None, xp: Any = jnp)
     if lanes == 1:
         return (forced[:, 0], free[:, 0]), (ends[0][0], ends[1][0])
     last, (before, share) = scan(join, (rest[0][0], rest[1][0]), ends)
-    forced, free = (v.swapaxes(0, 1).reshape(-1, *plants)[:count] for v in (forced + free * before, free * share))
+    forced, free = (
+        v.swapaxes(0, 1).reshape(-1, *plants)[:count] for v in (forced + free * before, free * share)
+    )
     return (forced, free), last
 
 
@@ -220,7 +235,10 @@ def _solved(growth: np.ndarray, target: np.ndarray, kick: np.ndarray | None) -> 
     push = (growth * target if kick is None else growth * target + (1 + growth) * kick).reshape(factor.shape)
     after = np.stack([accumulated(f, p) for f, p in zip(factor.T, push.T, strict=True)], axis=1)
     free = np.cumprod(factor, axis=0)
-    before = (np.concatenate([first, v[:-1]]) for first, v in ((0 * after[:1], after), (np.ones_like(free[:1]), free)))
+    before = (
+        np.concatenate([first, v[:-1]])
+        for first, v in ((0 * after[:1], after), (np.ones_like(free[:1]), free))
+    )
     forced, share = (v.reshape(-1, *plants) for v in before)
     return (forced, share), (after[-1].reshape(plants), free[-1].reshape(plants))
 
@@ -242,17 +260,19 @@ def _scan(step: Callable, state: tuple, inputs: tuple[np.ndarray, ...]) -> tuple
 
 
 def _propagate(pole: Leaf, push: Leaf, hold: Hold, kick: Leaf | None, xp: Any) -> Response:
-    """Exact response of Z' = pole Z + push over held inputs, from rest, kicked as each begins; and the decay of a unit start.
+    """Exact response of Z' = pole Z + push over held inputs, from rest, kicked as each begins; and the decay
+    of a unit start.
 
-    Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to zero, and
-    nothing is divided by a time, so that zero-length intervals need no special case.
+    Z(t) = Z + (Z + push/pole) expm1(pole t): no difference of near-equal numbers as t or the detuning goes to
+    zero, and nothing is divided by a time, so that zero-length intervals need no special case.
     """
     over, grow = (_over, expm1) if xp is jnp else (np.divide, np.expm1)
     target = over(push, pole)
     (forced, free), _ = carried(grow(pole * hold.duration), target, kick, xp)
     forced = forced if kick is None else forced + kick
     pole, target, forced, free = _of_rows([pole, target, forced, free], hold, xp)
-    # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth order.
+    # The mean of exp(pole t) over the samples of a row is exp(pole mean + pole^2 variance / 2), to fourth
+    # order.
     grown = grow(pole * hold.elapsed + 0.5 * pole**2 * hold.spread)
     forced = forced + grown * (forced + target)
     return Response(forced, pole * (forced + target), free + grown * free)
@@ -266,11 +286,13 @@ def _of_rows(parts: list[Leaf], hold: Hold, xp: Any) -> list[Leaf]:
     return [at[..., i] for i in range(len(parts))]
 
 
-def smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any) -> Response:
+def smoothed(
+    pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settled: Leaf | None, xp: Any
+) -> Response:
     """As `_propagate`, behind a cascade of one-pole filters.
 
-    Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled `ripple`. With
-    x = t/smoothing, stage j of the cascade is then, exactly,
+    Over an interval the slow mode is Z = -q + (Z_0 + q) e^{p t}, q = push/pole, on top of the settled
+    `ripple`. With x = t/smoothing, stage j of the cascade is then, exactly,
 
         y_j = e^{-x} (sum_{m<j} y_(j-m)(0) x^m/m! + (ripple - q) x^j phi_j(x) + (Z_0 + q) x^j phi_j(p t + x))
     """
@@ -280,8 +302,12 @@ def smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settl
     forced = forced if settled is None else forced + settled
     rest, swing = ripple - target, forced + target
 
-    def pushed(j: int, x: Leaf, flat: list[Leaf], swung: list[Leaf], passed: list[Leaf], rest: Leaf, swing: Leaf) -> Leaf:
-        known = sum((passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j)), xp.zeros_like(rest))
+    def pushed(
+        j: int, x: Leaf, flat: list[Leaf], swung: list[Leaf], passed: list[Leaf], rest: Leaf, swing: Leaf
+    ) -> Leaf:
+        known = sum(
+            (passed[j - m - 1] * (x**m / math.factorial(m)) for m in range(1, j)), xp.zeros_like(rest)
+        )
         return xp.exp(-x) * known + x**j * (rest * flat[j - 1] + swing * swung[j - 1])
 
     x = hold.duration / hold.smoothing
@@ -297,11 +323,15 @@ def smoothed(pole: Leaf, push: Leaf, ripple: Leaf, hold: Hold, order: int, settl
     pole, rest, swing, free, *passed = _of_rows([pole, rest, swing, free, *passed], hold, xp)
     x = hold.elapsed / hold.smoothing
     flat, swung = phis(xp.zeros_like(x) + 0j, x, order, xp), phis(pole * hold.elapsed, x, order, xp)
-    stages = [xp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing) for j in range(1, order + 1)]
+    stages = [
+        xp.exp(-x) * passed[j - 1] + pushed(j, x, flat, swung, passed, rest, swing)
+        for j in range(1, order + 1)
+    ]
     decay = xp.exp(pole * hold.elapsed)
     chain = [rest + swing * decay, *stages]
     rates = [pole * swing * decay, *((before - y) / hold.smoothing for before, y in pairwise(chain))]
-    # The mean over the samples of a row is y + y'' variance / 2, to third order; long after a change, of the plate's alone.
+    # The mean over the samples of a row is y + y'' variance / 2, to third order; long after a change, of the
+    # plate's alone.
     late = (x > SETTLED) & (xp.abs(pole * hold.smoothing) < 0.5)
     left = pole**2 * swing * decay / (1 + xp.where(late, pole * hold.smoothing, 0.0)) ** order
     bent = xp.where(late, left, (rates[-2] - rates[-1]) / hold.smoothing)
@@ -314,8 +344,8 @@ SETTLED = 50.0  # time constants of a pole of the filter, after which it has for
 def phis(turned: Leaf, x: Leaf, order: int, xp: Any = jnp) -> list[Leaf]:
     """e^{-x} phi_j(turned + x) for j = 1 to `order`, phi_j(z) = (phi_(j-1)(z) - 1/(j-1)!)/z, phi_0 = exp.
 
-    That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them cancels, also
-    where a pole of the plate is that of the filter, z = 0.
+    That recursion where |z| > 1; elsewhere the last by its series and the recursion backwards: none of them
+    cancels, also where a pole of the plate is that of the filter, z = 0.
     """
     z, decay = turned + x, xp.exp(-x)
     near = xp.abs(z) < 1
@@ -331,12 +361,18 @@ def phis(turned: Leaf, x: Leaf, order: int, xp: Any = jnp) -> list[Leaf]:
     return [xp.where(near, a, b) for a, b in zip(reversed(below), above[1:], strict=True)]
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["G", "tau", "f0", "k_T"], meta_fields=["reference_temperature"])
+@partial(
+    jax.tree_util.register_dataclass,
+    data_fields=["G", "tau", "f0", "k_T"],
+    meta_fields=["reference_temperature"],
+)
 @dataclass(frozen=True)
 class Plant:
-    """One resonance: G (response per drive), tau (s), f0 (Hz) at `reference_temperature` (degC), k_T (Hz/degC).
+    """One resonance: G (response per drive), tau (s), f0 (Hz) at `reference_temperature` (degC), k_T
+    (Hz/degC).
 
-    A JAX pytree: `jax.grad`, `jax.vmap` and `jax.jit` go through it. `f0` None: a first-order plant, driven at resonance.
+    A JAX pytree: `jax.grad`, `jax.vmap` and `jax.jit` go through it. `f0` None: a first-order plant, driven
+    at resonance.
 
     >>> plant = Plant(G=0.02, tau=1.669e-3, f0=32300.0)
     >>> round(plant.Q, 1)
@@ -358,25 +394,32 @@ class Plant:
 
     @float64
     def steady(self, drive, frequency=None, temperature=None) -> Leaf:
-        """Settled response Wd + j Wq to peak `drive` at `frequency` (Hz) and `temperature` (degC), of their common shape."""
+        """Settled response Wd + j Wq to peak `drive` at `frequency` (Hz) and `temperature` (degC), of their
+        common shape."""
         frequency = jnp.asarray(np.nan if frequency is None or self.f0 is None else frequency)
         warming = 0.0 if temperature is None else jnp.asarray(temperature) - self.reference_temperature
         detuning = 2 * jnp.pi * (self._resonance(warming) - frequency)
         return _plain(self._gain * jnp.asarray(drive) * steady(self.tau, detuning, 2 * jnp.pi * frequency))
 
     @float64
-    def transient(self, time, drive, frequency=None, temperature=None, *, start=0.0, settled=False, both_modes=False) -> Leaf:
-        """Response Wd + j Wq (n,) of inputs held from row to row, beginning at `start` (complex) with no drive before it.
+    def transient(
+        self, time, drive, frequency=None, temperature=None, *, start=0.0, settled=False, both_modes=False
+    ) -> Leaf:
+        """Response Wd + j Wq (n,) of inputs held from row to row, beginning at `start` (complex) with no
+        drive before it.
 
-        time: (n,) s, non-decreasing. Row k's response is the one just before row k's inputs act, or, when `settled`, the one
-        that row k's inputs have led to since row k-1. `both_modes`: with the ripple of the fast pole, for Q below LOW_Q.
-        Arrays of numpy come back; within `jax.grad`, `jit` or `vmap` those of JAX, in 64 bits under `jax.enable_x64(True)`.
+        time: (n,) s, non-decreasing. Row k's response is the one just before row k's inputs act, or, when
+        `settled`, the one that row k's inputs have led to since row k-1. `both_modes`: with the ripple of the
+        fast pole, for Q below LOW_Q. Arrays of numpy come back; within `jax.grad`, `jit` or `vmap` those of
+        JAX, in 64 bits under `jax.enable_x64(True)`.
         """
         if self.f0 is None:
             frequency = None
         time = np.asarray(time, float)
         reference = (0.0, self.reference_temperature)
-        hold = hold_inputs(time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True)
+        hold = hold_inputs(
+            time, drive, frequency, temperature, settled=settled, reference=reference, at_rest=True
+        )
         resonance = self._resonance(hold.warming)
         detuning = 2 * jnp.pi * (resonance + hold.offset)
         found = respond(self.tau, detuning, hold, both_modes=both_modes, omega0=2 * jnp.pi * resonance)

@@ -1,8 +1,8 @@
 """Prior knowledge of the plant, as a normal prior on theta; flat unless stated.
 
-For G and tau the logarithm is normal, with the standard deviation over the value; for f0 (at the reference temperature), k_T and
-the finger parameters the number itself. In the fit, -log p(theta) = 1/2 (theta - mean)^T precision (theta - mean) acts like one
-more log whose model is theta.
+For G and tau the logarithm is normal, with the standard deviation over the value; for f0 (at the reference
+temperature), k_T and the finger parameters the number itself. In the fit, -log p(theta) = 1/2 (theta -
+mean)^T precision (theta - mean) acts like one more log whose model is theta.
 """
 
 import math
@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 PLANT = ("G", "tau", "f0", "k_T")
-FINGER = ("finger_damping", "finger_detuning")  # of a full contact: in units of the plate's own damping; shift of f0 in Hz
+FINGER = (
+    "finger_damping",
+    "finger_detuning",
+)  # of a full contact: in units of the plate's own damping; shift of f0 in Hz
 NAMES = (*PLANT, *FINGER)
 POSITIVE = ("G", "tau")  # their logarithms are in theta
 
@@ -36,9 +39,11 @@ class Prior(NamedTuple):
     precision: np.ndarray
 
     @classmethod
-    def of(cls, stated: Mapping[str, tuple[float, float]], reference: tuple[float, float], warming: float) -> "Prior":
-        """Of values and standard deviations by name, in the parameters' units; theta's offsets are taken from `reference` (Hz,
-        degC), and f0 is stated `warming` degC above it."""
+    def of(
+        cls, stated: Mapping[str, tuple[float, float]], reference: tuple[float, float], warming: float
+    ) -> "Prior":
+        """Of values and standard deviations by name, in the parameters' units; theta's offsets are taken from
+        `reference` (Hz, degC), and f0 is stated `warming` degC above it."""
         rows, numbers = [], []
         for name, (value, std) in stated.items():
             row = np.zeros(len(NAMES))
@@ -71,7 +76,10 @@ def checked(stated: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float,
         if name not in NAMES:
             raise ValueError(f"found a prior of {name!r}, expected one of {', '.join(NAMES)}")
         if not (math.isfinite(value) and 0 < std < math.inf):
-            raise ValueError(f"found a prior {value:g} +- {std:g} of {name}, expected a number and a standard deviation above 0")
+            raise ValueError(
+                f"found a prior {value:g} +- {std:g} of {name}, expected a number and a standard deviation"
+                f" above 0"
+            )
         if name in POSITIVE and value <= 0:
             raise ValueError(f"found a prior {value:g} of {name}, expected a value above 0")
     return {name: (float(value), float(std)) for name, (value, std) in stated.items()}

@@ -59,9 +59,10 @@ ENOUGH = 1000  # rows, of which the law of their noise is told
 
 
 def rectified(log: Log) -> bool:
-    """Whether a response of one sign is an amplitude: its rows at rest, before the first drive or last after it, are likelier by
-    Rayleigh's law, of noise that has lost its sign, than normal about an offset. The noise is that of the other rows, by their
-    second differences. Without a drive, whether what dies away is."""
+    """Whether a response of one sign is an amplitude: its rows at rest, before the first drive or last after
+    it, are likelier by Rayleigh's law, of noise that has lost its sign, than normal about an offset. The
+    noise is that of the other rows, by their second differences. Without a drive, whether what dies away
+    is."""
     w, drive = log.response, log.drive
     if np.iscomplexobj(w) or log.time is None or np.any(w < 0):
         return False
@@ -88,8 +89,9 @@ def variance(rows: np.ndarray) -> float:
 
 
 def _dies_into_rice(time: np.ndarray, w: np.ndarray) -> bool:
-    """Whether rows (n,) that die away from `time` 0 on are likelier |A e^(-t/tau) + n|, by Rice's law, than normal about
-    A e^(-t/tau) and an offset, which is one number more (BIC). Where they end above their noise both are alike: False."""
+    """Whether rows (n,) that die away from `time` 0 on are likelier |A e^(-t/tau) + n|, by Rice's law, than
+    normal about A e^(-t/tau) and an offset, which is one number more (BIC). Where they end above their noise
+    both are alike: False."""
     skip = len(w) // ENOUGH + 1
     t, x = time[::skip], w[::skip] / (np.max(w) or 1.0)
     if len(x) < 2 * FEW or t[-1] == 0 or np.any(x == 0):

@@ -16,12 +16,14 @@ NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
 
 
 def times(a: Leaf, v: Leaf) -> Leaf:
-    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or jax.numpy."""
+    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or
+    jax.numpy."""
     return a.real * v.real + 1j * (a.imag * v.imag) if np.iscomplexobj(a) else a * v
 
 
 def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
-    """(n, r) basis of columns (n, K) in numpy; some may be zero, or sums of others but for `alike` of their size."""
+    """(n, r) basis of columns (n, K) in numpy; some may be zero, or sums of others but for `alike` of their
+    size."""
     size = np.linalg.norm(columns, axis=0)
     if not np.any(size > 0):
         return columns[:, :0]
@@ -31,8 +33,9 @@ def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
 
 
 class Span:
-    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the columns. `real`: with
-    real coefficients, of complex columns too. `volume`: half the logarithm of the determinant of the coefficients' information.
+    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the
+    columns. `real`: with real coefficients, of complex columns too. `volume`: half the logarithm of the
+    determinant of the coefficients' information.
     """
 
     def __init__(self, columns: Sequence[Array], real: bool = False):
@@ -54,7 +57,9 @@ class Span:
 
     def weights(self, v: Array) -> Array:
         """Least-squares weights of the columns in `v`."""
-        return sum((self._along(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units)))
+        return sum(
+            (self._along(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units))
+        )
 
     def _along(self, unit: Array, v: Array) -> Array:
         along = jnp.vdot(unit, v)
@@ -69,8 +74,8 @@ def turn_towards(left: Array, shape: Array) -> Array:
 
 
 def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
-    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then Newton's method, whose
-    steps turn by 2 atan(step/2), so that no sine is compiled."""
+    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then
+    Newton's method, whose steps turn by 2 atan(step/2), so that no sine is compiled."""
     p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
     a, b, d = (jnp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
     c, s = jnp.array(TRIED.real), jnp.array(TRIED.imag)
@@ -86,6 +91,7 @@ def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
 
 
 def inverted(gram: np.ndarray) -> np.ndarray:
-    """(p, p) inverse of an information matrix, scaled to unit diagonal; what it holds nothing of has neither error nor weight."""
+    """(p, p) inverse of an information matrix, scaled to unit diagonal; what it holds nothing of has neither
+    error nor weight."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     return np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Rung:
-    """One level: at least `effective` draws of the worst parameter from Markov chains; 0: the normal approximation, without
-    chains. `every_row`: estimates use all rows of the files, where the fit used averages."""
+    """One level: at least `effective` draws of the worst parameter from Markov chains; 0: the normal
+    approximation, without chains. `every_row`: estimates use all rows of the files, where the fit used
+    averages."""
 
     name: str
     effective: int

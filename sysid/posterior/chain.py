@@ -1,4 +1,5 @@
-"""Markov chains of the posterior: emcee over the compiled density, proposals from the mixture about the fit's own minima."""
+"""Markov chains of the posterior: emcee over the compiled density, proposals from the mixture about the fit's
+own minima."""
 
 import logging
 from collections.abc import Iterator
@@ -14,15 +15,18 @@ from sysid.posterior.target import Target
 log = logging.getLogger(__name__)
 WALKERS = 8
 AGREED = 1.01  # split R-hat
-BURN = 4  # steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted step
+# steps: the walkers begin as draws of the proposal, an independence chain forgets them at its first accepted
+# step
+BURN = 4
 FIRST, LEAST = 150, 16  # steps before the first look at the criteria, and before any other
 ROUNDS = 100
-MOST = 100  # draws for an effective one: a chain that takes more is stuck, and rounds that double would go on for hours
+# draws for an effective one: a chain that takes more is stuck, and rounds that double would go on for hours
+MOST = 100
 
 
 class _Independence(emcee.moves.Move):
-    """Independence Metropolis of all walkers. Proposals do not depend on where the walkers are, so those of many steps are
-    evaluated together beforehand and kept: z, the target's log density and the proposal's."""
+    """Independence Metropolis of all walkers. Proposals do not depend on where the walkers are, so those of
+    many steps are evaluated together beforehand and kept: z, the target's log density and the proposal's."""
 
     def __init__(self, proposal: Mixture, target: Target, rng: np.random.Generator):
         self.proposal, self.target, self.rng = proposal, target, rng
@@ -53,12 +57,16 @@ class Chain:
         dimension = len(target.index)
         self._move = _Independence(proposal, target, rng)
         self._sampler = emcee.EnsembleSampler(WALKERS, dimension, target, moves=self._move, vectorize=True)
-        # emcee accepts by the legacy generator and takes its state from numpy's global one unless told otherwise.
-        self._state = emcee.State(proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state())
+        # emcee accepts by the legacy generator and takes its state from numpy's global one unless told
+        # otherwise.
+        self._state = emcee.State(
+            proposal.draw(WALKERS, rng), random_state=np.random.RandomState(seed).get_state()
+        )
         self.target, self.ess, self.rhat = target, 0.0, np.inf
 
     def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
-        """Continue in rounds until every determined parameter has `effective` draws and an R-hat below AGREED, or for `rounds`.
+        """Continue in rounds until every determined parameter has `effective` draws and an R-hat below
+        AGREED, or for `rounds`.
 
         False where the next round would have ended after `until` (perf_counter) and was not begun.
         """
@@ -78,8 +86,8 @@ class Chain:
         return True
 
     def _told(self) -> list[np.ndarray]:
-        """(chain, draw) of each parameter that the criteria are about: those that are determined, if any are. One that cannot be
-        had anyway, whose tails may be long, is no reason to have nothing."""
+        """(chain, draw) of each parameter that the criteria are about: those that are determined, if any are.
+        One that cannot be had anyway, whose tails may be long, is no reason to have nothing."""
         z = self.draws()
         draws = self.target.parameters(z.reshape(-1, z.shape[-1]))
         known = [n for n in draws if self.target.fit.parameters[n].determined] or list(draws)

@@ -6,7 +6,7 @@ adjust, the log alone is best described, to first order, by
     theta_own - theta = C J^T r,    C = (J^T J)^-1
 
 over those of ln G, ln tau and f0 that it tells; f0 is that at the log's own temperature. The joint estimate
-holds the log too, so that the variance of the difference is C less the joint one, V. """
+holds the log too, so that the variance of the difference is C less the joint one, V."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ class Own:
 
     `warming`: degC from the temperature of the fit's f0 to the log's, None where none is recorded. `circle`:
     of a d/q sweep (n,) recorded and (n,) fitted response over the drive, without the turn of its demodulator
-    and what else the bench added; None of any other log. """
+    and what else the bench added; None of any other log."""
 
     number: int
     name: str

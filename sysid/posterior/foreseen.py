@@ -1,10 +1,10 @@
 """What a controller would promise after a further experiment, from the posterior that is expected then.
 
-After the experiment the posterior is expected to be nearly normal about the same mean, with a covariance shrunk by the new
-information. Draws of it stand for the posterior, a controller is designed for them, and its promise is read. All experiments
-share the same even draws, so that promises differ by the experiments alone. The gap between a margin and that of an exactly known
-plate is predicted to 15 % of the gap before; the margin of the known plate itself moves with the estimate of tau, by which the
-bandwidth is chosen.
+After the experiment the posterior is expected to be nearly normal about the same mean, with a covariance
+shrunk by the new information. Draws of it stand for the posterior, a controller is designed for them, and its
+promise is read. All experiments share the same even draws, so that promises differ by the experiments alone.
+The gap between a margin and that of an exactly known plate is predicted to 15 % of the gap before; the margin
+of the known plate itself moves with the estimate of tau, by which the bandwidth is chosen.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,8 @@ Design = Callable[[Any], Any]
 
 
 class Quantity(NamedTuple):
-    """A promised quantity: its name in a sentence, the field of the promise, its unit, its value without a controller."""
+    """A promised quantity: its name in a sentence, the field of the promise, its unit, its value without a
+    controller."""
 
     said: str
     field: str
@@ -34,13 +35,16 @@ class Quantity(NamedTuple):
     without: float
 
 
-PROMISES = {"margin": Quantity("disk margin", "disk", "1", 0.0), "settling": Quantity("settling time", "settling", "s", np.inf)}
+PROMISES = {
+    "margin": Quantity("disk margin", "disk", "1", 0.0),
+    "settling": Quantity("settling time", "settling", "s", np.inf),
+}
 
 
 @dataclass(frozen=True)
 class Foreseen:
-    """A posterior with what `controller.design` reads: `draws` (EVEN,) of each determined parameter, f0 at the fit's reference
-    temperature; means and standard deviations."""
+    """A posterior with what `controller.design` reads: `draws` (EVEN,) of each determined parameter, f0 at
+    the fit's reference temperature; means and standard deviations."""
 
     fit: Fit
     draws: dict[str, np.ndarray] = field(repr=False)
@@ -50,7 +54,9 @@ class Foreseen:
     def of(cls, fit: Fit, covariance: np.ndarray) -> "Foreseen":
         """`covariance` (6, 6) of theta, about the fit's best minimum."""
         theta = fit.modes[0].theta
-        z = Mixture(np.zeros((1, 6)), np.linalg.cholesky(covariance)[None], np.ones(1)).spread(EVEN, np.random.default_rng(0))
+        z = Mixture(np.zeros((1, 6)), np.linalg.cholesky(covariance)[None], np.ones(1)).spread(
+            EVEN, np.random.default_rng(0)
+        )
         x = in_units((theta + z) @ carried(fit.warming).T, fit.reference[0])
         values = {n: x[:, NAMES.index(n)] for n in PLANT}
         most = limits(*np.exp(theta[:2]))
@@ -70,14 +76,15 @@ def _known(values: np.ndarray, most: float, unit: str) -> Parameter:
 
 
 def promised(fit: Fit, covariance: np.ndarray, design: Design, quantity: Quantity) -> float:
-    """What `design` promises if theta is known with this covariance (6, 6). Raises ValueError if it refuses."""
+    """What `design` promises if theta is known with this covariance (6, 6). Raises ValueError if it
+    refuses."""
     return float(getattr(design(Foreseen.of(fit, covariance)).promise, quantity.field))
 
 
 @dataclass(frozen=True, repr=False)
 class Raised(Shown):
-    """An experiment with the promise for the closed loop `before` and `after` it, its seconds at the bench, and the promise for
-    an exactly known plate (`best`). `parameter`: "margin" (1) or "settling" (s)."""
+    """An experiment with the promise for the closed loop `before` and `after` it, its seconds at the bench,
+    and the promise for an exactly known plate (`best`). `parameter`: "margin" (1) or "settling" (s)."""
 
     experiment: Any
     parameter: str
@@ -93,7 +100,9 @@ class Raised(Shown):
 
     def __str__(self) -> str:
         quantity = PROMISES[self.parameter]
-        before, after, best = (f"{x:.3g}" if quantity.unit == "1" else seconds(x) for x in (self.before, self.after, self.best))
+        before, after, best = (
+            f"{x:.3g}" if quantity.unit == "1" else seconds(x) for x in (self.before, self.after, self.best)
+        )
         before = "no controller" if self.before == quantity.without else before
         promise = f"{quantity.said} promised from {before} to {after} (a plate known exactly: {best})"
         return f"{self.experiment}: {promise}, in {self.seconds:.3g} s"
@@ -105,7 +114,9 @@ class Raised(Shown):
     @property
     def rate(self) -> float:
         """Gain of the margin, or of 1/settling (1/s), per second at the bench."""
-        after, before = (self.after, self.before) if self.parameter == "margin" else (1 / self.after, 1 / self.before)
+        after, before = (
+            (self.after, self.before) if self.parameter == "margin" else (1 / self.after, 1 / self.before)
+        )
         return (after - before) / self.seconds
 
     @property

@@ -1,17 +1,19 @@
-"""Normal and Student-t mixtures about the minima of a fit: the approximation of the posterior, and the proposal of its chains."""
+"""Normal and Student-t mixtures about the minima of a fit: the approximation of the posterior, and the
+proposal of its chains."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
 
-TAILS = 12.0  # degrees of freedom of a proposal: tails heavier than those of the posterior of all but the shortest logs
+# degrees of freedom of a proposal: tails heavier than those of the posterior of all but the shortest logs
+TAILS = 12.0
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """Components in the coordinates z: centres (m, p), triangular scales (m, p, p), weights (m,). Student-t with `tails` degrees
-    of freedom; normal where they are infinite."""
+    """Components in the coordinates z: centres (m, p), triangular scales (m, p, p), weights (m,). Student-t
+    with `tails` degrees of freedom; normal where they are infinite."""
 
     centres: np.ndarray
     scales: np.ndarray
@@ -30,8 +32,9 @@ class Mixture:
         return self._placed(which, t)
 
     def spread(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """(n, p) even draws of the normal mixture, n even: a randomly shifted lattice of the generalised golden ratio and its
-        mirror image, scaled to unit covariance; each component gets its share to within one draw. In random order."""
+        """(n, p) even draws of the normal mixture, n even: a randomly shifted lattice of the generalised
+        golden ratio and its mirror image, scaled to unit covariance; each component gets its share to within
+        one draw. In random order."""
         m, p = self.centres.shape
         ratio = np.roots([1.0, *np.zeros(p - 1), -1.0, -1.0]).real.max()  # x^(p+1) = x + 1
         lattice = (rng.random(p) + np.arange(1, n // 2 + 1)[:, None] / ratio ** np.arange(1, p + 1)) % 1.0
@@ -47,7 +50,11 @@ class Mixture:
         parts = []
         for centre, scale, weight in zip(self.centres, self.scales, self.weights, strict=True):
             square = np.sum(np.linalg.solve(scale, (z - centre).T) ** 2, axis=0)
-            shape = 0.5 * square if np.isinf(self.tails) else 0.5 * (self.tails + p) * np.log1p(square / self.tails)
+            shape = (
+                0.5 * square
+                if np.isinf(self.tails)
+                else 0.5 * (self.tails + p) * np.log1p(square / self.tails)
+            )
             parts.append(np.log(weight) - np.sum(np.log(np.abs(np.diag(scale)))) - shape)
         return np.logaddexp.reduce(parts, axis=0)
 

@@ -1,9 +1,10 @@
-"""Which experiment next: the step or sweep that shrinks the error of one parameter, or betters what is promised of the closed
-loop, most per second at the bench.
+"""Which experiment next: the step or sweep that shrinks the error of one parameter, or betters what is
+promised of the closed loop, most per second at the bench.
 
-What a log of known noise would tell is known before it is recorded: its Fisher information J^T J about theta, less what its own
-nuisances take (Atkinson, Donev & Tobias, Optimum Experimental Designs, 2007). It adds to that of the logs there are, and the
-error that is then left, or what a controller promises with it, stands against the seconds that recording takes.
+What a log of known noise would tell is known before it is recorded: its Fisher information J^T J about theta,
+less what its own nuisances take (Atkinson, Donev & Tobias, Optimum Experimental Designs, 2007). It adds to
+that of the logs there are, and the error that is then left, or what a controller promises with it, stands
+against the seconds that recording takes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,10 +26,13 @@ from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import RELATIVE, limits, seconds, shows_transient
 from sysid.verdict.view import View
 
-UNKNOWN = 10.0  # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
+# times the limit of what counts as determined: the error of a parameter of which the logs say nothing
+UNKNOWN = 10.0
 KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
 PLATES = 32  # that the logs leave possible, for each of which an experiment is foreseen
-ASIDE = 2.0  # the same of where the resonance is, to foresee what an experiment laid out for another place brings
+ASIDE = (
+    2.0  # the same of where the resonance is, to foresee what an experiment laid out for another place brings
+)
 BETWEEN = (0.05, 0.5, 0.95)  # quantiles of what it leaves of an error
 SAME = 1.2  # ratio of the outer two below which they are one number
 AWAY = 10.0  # degC, to another temperature
@@ -59,7 +63,10 @@ class Experiment:
             span = f"{seconds(self.record)} long, {seconds(REST * self.record)} at rest before"
             return f"a step to {self.drive:.3g} {self.unit} at {low:.8g} Hz, {span}, {self.rows} rows{at}"
         dwell = seconds(self.record / self.rows)
-        return f"a sweep from {low:.8g} to {high:.8g} Hz at {self.drive:.3g} {self.unit}, {self.rows} points, {dwell} at each{at}"
+        return (
+            f"a sweep from {low:.8g} to {high:.8g} Hz at {self.drive:.3g} {self.unit}, {self.rows} points,"
+            f" {dwell} at each{at}"
+        )
 
     def log(self, response: np.ndarray, like: Log) -> Log:
         """Its log, with units as those of another."""
@@ -80,9 +87,10 @@ class Experiment:
 
 @dataclass(frozen=True, repr=False)
 class Advice(Shown):
-    """An experiment, with the standard deviation of a parameter before and after it and its seconds at the bench; `limit` is
-    the largest standard deviation that counts as determined. What is left after it depends on the plate, of which the logs leave
-    several possible: `after` is the median over them, `between` the 5 and 95 % quantiles."""
+    """An experiment, with the standard deviation of a parameter before and after it and its seconds at the
+    bench; `limit` is the largest standard deviation that counts as determined. What is left after it depends
+    on the plate, of which the logs leave several possible: `after` is the median over them, `between` the 5
+    and 95 % quantiles."""
 
     experiment: Experiment
     parameter: str
@@ -99,10 +107,17 @@ class Advice(Shown):
         return of_advice(self)
 
     def __str__(self) -> str:
-        before = "what the logs do not tell" if self.before > 0.9 * UNKNOWN * self.limit else f"± {self.before:.2g}"
+        before = (
+            "what the logs do not tell"
+            if self.before > 0.9 * UNKNOWN * self.limit
+            else f"± {self.before:.2g}"
+        )
         low, high = self.between
         after = f"between ± {low:.2g} and ± {high:.2g}" if self.rough else f"± {self.after:.2g}"
-        return f"{self.experiment}: {self.parameter} from {before} to {after} {self.unit}, in {self.seconds:.3g} s"
+        return (
+            f"{self.experiment}: {self.parameter} from {before} to {after} {self.unit}, in"
+            f" {self.seconds:.3g} s"
+        )
 
     @property
     def rough(self) -> bool:
@@ -136,33 +151,40 @@ def advise(
     setup: float = 10.0,
     warming: float = 600.0,
 ) -> tuple[Advice | Raised, ...]:
-    """What to record next for `parameter` (worst: the one furthest from what counts as determined), the best first: of each kind
-    of experiment and temperature the one that shrinks its error most per second, those that settle it before others, none that
-    hardly shrinks it.
+    """What to record next for `parameter` (worst: the one furthest from what counts as determined), the best
+    first: of each kind of experiment and temperature the one that shrinks its error most per second, those
+    that settle it before others, none that hardly shrinks it.
 
-    Or for what is promised of the closed loop: "margin" (its disk margin), "settling" (its settling time), as `design`, for
-    example `functools.partial(controller.design, finger=1.0)`, promises it of a posterior: the one that raises the margin, or
-    the inverse of the settling time, most per second.
+    Or for what is promised of the closed loop: "margin" (its disk margin), "settling" (its settling time), as
+    `design`, for example `functools.partial(controller.design, finger=1.0)`, promises it of a posterior: the
+    one that raises the margin, or the inverse of the settling time, most per second.
 
-    `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default the logs' own and
-    AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at the logs' temperature. Noise is that
-    of the logs of that kind, else of all. Empty when no log has a drive and a frequency, or tau is a guess, or nothing helps.
-    Raises ValueError for a parameter that there is not, for a promise without a design, and where the design refuses a plate that
-    is known exactly.
+    `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default
+    the logs' own and AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at
+    the logs' temperature. Noise is that of the logs of that kind, else of all. Empty when no log has a drive
+    and a frequency, or tau is a guess, or nothing helps. Raises ValueError for a parameter that there is not,
+    for a promise without a design, and where the design refuses a plate that is known exactly.
     """
     if parameter not in (*PLANT, "worst", *PROMISES):
         raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
     if parameter in PROMISES and design is None:
-        raise ValueError(f"{parameter!r} is promised by a design, and none is given; expected design=controller.design")
+        raise ValueError(
+            f"{parameter!r} is promised by a design, and none is given; expected design=controller.design"
+        )
     benches = [b for mode in fit.modes if (b := _Bench.of(replace(fit, modes=(mode,)))) is not None]
     if not benches:
         return ()
-    judges = [_promise(b, parameter, design) if design and parameter in PROMISES else _error(b, parameter) for b in benches]
+    judges = [
+        _promise(b, parameter, design) if design and parameter in PROMISES else _error(b, parameter)
+        for b in benches
+    ]
     best: dict[tuple, Advice | Raised] = {}
     for e in benches[0].experiments(drive, temperatures):
         took, key = setup + e.record + (warming if benches[0].elsewhere(e) else 0.0), (e.kind, e.temperature)
         # It must help whichever of the solutions is true.
-        found = min((judge(e, b.after(e), took) for b, judge in zip(benches, judges, strict=True)), key=_merit)
+        found = min(
+            (judge(e, b.after(e), took) for b, judge in zip(benches, judges, strict=True)), key=_merit
+        )
         if found.worthwhile:
             best[key] = max(best.get(key, found), found, key=_merit)
     spread = [_spread(a, benches) if isinstance(a, Advice) else a for a in best.values()]
@@ -172,7 +194,9 @@ def advise(
 def _spread(advice: Advice, benches: "Sequence[_Bench]") -> Advice:
     """What it brings, over the plates that the logs leave possible, whichever of the solutions is true."""
     index = PLANT.index(advice.parameter)
-    low, after, high = np.quantile([e[index] for b in benches for e in b.foreseen(advice.experiment)], BETWEEN)
+    low, after, high = np.quantile(
+        [e[index] for b in benches for e in b.foreseen(advice.experiment)], BETWEEN
+    )
     return replace(advice, after=float(after), between=(float(low), float(high)))
 
 
@@ -180,7 +204,9 @@ def _merit(advice: Advice | Raised) -> tuple[bool, float]:
     return advice.settles, advice.rate
 
 
-Judge = Callable[[Experiment, np.ndarray, float], Advice | Raised]  # by the information (6, 6) after it, and its seconds
+Judge = Callable[
+    [Experiment, np.ndarray, float], Advice | Raised
+]  # by the information (6, 6) after it, and its seconds
 
 
 def _error(bench: "_Bench", parameter: str) -> Judge:
@@ -221,13 +247,16 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
         found += trial.noise.told * jacobian.T @ jacobian
     if not np.any(state.dispersion):
         return found
-    spread = np.linalg.solve(np.eye(len(found)) + state.dispersion @ found, state.dispersion)  # (A^-1 + D)^-1, A singular or not
+    spread = np.linalg.solve(
+        np.eye(len(found)) + state.dispersion @ found, state.dispersion
+    )  # (A^-1 + D)^-1, A singular or not
     return found - found @ spread @ found
 
 
 @dataclass(frozen=True)
 class _Bench:
-    """What the fit knows of plant and bench. Errors are standard deviations of the parameters in their units."""
+    """What the fit knows of plant and bench. Errors are standard deviations of the parameters in their
+    units."""
 
     fit: Fit
     trials: tuple[Trial, ...]  # with a drive and a frequency
@@ -249,7 +278,8 @@ class _Bench:
         return cls(fit, trials, alone, beside, np.array([known[n] for n in NAMES]), units)
 
     def covariance(self, information: np.ndarray, aside: float = UNKNOWN) -> np.ndarray:
-        """(6, 6) of theta, with the little that is known of a parameter of which the logs say nothing; `aside` of f0 and k_T."""
+        """(6, 6) of theta, with the little that is known of a parameter of which the logs say nothing;
+        `aside` of f0 and k_T."""
         unknown = np.where(np.isin(NAMES, ("f0", "k_T")), aside, UNKNOWN)
         return np.linalg.inv(information + np.diag((self.units / (unknown * self.limits)) ** 2))
 
@@ -258,13 +288,19 @@ class _Bench:
         return self.units * np.sqrt(np.diag(self.covariance(information)))
 
     def after(self, experiment: Experiment, theta: np.ndarray | None = None) -> np.ndarray:
-        """(6, 6) information of theta with a log of it, of the plate `theta` (the fitted one), beside those there are."""
-        return (self.beside if experiment.kind == "sweep" else self.information) + self.told_by(experiment, theta)
+        """(6, 6) information of theta with a log of it, of the plate `theta` (the fitted one), beside those
+        there are."""
+        return (self.beside if experiment.kind == "sweep" else self.information) + self.told_by(
+            experiment, theta
+        )
 
     def foreseen(self, experiment: Experiment) -> Iterator[np.ndarray]:
-        """(6,) errors of the parameters after an experiment, for one plate after the other that the logs leave possible."""
+        """(6,) errors of the parameters after an experiment, for one plate after the other that the logs
+        leave possible."""
         scale = np.linalg.cholesky(self.covariance(self.information, ASIDE))
-        even = Mixture(self.fit.modes[0].theta[None], scale[None], np.ones(1)).spread(PLATES, np.random.default_rng(0))
+        even = Mixture(self.fit.modes[0].theta[None], scale[None], np.ones(1)).spread(
+            PLATES, np.random.default_rng(0)
+        )
         return (self.errors(self.after(experiment, theta)) for theta in even)
 
     def told_by(self, experiment: Experiment, theta: np.ndarray | None = None) -> np.ndarray:
@@ -282,7 +318,8 @@ class _Bench:
         return view.jacobian.T @ view.jacobian
 
     def _noise(self, steady: bool) -> tuple[float, float, tuple[Level, ...]]:
-        """Standard deviation per channel and correlation time (s) to be expected; and of d and q, where they differ."""
+        """Standard deviation per channel and correlation time (s) to be expected; and of d and q, where they
+        differ."""
         alike = [t for t in self.trials if t.steady == steady] or self.trials
         std, time = _usual([Level(t.noise.std, 0.0 if t.steady else t.noise.time) for t in alike], steady)
         if not any(t.noise.levels for t in alike):
@@ -304,11 +341,15 @@ class _Bench:
             for window in (5.0, 10.0, 20.0):
                 rows = min(int(window * tau / spacing / (1 - REST)) + 1, MOST)
                 for beside in (0.0, -1.0, 1.0):
-                    yield Experiment("step", drive, (f0 + beside * hb,) * 2, at, rows, window * tau / (1 - REST), unit)
+                    yield Experiment(
+                        "step", drive, (f0 + beside * hb,) * 2, at, rows, window * tau / (1 - REST), unit
+                    )
             for half in (2.0, 5.0):
                 for rows in (21, 101):
                     low = max(f0 - half * hb, 0.05 * f0)
-                    yield Experiment("sweep", drive, (low, f0 + half * hb), at, rows, rows * DWELL * tau, unit)
+                    yield Experiment(
+                        "sweep", drive, (low, f0 + half * hb), at, rows, rows * DWELL * tau, unit
+                    )
 
     @property
     def warm(self) -> bool:

@@ -1,7 +1,8 @@
-"""The posterior of the plant, by level of accuracy: the fit's normal approximation; Markov chains that correct it; every row.
+"""The posterior of the plant, by level of accuracy: the fit's normal approximation; Markov chains that
+correct it; every row.
 
-Reported are the mean, standard deviation and interval of the normal approximation, corrected by importance sampling: see
-`posterior.estimate`.
+Reported are the mean, standard deviation and interval of the normal approximation, corrected by importance
+sampling: see `posterior.estimate`.
 """
 
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,10 @@ if TYPE_CHECKING:
     from sysid.posterior.chain import Chain
 
 CHAINS, EVEN = 8, 512  # of the normal approximation, and its draws in each
-CHECKED, WIDER = 64, 1.3  # points at which the first rung asks for the density, from a normal that is so much wider
+CHECKED, WIDER = (
+    64,
+    1.3,
+)  # points at which the first rung asks for the density, from a normal that is so much wider
 ROWS = 256  # proposals at which the last rung asks for the density of every row
 BLOCKS = 16  # of proposals, whose spread is the error of what all together give
 PER_DRAW = 1.3  # proposals for one effective draw where the posterior is nearly normal
@@ -45,10 +49,10 @@ class Offer:
 class Posterior(Shown):
     """Draws (chain, draw) of each parameter, f0 at the fit's reference temperature.
 
-    `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or how far the normal
-    approximation is off. `below`: the rung before. `evaluations` of the density, `seconds`, and `pace` in seconds for one;
-    `exact_pace` for one without a polynomial of the residual. `log_density` (chain, draw): of the draws, up to
-    a constant.
+    `errors`: numerical errors of the `estimates`, apart from what the data leave open: Monte-Carlo errors, or
+    how far the normal approximation is off. `below`: the rung before. `evaluations` of the density,
+    `seconds`, and `pace` in seconds for one; `exact_pace` for one without a polynomial of the residual.
+    `log_density` (chain, draw): of the draws, up to a constant.
     """
 
     fit: Fit
@@ -75,28 +79,31 @@ class Posterior(Shown):
         return of_posterior(self)
 
     def plot(self) -> Any:
-        """A figure of matplotlib: marginals of the draws, and pairs; None where the logs bound no parameter."""
+        """A figure of matplotlib: marginals of the draws, and pairs; None where the logs bound no
+        parameter."""
         from sysid.report.plots import Figures, of_posterior
 
         return Figures.of(of_posterior(self, self.summary())).get("Posterior")
 
     def save(self, folder: str | Path, loop: Any = None) -> Path:
-        """Write the set of files that `identify` writes into a folder, in the place of an older one, with `loop`, the controller
-        that was designed for it, where one is given; returns the folder. `sysid.load` gives all of it back. The bytes are the
-        command's but for `created` and `cost` in fit.json. Raises OSError where it cannot be written; older files then stay."""
+        """Write the set of files that `identify` writes into a folder, in the place of an older one, with
+        `loop`, the controller that was designed for it, where one is given; returns the folder. `sysid.load`
+        gives all of it back. The bytes are the command's but for `created` and `cost` in fit.json. Raises
+        OSError where it cannot be written; older files then stay."""
         from sysid.command.sets import save
 
         return save(self, folder, loop)
 
     def report(self, path: str | Path, loop: Any = None) -> Path:
-        """Write the report alone, one HTML file with all its figures, to `path`, which is returned; `loop` as in `save`."""
+        """Write the report alone, one HTML file with all its figures, to `path`, which is returned; `loop` as
+        in `save`."""
         from sysid.command.sets import report
 
         return report(self, path, loop)
 
     def to_inferencedata(self) -> Any:
-        """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated. Raises ImportError
-        where ArviZ is not installed."""
+        """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated.
+        Raises ImportError where ArviZ is not installed."""
         from sysid.report.inference import of_posterior
 
         return of_posterior(self)
@@ -107,10 +114,12 @@ class Posterior(Shown):
         return of_posterior(self)
 
     def summary(self) -> dict[str, Parameter]:
-        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not determined: draws
-        about its minima do not settle what the fit leaves open."""
+        """Posterior mean, standard deviation and central 95 % interval of each parameter, or why it is not
+        determined: draws about its minima do not settle what the fit leaves open."""
         told = {n: e for n, e in self.estimates.items() if self.fit.parameters[n].determined}
-        return self.fit.parameters | {n: parameter(self.fit, n, e.value, e.std, (e.low, e.high)) for n, e in told.items()}
+        return self.fit.parameters | {
+            n: parameter(self.fit, n, e.value, e.std, (e.low, e.high)) for n, e in told.items()
+        }
 
     @property
     def convergence(self) -> dict[str, Convergence]:
@@ -119,13 +128,15 @@ class Posterior(Shown):
 
     @property
     def error(self) -> float:
-        """The largest numerical error of a mean or of an interval's end, in standard deviations of its parameter."""
+        """The largest numerical error of a mean or of an interval's end, in standard deviations of its
+        parameter."""
         off = [(self.errors[n], e.std) for n, e in self.estimates.items() if e.std > 0]
         return max((max(o.value, o.low, o.high) / std for o, std in off), default=float("nan"))
 
     @property
     def moved(self) -> float | None:
-        """The largest distance of an estimate from that of the rung before, in standard deviations; None at the first."""
+        """The largest distance of an estimate from that of the rung before, in standard deviations; None at
+        the first."""
         if self.below is None:
             return None
         return max(e.distance(self.below.estimates[n]) for n, e in self.estimates.items())
@@ -138,29 +149,45 @@ class Posterior(Shown):
         share = PER_DRAW if self.below is None else self.evaluations / self.ess
         trials = self.fit.modes[0].trials
         kept, rows = sum(len(t.log) for t in trials), sum(t.most for t in trials)
-        seconds = max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
+        seconds = (
+            max(rung.effective * share - (0 if self.below is None else self.evaluations), 0.0) * self.pace
+        )
         if rung.every_row and rows > kept:
             seconds += ROWS * self.exact_pace * rows / kept
-            return Offer(rung.name, seconds, f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means")
+            return Offer(
+                rung.name,
+                seconds,
+                f"{rung.effective} effective draws, and all {rows} rows in place of {kept} means",
+            )
         if self.below is None:
-            return Offer(rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}")
+            return Offer(
+                rung.name, seconds, f"draws in place of a normal that is off by about {self.error:.2g}"
+            )
         left = self.error * np.sqrt(self.ess / rung.effective)
-        return Offer(rung.name, seconds, f"{rung.effective} effective draws and numerical errors of {left:.1g}")
+        return Offer(
+            rung.name, seconds, f"{rung.effective} effective draws and numerical errors of {left:.1g}"
+        )
 
     def twice(self) -> float | None:
-        """Seconds that half the Monte-Carlo error would take beyond what has been spent; None without chains."""
+        """Seconds that half the Monte-Carlo error would take beyond what has been spent; None without
+        chains."""
         return None if self.below is None else 3 * self.evaluations * self.pace
 
 
 @float64
-@np.errstate(over="ignore", invalid="ignore")  # tau of logs that the model does not describe may be anything, draws infinite
-def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0) -> Posterior:
-    """The posterior of `fit` at an accuracy: "quick" (its normal approximation, and how far off it is), "standard" (Markov chains
-    until 1000 effective draws of each parameter and R-hat below 1.01) or "exact" (10 000, and the density of every row).
+@np.errstate(
+    over="ignore", invalid="ignore"
+)  # tau of logs that the model does not describe may be anything, draws infinite
+def sample(
+    fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0
+) -> Posterior:
+    """The posterior of `fit` at an accuracy: "quick" (its normal approximation, and how far off it is),
+    "standard" (Markov chains until 1000 effective draws of each parameter and R-hat below 1.01) or "exact"
+    (10 000, and the density of every row).
 
-    `budget`: seconds; the best rung that ends within them, up to `accuracy`; the first is always there. `starting`: seconds to
-    allow for loading emcee where the program has not done it. A parameter about which the logs say nothing is held where the fit
-    left it. The same seed and accuracy give the same draws.
+    `budget`: seconds; the best rung that ends within them, up to `accuracy`; the first is always there.
+    `starting`: seconds to allow for loading emcee where the program has not done it. A parameter about which
+    the logs say nothing is held where the fit left it. The same seed and accuracy give the same draws.
     """
     until = np.inf if budget is None else perf_counter() + budget
     first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
@@ -172,7 +199,8 @@ def sample(fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float |
         begun, offer = perf_counter(), posterior.offer()
         if begun + (offer.seconds if offer else 0.0) + (0.0 if chain else starting) > until:
             break
-        from sysid.posterior.chain import (  # what emcee imports takes as long as all else, and the first rung has no chains
+        # what emcee imports takes as long as all else, and the first rung has no chains
+        from sysid.posterior.chain import (
             ROUNDS,
             Chain,
         )
@@ -201,7 +229,10 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     estimates = {n: Estimate.of(*even) for n, even in target.marginals().items()}
     errors = _off(target, estimates) if fit.result.bounded else _unknown(estimates)
     draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
-    method = f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at {CHECKED} points"
+    method = (
+        f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at"
+        f" {CHECKED} points"
+    )
     method += WIDENED * (target.dispersion is not None)
     return Posterior(
         fit,
@@ -224,7 +255,8 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
 
 
 def _off(target: Target, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-    """By how much the equation moves the estimates of the normal approximation, over a few even points further out."""
+    """By how much the equation moves the estimates of the normal approximation, over a few even points
+    further out."""
     normal = target.normal()
     wide = replace(normal, scales=WIDER * normal.scales)
     z = wide.spread(CHECKED, np.random.default_rng(0))
@@ -249,7 +281,8 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     if result is Result.successful and not chain.reached(rung.effective):
         result = Result.sampler_stopped
     method = (
-        f"emcee, {z.shape[0]} walkers, independence Metropolis from a Student-t mixture about each minimum ({len(fit.modes)}),"
+        f"emcee, {z.shape[0]} walkers, independence Metropolis from a Student-t mixture about each minimum"
+        f" ({len(fit.modes)}),"
         f" {rung.effective} effective draws; estimates corrected by importance"
     )
     if target.density.smooth:
@@ -277,8 +310,11 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     )
 
 
-def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
-    """Estimates by the equation of `posterior.estimate`, and their Monte-Carlo errors from BLOCKS blocks of the proposals."""
+def _corrected(
+    chain: "Chain", whole: Target | None = None
+) -> tuple[dict[str, Estimate], dict[str, Estimate]]:
+    """Estimates by the equation of `posterior.estimate`, and their Monte-Carlo errors from BLOCKS blocks of
+    the proposals."""
     target, normal = chain.target, chain.target.normal()
     even = target.marginals()
     z, density, proposed = chain.proposed()
@@ -288,9 +324,15 @@ def _corrected(chain: "Chain", whole: Target | None = None) -> tuple[dict[str, E
     estimates, errors = {}, {}
     for name, x in target.parameters(z).items():
         blocks = [slice(k, None, BLOCKS) for k in range(BLOCKS)]
-        parts = [moved(even[name], (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows])) for b in blocks]
+        parts = [
+            moved(even[name], (x[b], [r[b] for r in ratios]), (x[few][b], [r[b] for r in rows]))
+            for b in blocks
+        ]
         spread = np.std(parts, axis=0, ddof=1) / np.sqrt(BLOCKS)
-        estimates[name], errors[name] = moved(even[name], (x, ratios), (x[few], rows)), Estimate(*map(float, spread))
+        estimates[name], errors[name] = (
+            moved(even[name], (x, ratios), (x[few], rows)),
+            Estimate(*map(float, spread)),
+        )
     return estimates, errors
 
 

@@ -1,9 +1,10 @@
 """A cheap posterior density: each log's sum of squares as a polynomial, checked against the exact density.
 
-Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. Evaluated at the points z_i of a
-design, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, where m are the monomials at z and M those at the design's
-points. Its sum of squares is w K w^T with K_ij = Re r_i^* r_j, at a cost independent of the number of rows. Points further away
-than FAR are evaluated exactly; where the polynomial is not FAITHFUL at other points, all are.
+Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. Evaluated at the
+points z_i of a design, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, where m are the
+monomials at z and M those at the design's points. Its sum of squares is w K w^T with K_ij = Re r_i^* r_j, at
+a cost independent of the number of rows. Points further away than FAR are evaluated exactly; where the
+polynomial is not FAITHFUL at other points, all are.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,9 @@ from sysid.precision import compiled
 from sysid.trials.experiment import group, split
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
-CHECKS = 32  # points at which the polynomial is compared; it is made from twice as many as it has coefficients
+CHECKS = (
+    32  # points at which the polynomial is compared; it is made from twice as many as it has coefficients
+)
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for
@@ -30,14 +33,17 @@ MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred 
 
 @compiled
 def _rows(thetas, layouts, groups):
-    """Whitened residual rows (n, logs, N) of each group, and volumes (n, logs), at the points `thetas` (n, 6)."""
+    """Whitened residual rows (n, logs, N) of each group, and volumes (n, logs), at the points `thetas` (n,
+    6)."""
 
     def of(theta, x, layout):
         found = residual(theta, x, layout)
         return found.rows, found.volume
 
     def one(theta):
-        return tuple(jax.vmap(lambda x, y=y: of(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True))
+        return tuple(
+            jax.vmap(lambda x, y=y: of(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True)
+        )
 
     return jax.vmap(one)(thetas)
 
@@ -58,13 +64,16 @@ def _batch(groups: Groups) -> int:
 
 
 class Density:
-    """Log density at points z (n, p), in standard deviations from a minimum; `theta` converts them to parameters (n, 6).
+    """Log density at points z (n, p), in standard deviations from a minimum; `theta` converts them to
+    parameters (n, 6).
 
-    `smooth`: whether the polynomial is used; `error`: its largest deviation where it was checked. `pace`: seconds per exact
-    evaluation. None is begun after `until` (perf_counter): TimeoutError.
+    `smooth`: whether the polynomial is used; `error`: its largest deviation where it was checked. `pace`:
+    seconds per exact evaluation. None is begun after `until` (perf_counter): TimeoutError.
     """
 
-    def __init__(self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf):
+    def __init__(
+        self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf
+    ):
         self.theta, self.smooth, self.error, self.until, self.pace = theta, smooth, 0.0, until, 0.0
         self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
@@ -89,23 +98,32 @@ class Density:
         weights = np.linalg.pinv(_monomials(design))
         self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
         self.volumes = [weights @ v[:n] for v in volumes]
-        exact = self._of([np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes])
+        exact = self._of(
+            [np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes]
+        )
         self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
         self.smooth = bool(self.error <= FAITHFUL)
 
     def _polynomial(self, z: np.ndarray) -> np.ndarray:
         m = _monomials(z)
         pairs = (m[:, :, None] * m[:, None, :]).reshape(len(m), -1)
-        return self._of([pairs @ form.reshape(len(form), -1).T for form in self.forms], [m @ v for v in self.volumes])
+        return self._of(
+            [pairs @ form.reshape(len(form), -1).T for form in self.forms], [m @ v for v in self.volumes]
+        )
 
     def _exact(self, z: np.ndarray) -> np.ndarray:
-        squares = [[(np.einsum("nlk,nlk->nl", r, r), v) for r, v in rows] for rows in self._batches(z, self.groups)]
-        found = [[np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True)] for parts in zip(*squares, strict=True)]
+        squares = [
+            [(np.einsum("nlk,nlk->nl", r, r), v) for r, v in rows] for rows in self._batches(z, self.groups)
+        ]
+        found = [
+            [np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True)]
+            for parts in zip(*squares, strict=True)
+        ]
         return self._of(*zip(*found, strict=True))
 
     def _products(self, z: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p); and volumes
-        (n, logs)."""
+        """Of each log, group by group, the products (logs, n, n) of its residual rows at the points z (n, p);
+        and volumes (n, logs)."""
         products: list[list[np.ndarray]] = [[] for _ in self.groups]
         volumes: list[list[np.ndarray]] = [[] for _ in self.groups]
         for index, groups in self._few():
@@ -125,15 +143,19 @@ class Density:
                 yield (i,), ((layout, jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], x)),)
 
     def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
-        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts side by side; and
-        volumes (n, logs)."""
+        """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts
+        side by side; and volumes (n, logs)."""
         layouts, arrays = split(groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
         for part in full.reshape(-1, self.batch, full.shape[1]):
             if (begun := perf_counter()) > self.until:
                 raise TimeoutError
-            found = [(np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)]
-            self.pace = (perf_counter() - begun) / self.batch  # the last is right: the first also loads the program
+            found = [
+                (np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)
+            ]
+            self.pace = (
+                perf_counter() - begun
+            ) / self.batch  # the last is right: the first also loads the program
             yield found
 
     def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:

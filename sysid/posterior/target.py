@@ -1,4 +1,5 @@
-"""The posterior density of a fit, in coordinates in which it is nearly standard normal; evaluations are counted and timed."""
+"""The posterior density of a fit, in coordinates in which it is nearly standard normal; evaluations are
+counted and timed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,11 +25,13 @@ QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 
 
 class Target:
-    """log p(z) up to a constant, theta = best + triangle z, over those parameters `names` that the data bound at all.
+    """log p(z) up to a constant, theta = best + triangle z, over those parameters `names` that the data bound
+    at all.
 
-    Where logs differ, the plant is farther from what they tell together: `parameters` draws by how much, with `seed`.
-    `every_row`: of the files, where the fit used averages of neighbouring rows. `evaluations` counts points; with a single
-    minimum most of them are those of `posterior.surrogate`. `pace`: seconds per point, loading of programs aside.
+    Where logs differ, the plant is farther from what they tell together: `parameters` draws by how much, with
+    `seed`. `every_row`: of the files, where the fit used averages of neighbouring rows. `evaluations` counts
+    points; with a single minimum most of them are those of `posterior.surrogate`. `pace`: seconds per point,
+    loading of programs aside.
     """
 
     def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf, seed: int = 0):
@@ -40,10 +43,14 @@ class Target:
             most = [1.0 if n in POSITIVE else np.inf for n in self.names]  # of a logarithm
             covariance = np.diag(np.minimum(np.diag(covariance), most))
         self.triangle = np.linalg.cholesky(covariance)
-        self._carried = carried(fit.warming)[self.index]  # f0 is reported at another temperature than the fit's own
+        self._carried = carried(fit.warming)[
+            self.index
+        ]  # f0 is reported at another temperature than the fit's own
         self._along = self._carried[:, self.index] @ self.triangle
         differing = fit.result.bounded and bool(np.any(best.dispersion))
-        self.dispersion = self._carried @ best.dispersion @ self._carried.T if differing else None  # of what is reported
+        self.dispersion = (
+            self._carried @ best.dispersion @ self._carried.T if differing else None
+        )  # of what is reported
         self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
@@ -67,7 +74,9 @@ class Target:
         """Each parameter (n,) at z (n, p), f0 at the fit's reference temperature."""
         x = self.fit.modes[0].theta @ self._carried.T + z @ self._along.T
         if self.dispersion is not None:
-            x = x + self._rng.multivariate_normal(np.zeros(len(self.dispersion)), self.dispersion, len(z), method="eigh")
+            x = x + self._rng.multivariate_normal(
+                np.zeros(len(self.dispersion)), self.dispersion, len(z), method="eigh"
+            )
         return self._named(x)
 
     def marginals(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -85,14 +94,19 @@ class Target:
     def _named(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """The parameters by name, from their components of theta."""
         f0 = self.fit.reference[0]
-        return {n: np.exp(v) if n in POSITIVE else f0 + v if n == "f0" else v for n, v in zip(self.names, x.T, strict=True)}
+        return {
+            n: np.exp(v) if n in POSITIVE else f0 + v if n == "f0" else v
+            for n, v in zip(self.names, x.T, strict=True)
+        }
 
     @cached_property
     def _places(self) -> Sequence[State]:
         """The minima; on ridges that are bent, the places along them."""
         fit = self.fit
         minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
-        return along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
+        return (
+            along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
+        )
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
@@ -101,7 +115,10 @@ class Target:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
         best, index, places = fit.modes[0], self.index, self._places
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
-        scales = [np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)])) for s in places]
+        scales = [
+            np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)]))
+            for s in places
+        ]
         weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
         return Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 

@@ -2,7 +2,7 @@
 SVG within a page or an image.
 
 The palette is that of Okabe & Ito (Color Universal Design, 2008). In an SVG the colours of lines and texts
-are variables of the page, so that a dark page has its own; dots, which are many, are one image of points. """
+are variables of the page, so that a dark page has its own; dots, which are many, are one image of points."""
 
 import io
 import re

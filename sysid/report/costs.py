@@ -1,4 +1,5 @@
-"""Pictures of what accuracy costs: numerical error against work, for the report; against wall time, for the user's own logs."""
+"""Pictures of what accuracy costs: numerical error against work, for the report; against wall time, for the
+user's own logs."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,9 +15,12 @@ ERROR = "error / standard deviation"
 
 
 def of_ladder(rungs: Sequence[Mapping[str, Any]]) -> list[Picture]:
-    """What there is to draw of the `rungs` of fit.json. Work is counted, not timed: the same logs give the same figure."""
+    """What there is to draw of the `rungs` of fit.json. Work is counted, not timed: the same logs give the
+    same figure."""
     known = [r for r in rungs if r["error"]]
-    return [Picture("What accuracy costs", lambda: _ladder(known), lambda: _seen_ladder(known))] if known else []
+    return (
+        [Picture("What accuracy costs", lambda: _ladder(known), lambda: _seen_ladder(known))] if known else []
+    )
 
 
 def curve_figure(points: Sequence[Any]) -> bytes:
@@ -37,7 +41,9 @@ def _ladder(rungs: Sequence[Mapping[str, Any]]) -> Figure:
     for rung in rungs:
         _named(axes, rung["accuracy"], rung["evaluations"], rung["error"])
     n = np.geomspace(min(work), 4 * max(work), 50)
-    axes.loglog(n, 2.7 / np.sqrt(n), ls="--", color=GREY)  # of an interval's end: sqrt(p (1 - p) / n) / density
+    axes.loglog(
+        n, 2.7 / np.sqrt(n), ls="--", color=GREY
+    )  # of an interval's end: sqrt(p (1 - p) / n) / density
     axes.text(n[25], 3.2 / np.sqrt(n[25]), "interval of as many draws", color=GREY)
     axes.set(xlabel="evaluations of the density", ylabel=ERROR, xlim=(0.6 * min(work), 5 * max(work)))
     axes.set_ylim(0.4 * min(error), 2.5 * max(*error, 2.7 / np.sqrt(n[0])))
@@ -53,14 +59,18 @@ def _curve(points: Sequence[Any]) -> Figure:
         ("first run, which compiles", ORANGE, [p.cold_s for p in points]),
         ("later runs", BLUE, [p.warm_s for p in points]),
     ):
-        axes.loglog(times, [p.error for p in points], "o-", color=colour, ms=6, label=f"{name}: error as stated")
+        axes.loglog(
+            times, [p.error for p in points], "o-", color=colour, ms=6, label=f"{name}: error as stated"
+        )
         apart = [(t, p.distance) for t, p in zip(times, points, strict=True) if p.distance]
         label = f"found, by the distance from {points[-1].accuracy}" if colour == BLUE else None
         axes.loglog(*zip(*apart, strict=True), "x", color=colour, ms=7, label=label)
         for t, p in zip(times, points, strict=True):
             _named(axes, p.accuracy, t, p.error)
     every = [t for p in points for t in (p.cold_s, p.warm_s)]
-    axes.set(xlabel="seconds until the numbers are there", ylabel=ERROR, xlim=(0.7 * min(every), 2 * max(every)))
+    axes.set(
+        xlabel="seconds until the numbers are there", ylabel=ERROR, xlim=(0.7 * min(every), 2 * max(every))
+    )
     _ticks(axes)
     axes.legend(frameon=False)
     figure.subplots_adjust(0.11, 0.14, 0.98, 0.97)

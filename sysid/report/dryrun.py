@@ -73,7 +73,12 @@ def _column(name: str, source: Source, logs: Sequence[Log]) -> dict[str, Any]:
     """Where one quantity comes from, how it is read, and between which values it lies, in the units used
     inside."""
     values, unit = _values(name, logs)
-    found: dict[str, Any] = {"read_as": name, "column": source.label, "unit": source.unit, "amplitude": source.amplitude}
+    found: dict[str, Any] = {
+        "read_as": name,
+        "column": source.label,
+        "unit": source.unit,
+        "amplitude": source.amplitude,
+    }
     found |= {"scale": source.scale, "offset": source.offset, "constant": source.column is None}
     return found | {"least": min(values, default=None), "most": max(values, default=None), "inside": unit}
 
@@ -129,7 +134,9 @@ def _head(one: Mapping[str, Any]) -> str:
         kinds.setdefault(log["kind"] or "transient or steady", []).append(log["rows"])
     said = []
     for kind, rows in kinds.items():
-        count = f"{rows[0]} rows" if len(rows) == 1 else f"{len(rows)} logs of {min(rows)} to {max(rows)} rows"
+        count = (
+            f"{rows[0]} rows" if len(rows) == 1 else f"{len(rows)} logs of {min(rows)} to {max(rows)} rows"
+        )
         said.append(f"{count}, {kind}")
     return f"{one['path']}: {'; '.join(said) or 'refused'}"
 
@@ -141,7 +148,9 @@ def _columns(one: Mapping[str, Any]) -> Table:
         unit += (f" * {c['scale']:g}" if c["scale"] != 1 else "") + (
             f" {c['offset']:+g}" if c["offset"] else ""
         )
-        table.add_row(*(Text(clean(cell)) for cell in (c["read_as"], c["column"], unit, _range(c, c["inside"]))))
+        table.add_row(
+            *(Text(clean(cell)) for cell in (c["read_as"], c["column"], unit, _range(c, c["inside"])))
+        )
     if response := one["response"]:
         table.add_row("response", response["what"], "", f"|W| {_range(response, response['unit'])}")
     return table

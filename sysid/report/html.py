@@ -95,7 +95,9 @@ def _effects(findings: Sequence[Mapping[str, Any]]) -> Cells:
             (value, std), unit = measured(x["value"], x["std"] or 0.0, unit=x["unit"])
             said = f"{value} ± {std if x['std'] is not None else 'unknown'} {unit}"
             effect = found["key"].replace("_", " ")
-            rows.append([effect if what == effect else f"{effect}, {what}", said, ", ".join(found["logs"]) or "all"])
+            rows.append(
+                [effect if what == effect else f"{effect}, {what}", said, ", ".join(found["logs"]) or "all"]
+            )
             rows[-1].append(number(found["evidence"], ".3g"))
     return rows
 

@@ -21,7 +21,9 @@ def of_loop(controller: Content | None, draws: Draws) -> list[Picture]:
     """What there is to draw of a controller; `draws` of the plant's parameters."""
     if not controller:
         return []
-    note = "Medians and 5 to 95 % of the plants that the logs allow; dashed the voltage limit, dotted the plate"
+    note = (
+        "Medians and 5 to 95 % of the plants that the logs allow; dashed the voltage limit, dotted the plate"
+    )
     note += " alone, at the resonance and untouched, under the constant voltage that leads there."
     title = "Step response, open and closed loop"
     found = [Picture(title, lambda: step_of(controller, draws), lambda: _seen_step(controller), note)]

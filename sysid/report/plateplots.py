@@ -31,9 +31,9 @@ def of_plate(fit: "Fit", each: Sequence[Own]) -> list[Picture]:
     if several:
         ranked = sorted(each, key=lambda own: -own.worst)[:LISTED]
         note = (
-            "What each log makes of the plate by itself, with errors of 95 %, off what all logs make of it (the"
-            " band); to first order, so that large differences are roughly as large. The log that differs most"
-            " stands first."
+            "What each log makes of the plate by itself, with errors of 95 %, off what all logs make of it"
+            " (the band); to first order, so that large differences are roughly as large. The log that"
+            " differs most stands first."
         )
         note += f" {len(each) - LISTED} logs that differ less are not drawn." if len(each) > LISTED else ""
         found.append(

@@ -149,5 +149,3 @@ def _seen_correlations(lines: Sequence[Line]) -> str:
     return (
         f"{inside}; the largest is {values[lag]:+.2g}, {lag + 1} rows apart, of {named(number, f.log.name)}."
     )
-
-

@@ -13,12 +13,18 @@ from sysid.report.text import clean, exactness, gains, grouped, mode, moved, num
 
 WIDTH = 80  # columns where the output is no terminal
 ROOMY = 100  # columns, from which on a table of logs has room for their noise
-NO_ADVICE = "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask for"
+NO_ADVICE = (
+    "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask"
+    " for"
+)
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
-def show(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], folder: Path, file: IO[str]) -> None:
-    """Print what fit.json says (`document`), the verdict first, with the `derived` quantities and where the files are."""
+def show(
+    document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]], folder: Path, file: IO[str]
+) -> None:
+    """Print what fit.json says (`document`), the verdict first, with the `derived` quantities and where the
+    files are."""
     console = console_of(file)
     console.print(_verdict(document))
     console.print()
@@ -37,7 +43,8 @@ def findings(found: Sequence[Any], file: IO[str]) -> None:
 
 
 def rows(cells: Sequence[Sequence[str]], file: IO[str], right: bool = True) -> None:
-    """Print a table whose first row is its header; all columns but the first hold numbers, which end on the `right`."""
+    """Print a table whose first row is its header; all columns but the first hold numbers, which end on the
+    `right`."""
     table = table_of(*cells[0], right=tuple(cells[0][1:]) if right else ())
     for row_ in cells[1:]:
         table.add_row(*row_)
@@ -46,7 +53,9 @@ def rows(cells: Sequence[Sequence[str]], file: IO[str], right: bool = True) -> N
 
 def console_of(file: IO[str]) -> Console:
     """Plain text, as wide as the terminal; WIDTH where there is none."""
-    return Console(file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False)
+    return Console(
+        file=file, width=None if file.isatty() else WIDTH, markup=False, emoji=False, highlight=False
+    )
 
 
 def _verdict(document: Mapping[str, Any]) -> Text:
@@ -57,14 +66,22 @@ def _verdict(document: Mapping[str, Any]) -> Text:
 
 
 def _logs(logs: list[Mapping[str, Any]], width: int) -> Table:
-    """What each log was taken for, and how well it is described; where the lines are wide enough, how noisy it is."""
+    """What each log was taken for, and how well it is described; where the lines are wide enough, how noisy
+    it is."""
     noisy = (f"noise {clean(logs[0]['response_unit'])}",) if width >= ROOMY else ()
     table = table_of("log", "kind", "rows", "taken for", "NRMSE", *noisy, right=("rows", "NRMSE"))
     table.columns[0].max_width = 30
     for log in logs:
         noise = number(log["noise_std"]) + ("" if log["noise"] == "white" else f", {log['noise']}")
         left = "" if log["nrmse_percent"] is None else f"{log['nrmse_percent']:.2f}%"
-        cells = (log["name"], log["kind"], str(log["rows"]), taken_for(log), left, *([noise] if noisy else []))
+        cells = (
+            log["name"],
+            log["kind"],
+            str(log["rows"]),
+            taken_for(log),
+            left,
+            *([noise] if noisy else []),
+        )
         table.add_row(*(Text(clean(cell)) for cell in cells))
     return table
 
@@ -96,12 +113,21 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
         lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
     if document["change"] is not None:
         lines.append(("change", "\n".join([document["change"]["sentence"], *moved(document["change"])])))
-    lines.append(("gains", "\n".join(gains(document["controller"])) if document["controller"] else "no controller was designed"))
+    lines.append(
+        (
+            "gains",
+            "\n".join(gains(document["controller"]))
+            if document["controller"]
+            else "no controller was designed",
+        )
+    )
     if cost := document["cost"]:
         lines.append(("cost", exactness(cost)))
     for key, text in lines:
         table.add_row(key, Text(clean(text)))
-    table.add_row("files", Text(f"{clean(str(folder))}: {', '.join([*sorted(document['files']), 'fit.json'])}"))
+    table.add_row(
+        "files", Text(f"{clean(str(folder))}: {', '.join([*sorted(document['files']), 'fit.json'])}")
+    )
     return table
 
 

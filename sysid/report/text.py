@@ -10,11 +10,15 @@ import numpy as np
 PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 ADVICE = {
     "the fit did not converge": "add a sweep across the resonance",
-    "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they name",
+    "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they"
+    " name",
     "the logs do not determine tau or G": "the parameters say what to record",
-    "the sampler stopped before it reached its criteria": "take the normal approximation, --accuracy quick, or record more rows",
+    "the sampler stopped before it reached its criteria": "take the normal approximation, --accuracy quick,"
+    " or record more rows",
 }
-SEVERAL = {"the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep"}
+SEVERAL = {
+    "the fit did not converge": "fit the logs one by one to find the one that disagrees, or add a sweep"
+}
 
 
 def advice(result: str, logs: int) -> str:
@@ -23,13 +27,17 @@ def advice(result: str, logs: int) -> str:
 
 
 def verdict(result: str, parameters: Mapping[str, Any], logs: int, plate: str | None = None) -> str:
-    """One sentence on a fit of so many logs of a plate: what is determined and what is not, or how it ended and what to do."""
+    """One sentence on a fit of so many logs of a plate: what is determined and what is not, or how it ended
+    and what to do."""
     if result != "successful":
         return f"{f'plate {plate}: ' if plate else ''}{result}: {advice(result, logs)}"
     known = [name for name, p in parameters.items() if p["determined"]]
     open_ = [name for name, p in parameters.items() if not p["determined"]]
     of = f" of plate {plate}" if plate else ""
-    said = f"{listed(known)}{of} {'is' if len(known) == 1 else 'are'} determined from {logs} log{'s' * (logs > 1)}"
+    said = (
+        f"{listed(known)}{of} {'is' if len(known) == 1 else 'are'} determined from {logs}"
+        f" log{'s' * (logs > 1)}"
+    )
     return f"{said}; {listed(open_)} {'is' if len(open_) == 1 else 'are'} not" if open_ else said
 
 
@@ -37,8 +45,8 @@ DATED = ("date", "recorded", "measured", "acquired", "datetime", "date/time", "t
 
 
 def sentence(document: Mapping[str, Any], stated: Sequence[Mapping[str, str]]) -> str:
-    """The verdict on fit.json's content with the plate, how many logs there are and from when, and what to do next;
-    `stated`: what each log states above its rows."""
+    """The verdict on fit.json's content with the plate, how many logs there are and from when, and what to do
+    next; `stated`: what each log states above its rows."""
     result, plate, when = document["result"], document["plate"], recorded(stated)
     logs = f"{len(stated)} log{'s' * (len(stated) > 1)}{f' of {when}' if when else ''}"
     if result != "successful":
@@ -49,9 +57,13 @@ def sentence(document: Mapping[str, Any], stated: Sequence[Mapping[str, str]]) -
 
 
 def recorded(stated: Sequence[Mapping[str, str]]) -> str:
-    """The day that logs state, or the first and the last of several; empty where none states any. Days that begin with the year
-    alone have an order; others are shown as they are written."""
-    days = list(dict.fromkeys(v.strip() for log in stated for key, v in log.items() if key.casefold() in DATED and v.strip()))
+    """The day that logs state, or the first and the last of several; empty where none states any. Days that
+    begin with the year alone have an order; others are shown as they are written."""
+    days = list(
+        dict.fromkeys(
+            v.strip() for log in stated for key, v in log.items() if key.casefold() in DATED and v.strip()
+        )
+    )
     whole = sorted({day[:10] for day in days if re.match(r"\d{4}-\d\d-\d\d", day)})
     if whole and all(day[:10] in whole for day in days):
         return whole[0] + (f" to {whole[-1]}" if len(whole) > 1 else "")
@@ -60,7 +72,10 @@ def recorded(stated: Sequence[Mapping[str, str]]) -> str:
 
 def _next(document: Mapping[str, Any]) -> str:
     """What to do after a fit that went well."""
-    count, open_ = len(document["warnings"]), [name for name, p in document["parameters"].items() if not p["determined"]]
+    count, open_ = (
+        len(document["warnings"]),
+        [name for name, p in document["parameters"].items() if not p["determined"]],
+    )
     steps = [f"read the {'warning' if count == 1 else f'{count} warnings'}"] if count else []
     if document["controller"]:
         steps.append("commission the controller")
@@ -75,10 +90,17 @@ def listed(names: Sequence[str]) -> str:
 
 
 def clean(text: str) -> str:
-    """The text with control, direction and undecodable characters as \\uXXXX: a file name cannot steer the terminal."""
+    """The text with control, direction and undecodable characters as \\uXXXX: a file name cannot steer the
+    terminal."""
 
     def shown(c: str) -> str:
-        return c if c.isprintable() or c == "\n" else f"\\u{ord(c):04x}" if c < "\U00010000" else f"\\U{ord(c):08x}"
+        return (
+            c
+            if c.isprintable() or c == "\n"
+            else f"\\u{ord(c):04x}"
+            if c < "\U00010000"
+            else f"\\U{ord(c):08x}"
+        )
 
     return text if text.isprintable() else "".join(map(shown, text))  # an image is a million characters
 
@@ -108,8 +130,11 @@ def measured(value: float, std: float, others: Iterable[float] = (), unit: str =
 
 
 def row(parameter: Any) -> tuple[str, str, str]:
-    """Value and error, 95 % interval, unit of a determined parameter, a `Parameter` or in the form of fit.json."""
-    (value, std, low, high), unit = measured(parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"])
+    """Value and error, 95 % interval, unit of a determined parameter, a `Parameter` or in the form of
+    fit.json."""
+    (value, std, low, high), unit = measured(
+        parameter["value"], parameter["std"], parameter["ci95"], parameter["unit"]
+    )
     return f"{value} ± {std}", f"{low} to {high}", unit
 
 
@@ -126,8 +151,11 @@ def mode(found: Mapping[str, float | None]) -> str:
     return f"{number(found['value'], '.8g')} ± {number(found['std'])} (weight {number(found['weight'])})"
 
 
-def derived(draws: Mapping[str, np.ndarray], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Q = pi f0 tau and half the bandwidth 1/(2 pi tau) from the draws, where their parameters are determined."""
+def derived(
+    draws: Mapping[str, np.ndarray], parameters: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Q = pi f0 tau and half the bandwidth 1/(2 pi tau) from the draws, where their parameters are
+    determined."""
     found = {}
     if parameters["tau"]["determined"]:
         if parameters["f0"]["determined"]:
@@ -147,7 +175,9 @@ def grouped(document: Mapping[str, Any]) -> list[str]:
     for log in document["logs"]:
         for note in log["notes"]:
             names.setdefault(note, []).append(log["name"])
-    return [*document["notes"]] + [f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()]
+    return [*document["notes"]] + [
+        f"{who[0] if len(who) == 1 else f'{len(who)} logs'}: {note}" for note, who in names.items()
+    ]
 
 
 def gathered(document: Mapping[str, Any]) -> list[str]:
@@ -195,27 +225,41 @@ def gains(controller: Mapping[str, Any]) -> list[str]:
         f" {controller['bandwidth_Hz']:.4g} Hz ({BOUNDS[controller['bandwidth_bound']]})"
     ]
     if tracker := controller["tracker"]:
-        lines.append(f"tracker {_steps(tracker)} every {seconds(tracker['period_s'])}, from {tracker['start_Hz']:.8g} Hz")
+        lines.append(
+            f"tracker {_steps(tracker)} every {seconds(tracker['period_s'])}, from"
+            f" {tracker['start_Hz']:.8g} Hz"
+        )
     return [*lines, *_promise(controller), *controller["notes"]]
 
 
 def moved(change: Mapping[str, Any]) -> list[str]:
-    """By how much each parameter is away from an older fit's, and what the comparison leaves out and assumes."""
+    """By how much each parameter is away from an older fit's, and what the comparison leaves out and
+    assumes."""
     lines = []
     for name, d in change["parameters"].items():
         (by, std), unit = measured(d["change"], d["std"], unit=d["unit"])
-        lines.append(f"{name} {'' if by.startswith('-') else '+'}{by} ± {std} {unit} ({d['sigmas']:+.1f} standard deviations)")
+        lines.append(
+            f"{name} {'' if by.startswith('-') else '+'}{by} ± {std} {unit} ({d['sigmas']:+.1f} standard"
+            f" deviations)"
+        )
     lines += [f"{name} is left out: {why}" for name, why in change["left_out"].items()]
     return [*lines, *change["notes"]]
 
 
 def span(value: float) -> str:
     """A length of time (s) to two digits."""
-    return f"{value:.2g} s" if value < 99.5 else f"{value / 60:.2g} min" if value < 5970 else f"{value / 3600:.2g} h"
+    return (
+        f"{value:.2g} s"
+        if value < 99.5
+        else f"{value / 60:.2g} min"
+        if value < 5970
+        else f"{value / 3600:.2g} h"
+    )
 
 
 def exactness(cost: Mapping[str, Any]) -> str:
-    """What a run took, how exact its numbers are, in standard deviations, and what more would take: one line."""
+    """What a run took, how exact its numbers are, in standard deviations, and what more would take: one
+    line."""
     parts = [f"{cost['total_s']:.2g}" + (" s" if cost["budget_s"] is None else f" of {cost['budget_s']:g} s")]
     error = next((row["error"] for row in cost["stages"] if row["stage"] == "sample"), None)
     if error is not None and math.isfinite(error):
@@ -231,14 +275,22 @@ def _promise(controller: Mapping[str, Any]) -> list[str]:
     started = promise.get("startup_s")
     margins = ", ".join(
         f"{name} {promise[key]:.3g}{unit}"
-        for name, key, unit in (("gain", "gain_margin", ""), ("phase", "phase_margin_deg", " deg"), ("disk", "disk_margin", ""))
+        for name, key, unit in (
+            ("gain", "gain_margin", ""),
+            ("phase", "phase_margin_deg", " deg"),
+            ("disk", "disk_margin", ""),
+        )
         if promise[key] is not None
     )
     if promise["settling_s"] is None:  # a note says why
-        return [f"99 % of the plants that the logs allow have margins of at least: {margins}; {_covered(controller)}"]
+        return [
+            f"99 % of the plants that the logs allow have margins of at least: {margins};"
+            f" {_covered(controller)}"
+        ]
     return [
         f"99 % of the plants that the logs allow reach {controller['range']['amplitude']:.4g} {unit} within"
-        f" {seconds(promise['settling_s'])} (5 %), with margins of at least: {margins}; {_covered(controller)}",
+        f" {seconds(promise['settling_s'])} (5 %), with margins of at least: {margins};"
+        f" {_covered(controller)}",
         *([] if started is None else [f"switched on, they are there within {seconds(started)}"]),
     ]
 
@@ -247,21 +299,35 @@ def _covered(controller: Mapping[str, Any]) -> str:
     """The fingers and temperatures that a promise is for, in words."""
     finger, (low, high) = controller["range"]["finger"], controller["range"]["warming_degC"]
     at = controller["reference_temperature_degC"]
-    touched = f"under a finger that adds up to {finger:.3g} times the plate's damping" if finger else "without a finger"
+    touched = (
+        f"under a finger that adds up to {finger:.3g} times the plate's damping"
+        if finger
+        else "without a finger"
+    )
     if (low, high) == (0.0, 0.0):
         return f"{touched}, at {'the temperature of the logs' if at is None else f'{at:.4g} degC'}"
     return f"{touched}, at {at + low:.4g} to {at + high:.4g} degC"
 
 
 def promised(controller: Mapping[str, Any]) -> list[list[str]]:
-    """Of settling, overshoot and margins: a name, the 5, 50 and 95 % quantiles over the plants, and what 99 % of them keep."""
+    """Of settling, overshoot and margins: a name, the 5, 50 and 95 % quantiles over the plants, and what 99 %
+    of them keep."""
     times = [("settling to 5 %", "settling_s"), ("delay margin", "delay_margin_s")]
-    plain = [("overshoot", "overshoot"), ("gain margin", "gain_margin"), ("phase margin, degrees", "phase_margin_deg")]
+    plain = [
+        ("overshoot", "overshoot"),
+        ("gain margin", "gain_margin"),
+        ("phase margin, degrees", "phase_margin_deg"),
+    ]
     promise = controller["promise"]
     rows = []
     for name, key in [times[0], *plain, ("disk margin", "disk_margin"), times[1]]:
         values = [*promise["quantiles_5_50_95"][key], promise[key]]
-        rows.append([name, *("none" if v is None else seconds(v) if key.endswith("_s") else f"{v:.3g}" for v in values)])
+        rows.append(
+            [
+                name,
+                *("none" if v is None else seconds(v) if key.endswith("_s") else f"{v:.3g}" for v in values),
+            ]
+        )
     return rows
 
 
@@ -271,4 +337,9 @@ def _prefix(value: float) -> tuple[str, float]:
 
 def _summarised(draws: np.ndarray, unit: str) -> dict[str, Any]:
     low, high = np.quantile(draws, [0.025, 0.975])
-    return {"value": float(draws.mean()), "std": float(draws.std(ddof=1)), "ci95": [float(low), float(high)], "unit": unit}
+    return {
+        "value": float(draws.mean()),
+        "std": float(draws.std(ddof=1)),
+        "ci95": [float(low), float(high)],
+        "unit": unit,
+    }

@@ -4,16 +4,17 @@ import numpy as np
 
 LEAST = 20  # rows, of which the clock is told
 ALIKE = 1e-6  # of the longest step, within which two are one
-WITHIN = 0.6  # digits, by which a line through the stamps may miss them: half of one, and what a line is off by at its ends
+# digits, by which a line through the stamps may miss them: half of one, and what a line is off by at its ends
+WITHIN = 0.6
 FIRM = 2e-3  # of its period, to which the clock has to be known: half of what tau is told to by a good step
 
 
 def even(time: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """The times (n,) of the even clock behind rounded stamps (n,), and the digit (s) they were rounded to; None where the stamps
-    are even already, or show no such clock.
+    """The times (n,) of the even clock behind rounded stamps (n,), and the digit (s) they were rounded to;
+    None where the stamps are even already, or show no such clock.
 
-    Rounded to a digit q, a period of (m + x) q appears as m q or (m + 1) q between stamps. A line through n stamps with rounding
-    errors q/sqrt(12) gives the period to q n^(-3/2).
+    Rounded to a digit q, a period of (m + x) q appears as m q or (m + 1) q between stamps. A line through n
+    stamps with rounding errors q/sqrt(12) gives the period to q n^(-3/2).
     """
     n = len(time)
     if n < LEAST or time[-1] <= time[0]:

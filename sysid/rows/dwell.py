@@ -1,4 +1,5 @@
-"""Sweeps whose points dwell until the plate has settled: what their rows belong to, where that is not stated."""
+"""Sweeps whose points dwell until the plate has settled: what their rows belong to, where that is not
+stated."""
 
 from dataclasses import replace
 
@@ -6,11 +7,13 @@ import numpy as np
 
 from sysid.logs.log import Log
 
-SETTLED = 4.0  # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
+# dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
+SETTLED = 4.0
 
 
 def dwells(log: Log, tau: float) -> bool:
-    """Whether a timed log's frequency changes, and after each change SETTLED or more pass before the next row is read."""
+    """Whether a timed log's frequency changes, and after each change SETTLED or more pass before the next row
+    is read."""
     if log.time is None or log.frequency is None:
         return False
     last = np.flatnonzero(log.frequency[1:] != log.frequency[:-1])
@@ -18,14 +21,15 @@ def dwells(log: Log, tau: float) -> bool:
 
 
 def of_own_inputs(log: Log) -> bool:
-    """Whether the rows of a sweep that dwells show what their own inputs have led to, not those of the row before: rows of the
-    same inputs then agree with one another."""
+    """Whether the rows of a sweep that dwells show what their own inputs have led to, not those of the row
+    before: rows of the same inputs then agree with one another."""
     inputs = np.stack([c for c in (log.drive, log.frequency) if c is not None], axis=1)
     return _apart(inputs[1:], log.response[1:]) < _apart(inputs[:-1], log.response[1:])
 
 
 def of_the_row_before(log: Log) -> Log:
-    """Rows that show what the inputs of the row before have led to, as rows of those inputs; of the first nothing is known."""
+    """Rows that show what the inputs of the row before have led to, as rows of those inputs; of the first
+    nothing is known."""
     columns = {name: getattr(log, name) for name in ("drive", "frequency", "temperature", "force")}
     earlier = {name: column[:-1] for name, column in columns.items() if column is not None}
     return replace(log, response=log.response[1:], time=log.time[1:], sampling="settled", **earlier)

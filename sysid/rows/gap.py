@@ -4,18 +4,21 @@ import numpy as np
 
 from sysid.logs.log import Log
 
-STILL = 12  # rows of equal inputs before a change, at most, by which it is told that the response was still; two are needed
+# rows of equal inputs before a change, at most, by which it is told that the response was still; two are
+# needed
+STILL = 12
 SOME = 100_000  # rows of which the usual step is taken
 LONGER = 1.5  # times the usual step from row to row is a gap
-MOVED = 3.0  # times the usual change from row to row, and what the slope of the rows before makes: by noise in one of 500
+# times the usual change from row to row, and what the slope of the rows before makes: by noise in one of 500
+MOVED = 3.0
 
 
 def gaps(log: Log) -> np.ndarray:
-    """(n,) length (s) of the gap before each row of a transient in which an input changed at an unknown time, as rows are
-    missing; else 0.
+    """(n,) length (s) of the gap before each row of a transient in which an input changed at an unknown time,
+    as rows are missing; else 0.
 
-    By contract a change happens at a row. For `instant` rows it did not if the response moved before although it had been still;
-    for `settled` rows it may never have.
+    By contract a change happens at a row. For `instant` rows it did not if the response moved before although
+    it had been still; for `settled` rows it may never have.
     """
     found = np.zeros(len(log))
     if log.time is None or log.theta is not None or len(log) < 3:

@@ -1,9 +1,11 @@
-"""Rows spoilt by a recorder: one to three in succession that deviate from their neighbours by more than anything else in the log.
+"""Rows spoilt by a recorder: one to three in succession that deviate from their neighbours by more than
+anything else in the log.
 
-A fit that saw them would take them for the resonance. Where the inputs are constant, or change steadily as in a sweep, the six
-rows about a window of one to three lie on a line, apart from their own scatter and the curvature of the response. Smaller
-deviations are left to the noise (`trials.noise`). A resonance narrower than the steps of a sweep also looks like a row or two: it
-is recognised by its tails, G V/(j (omega - omega0) tau), in the rest of the sweep.
+A fit that saw them would take them for the resonance. Where the inputs are constant, or change steadily as in
+a sweep, the six rows about a window of one to three lie on a line, apart from their own scatter and the
+curvature of the response. Smaller deviations are left to the noise (`trials.noise`). A resonance narrower
+than the steps of a sweep also looks like a row or two: it is recognised by its tails, G V/(j (omega - omega0)
+tau), in the rest of the sweep.
 """
 
 import numpy as np
@@ -11,13 +13,20 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.rows.lost import change, runs
 
-BESIDE = 6  # rows about a window, which say what it should hold: three on each side, or at an end at least one
+BESIDE = (
+    6  # rows about a window, which say what it should hold: three on each side, or at an end at least one
+)
 LONGEST = 3  # rows of a window; a response that is elsewhere for longer is no single fault
-FAR = 10.0  # times what the rows beside it are off their line: of a step or a decay within a row no more than 7
+FAR = (
+    10.0  # times what the rows beside it are off their line: of a step or a decay within a row no more than 7
+)
 LARGE = 1.0  # times what the rest of the log is off its median
 FEW = 0.1  # of the rows, of which they are at most
-JUMP = 0.25  # of what the rest of the log is off its median, the least by which a spoilt row is off the one before
-LIVELY = 0.5  # of what is farthest off the median: rows that are looked at, again until none of them is spoilt
+# of what the rest of the log is off its median, the least by which a spoilt row is off the one before
+JUMP = 0.25
+LIVELY = (
+    0.5  # of what is farthest off the median: rows that are looked at, again until none of them is spoilt
+)
 LEAST_ROWS = 20  # of a log in which it can be told
 PLACES = 64  # of a sweep in which its resonance is looked for
 WIDTHS = 13  # of it that are tried, from NARROW to all of the sweep
@@ -26,7 +35,9 @@ ENOUGH = 400  # rows of a sweep in which it is looked for
 BETWEEN = np.linspace(-1, 1, 21)  # steps beside the spoilt rows, where a narrow resonance may be
 NARROW = 0.1  # step: half of its width, on which its tails do not depend
 EXPLAINED = 0.5  # of the rest of a sweep, by its own resonance, and
-WORSE = 3.0  # times what that leaves of it, by one of the spoilt rows; of a narrow resonance both leave as little
+WORSE = (
+    3.0  # times what that leaves of it, by one of the spoilt rows; of a narrow resonance both leave as little
+)
 
 
 def glitches(log: Log) -> np.ndarray:
@@ -47,7 +58,8 @@ def glitches(log: Log) -> np.ndarray:
 
 
 def _in_order(log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The order in which rows are neighbours, the response in it, and before which of its rows an input changed."""
+    """The order in which rows are neighbours, the response in it, and before which of its rows an input
+    changed."""
     n, y = len(log), log.response
     driven = log.drive is not None and np.all(log.drive != 0)
     if log.kind == "steady" and log.frequency is not None:
@@ -82,8 +94,9 @@ def _spoilt(y: np.ndarray, changed: np.ndarray) -> np.ndarray:
 
 
 def _behind_a_jump(y: np.ndarray, found: np.ndarray, off: np.ndarray) -> np.ndarray:
-    """(n,) rows that a window may hold which is farther off its neighbours than the rest is `off` the median. The first row of
-    such a window is off the row before by four fifths of that at least, less what the line of the neighbours rises in a row."""
+    """(n,) rows that a window may hold which is farther off its neighbours than the rest is `off` the median.
+    The first row of such a window is off the row before by four fifths of that at least, less what the line
+    of the neighbours rises in a row."""
     there = np.flatnonzero(~found)
     jumps = np.abs(np.diff(y[there])) > JUMP * np.quantile(off[there], 1 - FEW)
     behind = np.zeros(len(y), bool)
@@ -96,9 +109,11 @@ def _median(y: np.ndarray) -> complex:
     return np.median(y.real) + (1j * np.median(y.imag) if np.iscomplexobj(y) else 0.0)
 
 
-def _away(y: np.ndarray, found: np.ndarray, changes: np.ndarray, rows: np.ndarray, least: float) -> np.ndarray:
-    """How far the rows are off what those beside a window say, of which all are FAR off, those `found` before left out; 0 where
-    there is no such window. `least` is what rows scatter by, be it by chance less."""
+def _away(
+    y: np.ndarray, found: np.ndarray, changes: np.ndarray, rows: np.ndarray, least: float
+) -> np.ndarray:
+    """How far the rows are off what those beside a window say, of which all are FAR off, those `found` before
+    left out; 0 where there is no such window. `least` is what rows scatter by, be it by chance less."""
     there = np.flatnonzero(~found)
     at, answer, stretch = np.searchsorted(there, rows), np.zeros(len(rows)), changes[there]
     lowest, highest = (np.searchsorted(stretch, changes[rows], side=side) for side in ("left", "right"))
@@ -118,17 +133,24 @@ def _away(y: np.ndarray, found: np.ndarray, changes: np.ndarray, rows: np.ndarra
     return answer
 
 
-def _off_line(x: np.ndarray, y: np.ndarray, at: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far what is `there`, (n, m) at rows `at`, is off the lines of y (n, k) at rows x; and y itself, root mean square."""
+def _off_line(
+    x: np.ndarray, y: np.ndarray, at: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far what is `there`, (n, m) at rows `at`, is off the lines of y (n, k) at rows x; and y itself,
+    root mean square."""
     middle, level = np.mean(x, axis=1, keepdims=True), np.mean(y, axis=1, keepdims=True)
     slope = np.sum((x - middle) * y, axis=1, keepdims=True) / np.sum((x - middle) ** 2, axis=1, keepdims=True)
     left = y - level - slope * (x - middle)
-    return np.abs(there - level - slope * (at - middle)), np.sqrt(np.sum(np.abs(left) ** 2, axis=1) / (BESIDE - 2))
+    return np.abs(there - level - slope * (at - middle)), np.sqrt(
+        np.sum(np.abs(left) ** 2, axis=1) / (BESIDE - 2)
+    )
 
 
 def _is_resonance(f: np.ndarray, y: np.ndarray, spoilt: np.ndarray, begin: int, end: int) -> bool:
     """Whether rows `begin` to `end` may be all that a sweep has of its resonance."""
-    step = float(np.median(np.diff(f)[max(begin - BESIDE, 0) : end + BESIDE])) or float(np.ptp(f)) / (len(f) - 1)
+    step = float(np.median(np.diff(f)[max(begin - BESIDE, 0) : end + BESIDE])) or float(np.ptp(f)) / (
+        len(f) - 1
+    )
     rest = np.flatnonzero(~spoilt)
     rest = rest[:: len(rest) // ENOUGH + 1]
     u, w = (f[rest] - f[begin]) / step, y[rest]

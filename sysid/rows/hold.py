@@ -19,7 +19,7 @@ class Hold(NamedTuple):
     averaged into the row (0: a single sample). Settled points are intervals of their own. `turn` (M,) is
     e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `begun` (M,) is 1 where
     the response has settled as the interval begins, which is the first. `smoothing` s, the time constant of a
-    pole of the lock-in's filter. """
+    pole of the lock-in's filter."""
 
     duration: Leaf
     drive: Leaf
@@ -38,7 +38,9 @@ class Hold(NamedTuple):
 FULL_TOUCH = 1.5  # N, at which `contact` is one
 
 
-def contact(force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = jnp) -> Any:
+def contact(
+    force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = jnp
+) -> Any:
     """How much a finger damps at `force` (N), over what it does at FULL_TOUCH; arrays of the module `xp`.
 
     saturating: (1 - exp(-(F/scale)^n)) / (1 - exp(-(1.5 N/scale)^n));  power: (F/1.5 N)^n, as contact areas
@@ -81,7 +83,7 @@ def hold_inputs(
     `reference`: frequency (Hz) and temperature (degC) that offsets are taken from. Without a frequency: at
     resonance. `at_rest`: there was no drive before the first row. `delay` (s): by which a row's response is
     behind its time. `early` (N,) s: by which the inputs of a row began before it, less than a row. `theta`
-    (rad): the carrier's phase at each row's time. """
+    (rad): the carrier's phase at each row's time."""
     columns, last = _columns(len(time), drive, frequency, temperature, contact), len(time) - 1
     changed = np.zeros(len(time), bool)  # from the row before
     for c in columns:
@@ -99,7 +101,9 @@ def hold_inputs(
     begin = time[first] if early is None else time[first] - early[first]
     read = time - delay if delay else time
     moved = delay or early is not None
-    row = np.maximum((np.searchsorted(begin, read) if moved else held) - 1, 0)  # of the interval that ends at or after the row
+    row = np.maximum(
+        (np.searchsorted(begin, read) if moved else held) - 1, 0
+    )  # of the interval that ends at or after the row
     return Hold(
         duration=np.diff(np.append(begin, time[-1])),
         interval=row.astype(np.int32),
@@ -132,7 +136,10 @@ def cut(hold: Hold) -> tuple[Hold, np.ndarray]:
     place = np.argsort(order, kind="stable")[: len(read)]
     when, of = when[order], np.maximum.accumulate(of[order])
     row = np.maximum(place - 1, 0)
-    held = {name: getattr(hold, name)[of] for name in ("drive", "omega", "offset", "warming", "contact", "turn", "begun")}
+    held = {
+        name: getattr(hold, name)[of]
+        for name in ("drive", "omega", "offset", "warming", "contact", "turn", "begun")
+    }
     end = max(begin[-1] + hold.duration[-1], when[-1])
     finer = hold._replace(
         duration=np.diff(np.append(when, end)),
@@ -148,7 +155,9 @@ def settled_points(drive, frequency=None, temperature=None, contact=None, *, ref
     n = len(drive)
     zeros, own = np.zeros(n), np.arange(n, dtype=np.int32)
     inputs = _offsets(_columns(n, drive, frequency, temperature, contact), reference)
-    return Hold(duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, begun=zeros, **inputs)
+    return Hold(
+        duration=zeros, interval=own, elapsed=zeros, spread=zeros, turn=zeros + 0j, begun=zeros, **inputs
+    )
 
 
 def _columns(n: int, drive, frequency, temperature, contact) -> list[np.ndarray]:

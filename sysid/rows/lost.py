@@ -1,10 +1,11 @@
-"""Rows in which the signal was lost: the recorder writes exactly zero, as for a vibrometer's dark speckle, or repeats its last
-reading.
+"""Rows in which the signal was lost: the recorder writes exactly zero, as for a vibrometer's dark speckle, or
+repeats its last reading.
 
-A plate at rest before its first drive may read exactly zero, and a decaying response passes through small numbers; lost rows are
-exact zeros among rows far larger than the recorder's finest step. A coarse recorder repeats itself; but where both Wd and Wq
-stand still among rows that move by hundreds of steps, they were not measured anew: in one row, in a stretch, or in every second
-row of a recorder that samples faster than its lock-in.
+A plate at rest before its first drive may read exactly zero, and a decaying response passes through small
+numbers; lost rows are exact zeros among rows far larger than the recorder's finest step. A coarse recorder
+repeats itself; but where both Wd and Wq stand still among rows that move by hundreds of steps, they were not
+measured anew: in one row, in a stretch, or in every second row of a recorder that samples faster than its
+lock-in.
 """
 
 from collections.abc import Sequence
@@ -21,7 +22,9 @@ MORE = 3.0  # times as many zeros as chance makes
 MOST = 0.5  # of the rows; where more are zero, it is the rest that is strange
 BLOCK = 1 << 18  # rows that are looked at together, so that a long log needs little memory
 STRETCH = 64  # rows among whose moves those of one size are counted
-AMID = 3.0  # times the least of them, above which those beside a row lie: what comes to rest moves by a step or two before
+# times the least of them, above which those beside a row lie: what comes to rest moves by a step or two
+# before
+AMID = 3.0
 ROUNDING = 1e-6  # of a typical move, by which two of as many steps may differ
 RARE = 0.01  # repeats by chance that may be expected, over those that are there
 
@@ -39,13 +42,16 @@ def _zero(log: Log) -> np.ndarray:
     finest, signal = _finest(log), np.flatnonzero(~zero)
     for begin, end in runs(zero):
         at = int(np.searchsorted(signal, begin))
-        sides = [size[rows] for rows in (signal[max(at - BESIDE, 0) : at], signal[at : at + BESIDE]) if len(rows)]
+        sides = [
+            size[rows] for rows in (signal[max(at - BESIDE, 0) : at], signal[at : at + BESIDE]) if len(rows)
+        ]
         found[begin:end] = begin > 0 and all(np.median(side) > FAR * finest for side in sides)
     return found
 
 
 def _by_chance(log: Log) -> float:
-    """Rows that noise about zero makes exactly zero, by how often one of Wd and Wq is where the other is not."""
+    """Rows that noise about zero makes exactly zero, by how often one of Wd and Wq is where the other is
+    not."""
     if log.amplitude_only:
         return 0.0
     d, q = log.response.real == 0, log.response.imag == 0
@@ -53,7 +59,8 @@ def _by_chance(log: Log) -> float:
 
 
 def _held(log: Log) -> np.ndarray:
-    """Rows of Wd and Wq that both repeat the row before, among rows that move by so many steps that chance makes none."""
+    """Rows of Wd and Wq that both repeat the row before, among rows that move by so many steps that chance
+    makes none."""
     found = np.zeros(len(log), bool)
     if log.amplitude_only:  # an amplitude that is clipped stands still as well
         return found
@@ -68,8 +75,8 @@ def _held(log: Log) -> np.ndarray:
 
 
 def _still(response: np.ndarray) -> np.ndarray:
-    """(n,) rows of which both channels repeat the row before; none where no more of them do than chance makes, by how often one
-    channel does where the other does not."""
+    """(n,) rows of which both channels repeat the row before; none where no more of them do than chance
+    makes, by how often one channel does where the other does not."""
     d, q = (part[1:] == part[:-1] for part in (response.real, response.imag))
     both = d & q
     found = np.append(False, both)
@@ -83,10 +90,12 @@ def _amid(response: np.ndarray, still: np.ndarray, change: np.ndarray) -> np.nda
     found, moves = np.zeros(len(response), bool), np.diff(response, prepend=response[:1])
     before = np.append(False, change[:-1])
     quiet, anew = ~change & ~before, change & before
-    # A response without noise stands still once it has settled, and then until its inputs change; where each row is driven anew,
-    # as in a sweep, it does not settle.
+    # A response without noise stands still once it has settled, and then until its inputs change; where each
+    # row is driven anew, as in a sweep, it does not settle.
     moving = moves != 0
-    strange = _unlike(moves, still & quiet, moving & quiet, np.cumsum(change)) | _unlike(moves, still & anew, moving & anew)
+    strange = _unlike(moves, still & quiet, moving & quiet, np.cumsum(change)) | _unlike(
+        moves, still & anew, moving & anew
+    )
     for begin, end in runs(still) if np.any(strange) else ():
         found[begin:end] = np.any(strange[begin:end])
     return found
@@ -105,9 +114,11 @@ def change(log: Log, inputs: Sequence[str] = ("drive", "frequency")) -> np.ndarr
     return changed
 
 
-def _unlike(moves: np.ndarray, still: np.ndarray, moving: np.ndarray, hold: np.ndarray | None = None) -> np.ndarray:
-    """Which of the rows that stand still do so amid rows that are moving, and not by chance. `hold`: of the inputs, in which the
-    response has to move on."""
+def _unlike(
+    moves: np.ndarray, still: np.ndarray, moving: np.ndarray, hold: np.ndarray | None = None
+) -> np.ndarray:
+    """Which of the rows that stand still do so amid rows that are moving, and not by chance. `hold`: of the
+    inputs, in which the response has to move on."""
     found, others, rows = np.zeros(len(moves), bool), np.flatnonzero(moving), np.flatnonzero(still)
     if not len(rows) or len(others) < STRETCH // 2:
         return found
@@ -124,15 +135,17 @@ def _unlike(moves: np.ndarray, still: np.ndarray, moving: np.ndarray, hold: np.n
 
 
 def _least(moves: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of each of the `rows`, of a STRETCH of them: the least of the moves, 0 where no two are of one size, so that no step shows;
-    and the chance of none, which is below that of two of one size where moves are rather small than large: the share of the pairs
-    that are, and one more."""
+    """Of each of the `rows`, of a STRETCH of them: the least of the moves, 0 where no two are of one size, so
+    that no step shows; and the chance of none, which is below that of two of one size where moves are rather
+    small than large: the share of the pairs that are, and one more."""
     begins = np.maximum(np.minimum(np.arange(0, len(rows), STRETCH), len(rows) - STRETCH), 0)
     count = min(STRETCH, len(rows))
     size = np.sort(np.abs(moves[rows[begins[:, None] + np.arange(count)]]), axis=1)
     again = np.diff(size, axis=1, prepend=-1.0) <= ROUNDING * np.median(size, axis=1, keepdims=True)
     place = np.arange(count)
-    pairs = np.sum(place - np.maximum.accumulate(np.where(again, 0, place), axis=1), axis=1)  # with those of its size before it
+    pairs = np.sum(
+        place - np.maximum.accumulate(np.where(again, 0, place), axis=1), axis=1
+    )  # with those of its size before it
     least = np.where(pairs > 0, np.min(np.where(size > 0, size, np.inf), axis=1), 0.0)
     chance = (pairs + 1) / (count * (count - 1) / 2)
     own = np.arange(len(rows)) // STRETCH

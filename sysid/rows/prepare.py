@@ -1,4 +1,5 @@
-"""The rows of a log as a fit uses them: what holds a signal, the inputs of each row, and blocks of rows where there are many."""
+"""The rows of a log as a fit uses them: what holds a signal, the inputs of each row, and blocks of rows where
+there are many."""
 
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,11 @@ from sysid.rows.level import levelled
 from sysid.rows.lost import filled, lost
 
 LEAST_FORCE = 0.01  # N; less is a force sensor's own
-OFFSET_UNITS = {"degC", "degF", "K"}  # scales whose zero means nothing: a start value is an offset, not a response
+OFFSET_UNITS = {
+    "degC",
+    "degF",
+    "K",
+}  # scales whose zero means nothing: a start value is an offset, not a response
 RUNS_ON = 0.2  # of a force's move from row to row, by which it also moves before or after: less is a step
 
 
@@ -33,7 +38,8 @@ class Rows:
 
 
 def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
-    """The log, condensed where it has more than `longest` rows; settled points without the delay of their sensor."""
+    """The log, condensed where it has more than `longest` rows; settled points without the delay of their
+    sensor."""
     dark, steady = lost(log), kind == "steady"
     spoilt = glitches(filled(log, dark)) & ~dark
     gone = dark | spoilt
@@ -62,7 +68,8 @@ def _fewer_points(rows: Rows) -> Rows:
 
 
 def _fewer_rows(rows: Rows, blocks: np.ndarray | None, longest: int) -> Rows:
-    """Means of a transient's rows, with the mean and the variance of their times; not where its inputs change too often."""
+    """Means of a transient's rows, with the mean and the variance of their times; not where its inputs change
+    too often."""
     log, hold = rows.log, rows.inputs
     if 2 * LEAST * len(hold.drive) > max(2 * MOST, len(log)) and rows.most > longest:
         return rows
@@ -78,8 +85,8 @@ def _fewer_rows(rows: Rows, blocks: np.ndarray | None, longest: int) -> Rows:
 
 
 def undelayed(log: Log, sign: float = 1.0) -> Log:
-    """Settled d/q points without the phase e^{-j omega t} of a stated delay t, except for the part common to all, which belongs
-    to the demodulator. `sign` -1 applies the delay again."""
+    """Settled d/q points without the phase e^{-j omega t} of a stated delay t, except for the part common to
+    all, which belongs to the demodulator. `sign` -1 applies the delay again."""
     late = log.bench.get("delay_s", 0.0)
     if not late or log.amplitude_only or log.frequency is None:
         return log
@@ -97,7 +104,9 @@ def from_rest(log: Log) -> bool:
     """A transient of a single level that begins near zero: read as a step at the first row."""
     if not one_level(log):
         return False
-    return log.response_unit in OFFSET_UNITS or bool(abs(log.response[0]) < 0.1 * np.max(np.abs(log.response)))
+    return log.response_unit in OFFSET_UNITS or bool(
+        abs(log.response[0]) < 0.1 * np.max(np.abs(log.response))
+    )
 
 
 def _inputs(log: Log, kind: str, unseen: np.ndarray | None) -> Hold:
@@ -107,21 +116,27 @@ def _inputs(log: Log, kind: str, unseen: np.ndarray | None) -> Hold:
     if kind == "steady":
         return settled_points(drive, log.frequency, log.temperature, _contact(log))
     given = {"settled": log.sampling == "settled", "delay": log.bench.get("delay_s", 0.0), "theta": log.theta}
-    given |= {"early": 0.5 * unseen} if unseen is not None and np.any(unseen) and log.sampling != "settled" else {}
-    hold = hold_inputs(log.time, drive, log.frequency, log.temperature, _contact(log), at_rest=from_rest(log), **given)
+    given |= (
+        {"early": 0.5 * unseen} if unseen is not None and np.any(unseen) and log.sampling != "settled" else {}
+    )
+    hold = hold_inputs(
+        log.time, drive, log.frequency, log.temperature, _contact(log), at_rest=from_rest(log), **given
+    )
     width = log.bench.get("lockin_boxcar_s", 0.0)
     return hold._replace(spread=np.where(hold.elapsed > 0, width**2 / 12, 0.0))
 
 
 def _contact(log: Log) -> np.ndarray | None:
-    """Contact of the recorded force, of either sign, held from row to row, or at its middle where it changes over several rows;
-    None where there is only the sensor's noise."""
+    """Contact of the recorded force, of either sign, held from row to row, or at its middle where it changes
+    over several rows; None where there is only the sensor's noise."""
     if log.force is None or np.max(np.abs(log.force)) < LEAST_FORCE:
         return None
     force = np.abs(log.force)
     force = np.where(force < LEAST_FORCE, 0.0, force)
     if log.kind != "steady" and log.sampling != "settled":
         move = np.append(np.diff(force), 0.0)
-        beside = np.maximum(*(np.sign(move) * np.append(*pair) for pair in ((0.0, move[:-1]), (move[1:], 0.0))))
+        beside = np.maximum(
+            *(np.sign(move) * np.append(*pair) for pair in ((0.0, move[:-1]), (move[1:], 0.0)))
+        )
         force = force + np.where(beside > RUNS_ON * np.abs(move), 0.5 * move, 0.0)
     return contact(force, xp=np)

@@ -1,15 +1,16 @@
 """The plate's temperature from a thermometer's readings, whose noise is not the plate's.
 
-A reading is y_k = T_k + sqrt(r) e_k. T is constant, or a straight line plus a random walk (m = 1: the local level model of
-Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) or a random walk of its slope (m = 2:
-a smoothing spline). The cosine coefficients c_k (DCT-II) of the readings less the line are then nearly independent, of variance r
-(1 + s/e_k^m), e_k = 2 - 2 cos(pi k/n). So r has a closed form for each s, the likelihood of s is a sum, and T has the
-coefficients times s/(s + e_k^m). Readings without noise have the largest possible s and stay as they are.
+A reading is y_k = T_k + sqrt(r) e_k. T is constant, or a straight line plus a random walk (m = 1: the local
+level model of Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) or
+a random walk of its slope (m = 2: a smoothing spline). The cosine coefficients c_k (DCT-II) of the readings
+less the line are then nearly independent, of variance r (1 + s/e_k^m), e_k = 2 - 2 cos(pi k/n). So r has a
+closed form for each s, the likelihood of s is a sum, and T has the coefficients times s/(s + e_k^m). Readings
+without noise have the largest possible s and stay as they are.
 
-A reading in steps of q is off by up to half a step, uniformly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1). Logs with one whole degree
-each have set points, which were not read. Logs with the same reading share its error, so each of k of them is given sqrt(k) times
-the error: their mean is then no better than one of them. Readings that pass several steps, or flicker about them, show where the
-steps lie.
+A reading in steps of q is off by up to half a step, uniformly: by q/sqrt(12) (JCGM 100:2008, F.2.2.1). Logs
+with one whole degree each have set points, which were not read. Logs with the same reading share its error,
+so each of k of them is given sqrt(k) times the error: their mean is then no better than one of them. Readings
+that pass several steps, or flicker about them, show where the steps lie.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,18 @@ from sysid.rows.rounding import shared
 
 FEW = 8  # readings, of which no noise is told
 LONG = 16384  # readings that are looked at one by one
-LEVELS = 256  # of a longer log: a temperature that went on changing from row to row would be an input that does
+LEVELS = (
+    256  # of a longer log: a temperature that went on changing from row to row would be an input that does
+)
 AGAIN = 2.0  # times that each level is come to, on average, by readings that are held
-JUMP, FAR = 1.0, 8.0  # degC, and usual moves from row to row: what moves by more than both is another set point
+JUMP, FAR = (
+    1.0,
+    8.0,
+)  # degC, and usual moves from row to row: what moves by more than both is another set point
 NOISY = 1.0  # degC; what differs by more from row to row is not a thermometer's noise
-COARSE = 0.3  # degC, the largest step, where it is not known, between which the temperature goes on; set points lie farther apart
+# degC, the largest step, where it is not known, between which the temperature goes on; set points lie farther
+# apart
+COARSE = 0.3
 WALKS = np.append(0.0, np.logspace(-9, 2, 111))  # s that are tried; the last: no noise
 SURE = 4.0  # of log-likelihood, by which a temperature that changes is told from one that does not
 WHOLE = 1e-6  # of a digit, by which a reading that is so many of them is off in float64
@@ -39,13 +47,17 @@ class Reading(NamedTuple):
     error: float
 
 
-def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None = None) -> list[Reading | None]:
-    """The temperature from the readings of each log; None where there are none. Logs whose temperatures differ by no more than
-    their noise are taken as recorded at one temperature. `digits` (degC): the last digit each was written with; 0 where it is not
-    known."""
+def of_plates(
+    logs: Sequence[np.ndarray | None], digits: Sequence[float] | None = None
+) -> list[Reading | None]:
+    """The temperature from the readings of each log; None where there are none. Logs whose temperatures
+    differ by no more than their noise are taken as recorded at one temperature. `digits` (degC): the last
+    digit each was written with; 0 where it is not known."""
     digits = [0.0] * len(logs) if digits is None else digits
     step = step_of(logs, digits)
-    steps = [step if digit and not exact else 0.0 for digit, exact in zip(digits, _set_points(logs), strict=True)]
+    steps = [
+        step if digit and not exact else 0.0 for digit, exact in zip(digits, _set_points(logs), strict=True)
+    ]
     found = [None if y is None else _steady(y, q) for y, q in zip(logs, steps, strict=True)]
     read = [x for x in found if x is not None]
     if any(x.error for x in read):
@@ -57,8 +69,8 @@ def of_plates(logs: Sequence[np.ndarray | None], digits: Sequence[float] | None 
 
 
 def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float:
-    """The coarsest step (degC) of 1 or less of which all written readings are multiples: 0.5 for 22 and 30.5; 0.1 for 22.0 and
-    30.0, whose zeros count as read. 0 where none were written."""
+    """The coarsest step (degC) of 1 or less of which all written readings are multiples: 0.5 for 22 and 30.5;
+    0.1 for 22.0 and 30.0, whose zeros count as read. 0 where none were written."""
     written = [y for y, digit in zip(logs, digits, strict=True) if y is not None and digit]
     if not written:
         return 0.0
@@ -71,13 +83,16 @@ def step_of(logs: Sequence[np.ndarray | None], digits: Sequence[float]) -> float
 
 
 def _set_points(logs: Sequence[np.ndarray | None]) -> list[bool]:
-    """Which logs have a temperature that was set rather than read: one each, if those of all such logs are whole degrees."""
+    """Which logs have a temperature that was set rather than read: one each, if those of all such logs are
+    whole degrees."""
     alone = [y is not None and np.ptp(y) == 0 for y in logs]
     whole = all(y[0] == np.rint(y[0]) for y, one in zip(logs, alone, strict=True) if one and y is not None)
     return [one and whole for one in alone]
 
 
-def _rounded(logs: Sequence[np.ndarray | None], found: list[Reading | None], steps: Sequence[float]) -> list[Reading | None]:
+def _rounded(
+    logs: Sequence[np.ndarray | None], found: list[Reading | None], steps: Sequence[float]
+) -> list[Reading | None]:
     """The temperatures with the error of the step in which they were read."""
     means = np.array([np.nan if x is None else x.temperature.mean() for x in found])
     new = list(found)
@@ -89,8 +104,8 @@ def _rounded(logs: Sequence[np.ndarray | None], found: list[Reading | None], ste
 
 
 def _rounding(y: np.ndarray, x: Reading, step: float) -> float:
-    """Variance (degC^2) of the error common to all readings of a log; where they pass the steps, only that of the rows before the
-    first and after the last of these counts."""
+    """Variance (degC^2) of the error common to all readings of a log; where they pass the steps, only that of
+    the rows before the first and after the last of these counts."""
     if x.temperature is not y and np.ptp(x.temperature) >= step:
         passed = np.flatnonzero(np.diff(y))
         return (1 - (passed[-1] - passed[0]) / len(y)) * step**2 / 12
@@ -111,8 +126,8 @@ def _steady(y: np.ndarray, step: float = 0.0) -> Reading:
 
 
 def _crept(y: np.ndarray, coarse: float) -> np.ndarray:
-    """The temperature of a reading that creeps in equal steps, no larger than `coarse`: at each step halfway between the two
-    readings, and linear from one step to the next. Set points are kept."""
+    """The temperature of a reading that creeps in equal steps, no larger than `coarse`: at each step halfway
+    between the two readings, and linear from one step to the next. Set points are kept."""
     rows = np.flatnonzero(np.diff(y))
     steps = np.abs(np.diff(y)[rows])
     if len(rows) < 2 or steps.max() > min(1.5 * steps.min(), coarse):
@@ -120,23 +135,31 @@ def _crept(y: np.ndarray, coarse: float) -> np.ndarray:
     at, between = rows + 0.5, 0.5 * (y[rows] + y[rows + 1])
     first = _end(at, between, y[0], -0.5)
     last = _end(-at[::-1], between[::-1], y[-1], 0.5 - len(y))
-    knots = np.array([*first, *zip(at, between, strict=True), *((-row, value) for row, value in reversed(last))])
+    knots = np.array(
+        [*first, *zip(at, between, strict=True), *((-row, value) for row, value in reversed(last))]
+    )
     return np.interp(np.arange(len(y)), knots[:, 0], knots[:, 1])
 
 
 def _end(at: np.ndarray, between: np.ndarray, reading: float, begin: float) -> list[tuple[float, float]]:
-    """What passes `between` two readings `at` some rows, before the first of these: as straight as there, unless it would have
-    passed another step since the `begin`; then it had rested, for all that is known in the middle of the first reading."""
+    """What passes `between` two readings `at` some rows, before the first of these: as straight as there,
+    unless it would have passed another step since the `begin`; then it had rested, for all that is known in
+    the middle of the first reading."""
     slope = (between[1] - between[0]) / (at[1] - at[0])
     back = between[0] + slope * (begin - at[0])
     if abs(back - reading) <= abs(between[0] - reading):
         return [(begin, back)]
-    middle = at[0] + (reading - between[0]) / slope if (reading - between[0]) * slope < 0 else at[0] - abs(at[1] - at[0]) / 2
+    middle = (
+        at[0] + (reading - between[0]) / slope
+        if (reading - between[0]) * slope < 0
+        else at[0] - abs(at[1] - at[0]) / 2
+    )
     return [(begin, reading), (middle, reading)]
 
 
 def _held(y: np.ndarray) -> bool:
-    """Set points, or a coarse reading that goes one way: most readings repeat the one before, and few values come again."""
+    """Set points, or a coarse reading that goes one way: most readings repeat the one before, and few values
+    come again."""
     moves = y[1:] != y[:-1]
     many = np.count_nonzero(moves)
     return bool(many <= 0.5 * len(moves) and many <= AGAIN * len(np.unique(y[1:][moves])))
@@ -163,7 +186,8 @@ def _smooth(y: np.ndarray) -> Reading:
 
 
 class _Walk(NamedTuple):
-    """A temperature that walks: log-likelihood, s, r in degC^2, T (n,), and the variance of its error over r."""
+    """A temperature that walks: log-likelihood, s, r in degC^2, T (n,), and the variance of its error over
+    r."""
 
     likely: float
     walk: float
@@ -174,7 +198,10 @@ class _Walk(NamedTuple):
 
 def _walk(y: np.ndarray, line: np.ndarray, stiff: np.ndarray, walks: np.ndarray) -> _Walk:
     """The likeliest of `walks` beside a line; `stiff` (n - 1,): e_k^m."""
-    from scipy.fft import dct, idct  # a tenth of a second, which logs without noise in their temperature need not wait for
+    from scipy.fft import (
+        dct,
+        idct,
+    )  # a tenth of a second, which logs without noise in their temperature need not wait for
 
     cosines = dct(y - line, norm="ortho")[1:]
     spread = 1 + walks[:, None] / stiff
@@ -183,4 +210,10 @@ def _walk(y: np.ndarray, line: np.ndarray, stiff: np.ndarray, walks: np.ndarray)
     best = int(np.argmax(likely))
     kept = walks[best] / (walks[best] + stiff)
     beside = idct(np.append(0.0, cosines * kept), norm="ortho")
-    return _Walk(float(likely[best]), float(walks[best]), float(noise[best]), line + beside, (2 + np.sum(kept)) / len(y))
+    return _Walk(
+        float(likely[best]),
+        float(walks[best]),
+        float(noise[best]),
+        line + beside,
+        (2 + np.sum(kept)) / len(y),
+    )

@@ -1,7 +1,8 @@
-"""The choice of fidelity for a scene: the cheapest, with the largest step, whose error is within the scene's tolerance.
+"""The choice of fidelity for a scene: the cheapest, with the largest step, whose error is within the scene's
+tolerance.
 
-Each candidate is simulated without noise on those stretches of the scene where the plate does most, and compared with the exact
-envelope at steps so small that halving them changes nothing.
+Each candidate is simulated without noise on those stretches of the scene where the plate does most, and
+compared with the exact envelope at steps so small that halving them changes nothing.
 """
 
 import dataclasses
@@ -40,8 +41,10 @@ def choose(scene: Scene) -> Scene:
                 rungs.remove(rung)  # what is left is the error of the model: smaller steps do not mend it
             before[rung] = error
         substeps *= 2
-    raise SceneError(f"{scene.name}: found no fidelity within tolerance {scene.tolerance:g}, expected a larger one: the error"
-                     f" that is left at {steps} steps between rows is {left / max(size, 1e-300):.2g}")  # fmt: skip
+    raise SceneError(f"{scene.name}: found no fidelity within tolerance {scene.tolerance:g}, expected a"
+    f" larger one: the error"
+                     f" that is left at {steps} steps between rows is"
+                     f" {left / max(size, 1e-300):.2g}")  # fmt: skip
 
 
 def _converged(scene: Scene, stretches: list[tuple[int, int, int]]) -> tuple[list[np.ndarray], int, float]:
@@ -63,8 +66,9 @@ def _error(scene: Scene, stretches, truth: list[np.ndarray], rung: str, substeps
 
 
 def _stretches(scene: Scene) -> list[tuple[int, int, int]]:
-    """(first row, row from which it counts, last row): the whole of a short scene; of a long one its beginning, its end, and
-    where drive, detuning, damping or response are largest, smallest or change most."""
+    """(first row, row from which it counts, last row): the whole of a short scene; of a long one its
+    beginning, its end, and where drive, detuning, damping or response are largest, smallest or change
+    most."""
     whole = [(0, 0, scene.rows)]
     if scene.rows <= PILOT or any(hasattr(e, "feels") for e in scene.effects):
         return whole
@@ -72,7 +76,9 @@ def _stretches(scene: Scene) -> list[tuple[int, int, int]]:
     filters = sum(e.order * e.tau for e in scene.effects if isinstance(e, LockIn))
     memory = FORGOTTEN * (max(p.tau for p in plates) + filters) * scene.rate
     changes = [p.edges(0.0, scene.duration) for p in scene.inputs.values()]
-    time = np.unique(np.concatenate([np.linspace(0.0, scene.duration, POINTS), *(c for c in changes if len(c) <= POINTS)]))
+    time = np.unique(
+        np.concatenate([np.linspace(0.0, scene.duration, POINTS), *(c for c in changes if len(c) <= POINTS)])
+    )
     with jax.enable_x64(True):
         inputs = held(scene, inputs_at(scene, time), 0)
         found = engine.motion(scene.plant, inputs, scene.effects, scene.reference)
@@ -90,7 +96,8 @@ def _stretches(scene: Scene) -> list[tuple[int, int, int]]:
 
 
 def _rows(scene: Scene, stretches: list[tuple[int, int, int]], rung: str, substeps: int) -> list[np.ndarray]:
-    """The plate's response in each stretch, as the filter passes it; a stretch begins from rest before it counts."""
+    """The plate's response in each stretch, as the filter passes it; a stretch begins from rest before it
+    counts."""
     plate = tuple(e for e in scene.effects if e.kind != "noise")
     longest = max(last - first for first, _, last in stretches)
     quiet = dataclasses.replace(scene, effects=plate, fidelity=rung, substeps=substeps, rows=longest)

@@ -1,4 +1,5 @@
-"""The command `simulate`: CSV logs from scene files.  Exit codes: 0 written; 2 a scene that cannot be; 130 interrupted.
+"""The command `simulate`: CSV logs from scene files.  Exit codes: 0 written; 2 a scene that cannot be; 130
+interrupted.
 
 What a file is, is said by whoever calls `main`: here a scene.
 """
@@ -14,8 +15,8 @@ from sysid.shell import called, completed, reader
 
 
 class Playable(Protocol):
-    """What a file describes, and how its log is written: in pieces, each with the rows (or samples) that are there so far, of
-    `total`. `rate`: raw samples a second instead of rows. Raises SceneError."""
+    """What a file describes, and how its log is written: in pieces, each with the rows (or samples) that are
+    there so far, of `total`. `rate`: raw samples a second instead of rows. Raises SceneError."""
 
     def total(self, rate: float | None) -> float: ...
 
@@ -25,7 +26,8 @@ class Playable(Protocol):
 
 
 def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | None = None) -> int:
-    """Run the command with `argv` (None: the process's own arguments) and return its exit code. `opened` reads a file."""
+    """Run the command with `argv` (None: the process's own arguments) and return its exit code. `opened`
+    reads a file."""
     command = completed(_parser())
     arguments = command.parse_args(argv)
     if arguments.draw is not None and not arguments.fit:
@@ -65,24 +67,43 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog=called("simulate"), description="CSV logs from scene files: what a bench would have recorded.", allow_abbrev=False
+        prog=called("simulate"),
+        description="CSV logs from scene files: what a bench would have recorded.",
+        allow_abbrev=False,
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("scenes", nargs="*", default=[], metavar="SCENES", help="scene files (TOML)")
-    what.add_argument("--effects", action="store_true", help="print all effects with their defaults, as a scene file has them")
-    parser.add_argument("-o", dest="folder", metavar="DIR", default=".", help="where the logs go (%(default)s)")
+    what.add_argument(
+        "--effects",
+        action="store_true",
+        help="print all effects with their defaults, as a scene file has them",
+    )
+    parser.add_argument(
+        "-o", dest="folder", metavar="DIR", default=".", help="where the logs go (%(default)s)"
+    )
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the noise (%(default)s)")
     parser.add_argument(
-        "--logs", type=int, metavar="N", default=1, help="logs of each scene, from successive seeds (%(default)s)"
+        "--logs",
+        type=int,
+        metavar="N",
+        default=1,
+        help="logs of each scene, from successive seeds (%(default)s)",
     )
-    parser.add_argument("--fit", metavar="FILE", help="a fit.json whose plant takes the place of each scene's own")
-    parser.add_argument("--draw", type=int, metavar="N", help="draw number N of that fit's posterior instead of its mean")
-    parser.add_argument("--waveform", type=float, metavar="HZ", help="raw samples of drive and response at this rate instead")
+    parser.add_argument(
+        "--fit", metavar="FILE", help="a fit.json whose plant takes the place of each scene's own"
+    )
+    parser.add_argument(
+        "--draw", type=int, metavar="N", help="draw number N of that fit's posterior instead of its mean"
+    )
+    parser.add_argument(
+        "--waveform", type=float, metavar="HZ", help="raw samples of drive and response at this rate instead"
+    )
     return parser
 
 
 def _write(scene: Playable, seed: int, path: Path, rate: float | None) -> None:
-    """Write one log, or its raw samples at `rate`, piece by piece; it appears under its name when it is whole."""
+    """Write one log, or its raw samples at `rate`, piece by piece; it appears under its name when it is
+    whole."""
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress
@@ -91,7 +112,9 @@ def _write(scene: Playable, seed: int, path: Path, rate: float | None) -> None:
 
     part = path.with_suffix(".part")
     try:
-        with Progress(console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True) as progress:
+        with Progress(
+            console=Console(stderr=True), disable=not sys.stderr.isatty(), transient=True
+        ) as progress:
             task = progress.add_task(escape(clean(path.name)), total=scene.total(rate))
             for done in scene.write(seed, part, rate):
                 progress.update(task, completed=done)

@@ -1,6 +1,8 @@
-"""Effects: what a scene may add to the bare plate, each a small final type with its equation, units, default and source.
+"""Effects: what a scene may add to the bare plate, each a small final type with its equation, units, default
+and source.
 
-An effect that a scene does not name is not there: no equation, no parameter. Four kinds, in the order in which they act:
+An effect that a scene does not name is not there: no equation, no parameter. Four kinds, in the order in
+which they act:
 
     drive   (inputs) -> inputs                 what the amplifier makes of what was asked for
     plate   (motion, inputs, plant, felt) -> motion     time constant, detuning and drive of one interval
@@ -26,9 +28,10 @@ T = TypeVar("T")
 
 
 class Inputs(NamedTuple):
-    """What holds over each interval (M,), or at each row: `drive` peak, `omega` rad/s, `offset` = reference - drive frequency
-    rad/s, `warming` degC above the plant's reference temperature, `force` N and `contact`, the mean square of the mode's shape
-    under the finger over its mean on the plate; None where the scene has none."""
+    """What holds over each interval (M,), or at each row: `drive` peak, `omega` rad/s, `offset` = reference -
+    drive frequency rad/s, `warming` degC above the plant's reference temperature, `force` N and `contact`,
+    the mean square of the mode's shape under the finger over its mean on the plate; None where the scene has
+    none."""
 
     drive: Leaf
     omega: Leaf
@@ -39,7 +42,8 @@ class Inputs(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What drives the plate over each interval: time constant s, detuning omega0 - omega rad/s, drive per untouched gain."""
+    """What drives the plate over each interval: time constant s, detuning omega0 - omega rad/s, drive per
+    untouched gain."""
 
     tau: Leaf
     detuning: Leaf
@@ -75,12 +79,14 @@ def word(default: Any, *choices: str) -> Any:
     return field(default=default, metadata={"static": True, "choices": choices})
 
 
-# --- drive -------------------------------------------------------------------------------------------------------------
+# --- drive
+# ------------------------------------------------------------------------------------------------------------
 
 
 @effect("inverter", "drive")
 class Inverter:
-    """Duty cycle to voltage: V = supply * duty, or the fundamental of a three-level inverter, (4/pi) supply sin(pi duty/2)."""
+    """Duty cycle to voltage: V = supply * duty, or the fundamental of a three-level inverter, (4/pi) supply
+    sin(pi duty/2)."""
 
     supply: float = number(200.0, "drive")
     law: str = word("linear", "linear", "sine")
@@ -102,25 +108,29 @@ class AmplifierLimit:
 
 @effect("frequency_resolution", "drive")
 class FrequencyResolution:
-    """A timer or synthesiser whose frequency is a multiple of `step`: f = step * round(f/step). It reports that frequency."""
+    """A timer or synthesiser whose frequency is a multiple of `step`: f = step * round(f/step). It reports
+    that frequency."""
 
     step: float = number(10.0, "Hz")
 
 
 @effect("phase_reset", "drive")
 class PhaseReset:
-    """A synthesiser that starts at phase zero on each new frequency: at time t the frame turns by 2 pi f_before t, and so does
-    the response in it, Z -> Z exp(j 2 pi f_before t). Without it the phase goes on."""
+    """A synthesiser that starts at phase zero on each new frequency: at time t the frame turns by 2 pi
+    f_before t, and so does the response in it, Z -> Z exp(j 2 pi f_before t). Without it the phase goes
+    on."""
 
 
-# --- plate ---------------------------------------------------------------------------------------------------------------
+# --- plate
+# ------------------------------------------------------------------------------------------------------------
 
 
 @effect("finger_damping", "plate")
 class FingerDamping:
-    """A finger adds damping: 1/tau -> (1 + rho(F))/tau with b = G/tau untouched. At 1.5 N the default halves the amplitude, as
-    Ben Messaoud et al. (ACTUATOR 2014, figure 3) measured; the laws between are contact-area laws. Where the scene has an
-    input `contact`, rho is that times it: a finger on a nodal line takes less than one beside it."""
+    """A finger adds damping: 1/tau -> (1 + rho(F))/tau with b = G/tau untouched. At 1.5 N the default halves
+    the amplitude, as Ben Messaoud et al. (ACTUATOR 2014, figure 3) measured; the laws between are
+    contact-area laws. Where the scene has an input `contact`, rho is that times it: a finger on a nodal line
+    takes less than one beside it."""
 
     rho: float = number(1.0)
     scale: float = number(0.6, "N")
@@ -138,7 +148,8 @@ class FingerDamping:
 
 @effect("finger_detuning", "plate")
 class FingerDetuning:
-    """A finger of impedance r + jX shifts the resonance by -(X/r) rho(F)/(2 pi tau): `ratio` is X/r, mass-like above zero.
+    """A finger of impedance r + jX shifts the resonance by -(X/r) rho(F)/(2 pi tau): `ratio` is X/r,
+    mass-like above zero.
 
     The damping rho(F) is that of the scene's finger_damping."""
 
@@ -164,7 +175,8 @@ class Duffing:
 class SelfHeating:
     """The plate warms by what it dissipates: C dT/dt = 1/2 d (omega W)^2 - h T, and f0 moves by k_T T.
 
-    T in degC above the surroundings, C J/K, h W/K, d N s/m; the defaults are those of an aluminium plate of 88 g."""
+    T in degC above the surroundings, C J/K, h W/K, d N s/m; the defaults are those of an aluminium plate of
+    88 g."""
 
     feels: ClassVar[bool] = True
     capacity: float = number(80.0, "J/K")
@@ -183,9 +195,9 @@ class SelfHeating:
 
 @effect("second_mode", "plate")
 class SecondMode:
-    """A further resonance on the same drive, Z + Z2, from rest; a scene may hold several. G in units of the scene, tau s, f0 Hz,
-    k_T Hz/degC. A sensor that is elsewhere than where the response is meant sees `seen` times its motion; `parity` is that
-    across two ceramics in parallel, which cancel an odd resonance."""
+    """A further resonance on the same drive, Z + Z2, from rest; a scene may hold several. G in units of the
+    scene, tau s, f0 Hz, k_T Hz/degC. A sensor that is elsewhere than where the response is meant sees `seen`
+    times its motion; `parity` is that across two ceramics in parallel, which cancel an odd resonance."""
 
     repeats: ClassVar[bool] = True
     G: float = number(0.002, "response/drive")
@@ -196,13 +208,15 @@ class SecondMode:
     parity: str = word("odd", "odd", "even")
 
 
-# --- sense ----------------------------------------------------------------------------------------------------------------
+# --- sense
+# ------------------------------------------------------------------------------------------------------------
 
 
 @effect("two_ceramics", "sense")
 class TwoCeramics:
-    """Two ceramics in parallel give the mean of their motions: a further mode that is odd across them leaks by half their
-    mismatch, Z + (mismatch/2) Z2, an even one whole; and an input resistance leads by atan(1/(omega R C))."""
+    """Two ceramics in parallel give the mean of their motions: a further mode that is odd across them leaks
+    by half their mismatch, Z + (mismatch/2) Z2, an even one whole; and an input resistance leads by
+    atan(1/(omega R C))."""
 
     mismatch: float = number(0.05)
     resistance: float = number(1e6, "ohm")
@@ -214,7 +228,8 @@ class TwoCeramics:
 
 @effect("feedthrough", "sense")
 class Feedthrough:
-    """The drive leaks into the sensor: Z + (d + j q) V. The voltage lies along q, so resistive pickup is q."""
+    """The drive leaks into the sensor: Z + (d + j q) V. The voltage lies along q, so resistive pickup is
+    q."""
 
     d: float = number(0.0, "response/drive")
     q: float = number(0.0, "response/drive")
@@ -235,7 +250,8 @@ class Rotation:
 
 @effect("lock_in", "sense")
 class LockIn:
-    """The demodulator's filter: `order` one-pole low-passes of time constant `tau` in a row, solved exactly."""
+    """The demodulator's filter: `order` one-pole low-passes of time constant `tau` in a row, solved
+    exactly."""
 
     tau: float = number(50e-6, "s")
     order: int = word(1)
@@ -259,7 +275,8 @@ class Offset:
         return response + (self.d + 1j * self.q)
 
 
-# --- noise, and what the recorder makes of it -----------------------------------------------------------------------------
+# --- noise, and what the recorder makes of it
+# -----------------------------------------------------------------------------
 
 
 @effect("white_noise", "noise")
@@ -274,7 +291,8 @@ class WhiteNoise:
 
 @effect("coloured_noise", "noise")
 class ColouredNoise:
-    """Gaussian, `std` in each of Wd and Wq, correlated by exp(-|t|/time): Ornstein-Uhlenbeck, exact on the rows."""
+    """Gaussian, `std` in each of Wd and Wq, correlated by exp(-|t|/time): Ornstein-Uhlenbeck, exact on the
+    rows."""
 
     std: float = number(0.02, "response")
     time: float = number(1e-3, "s")
@@ -328,7 +346,9 @@ class Saturation:
     limit: float = number(2.0, "response")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
-        return jnp.clip(response.real, -self.limit, self.limit) + 1j * jnp.clip(response.imag, -self.limit, self.limit), state
+        return jnp.clip(response.real, -self.limit, self.limit) + 1j * jnp.clip(
+            response.imag, -self.limit, self.limit
+        ), state
 
 
 @effect("quantisation", "noise")
@@ -338,7 +358,9 @@ class Quantisation:
     step: float = number(0.01, "response")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
-        return self.step * (jnp.round(response.real / self.step) + 1j * jnp.round(response.imag / self.step)), state
+        return self.step * (
+            jnp.round(response.real / self.step) + 1j * jnp.round(response.imag / self.step)
+        ), state
 
 
 def _normal(key: Array, n: int) -> Array:

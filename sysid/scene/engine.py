@@ -1,11 +1,13 @@
-"""The simulation: a plant and its effects under held inputs, chunk by chunk, in one compiled program per scene.
+"""The simulation: a plant and its effects under held inputs, chunk by chunk, in one compiled program per
+scene.
 
-Between two changes of the inputs the equation of motion is linear with constant coefficients and is solved exactly by its two
-modes (see `model.plant`). The state carried from one interval to the next is (Z, U): the response in the frame of the drive, and
-its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s + j omega. Both are continuous whatever changes: drive,
-frequency, damping or resonance. The intervals of a chunk are taken in lanes side by side. Only effects that depend on the
-response itself (softening, self-heating) need one interval after the other; they are frozen at the middle of each interval, with
-an error of second order.
+Between two changes of the inputs the equation of motion is linear with constant coefficients and is solved
+exactly by its two modes (see `model.plant`). The state carried from one interval to the next is (Z, U): the
+response in the frame of the drive, and its velocity in the frame of the plate, U = p1 Z1 + p2 Z2 with p = s +
+j omega. Both are continuous whatever changes: drive, frequency, damping or resonance. The intervals of a
+chunk are taken in lanes side by side. Only effects that depend on the response itself (softening,
+self-heating) need one interval after the other; they are frozen at the middle of each interval, with an error
+of second order.
 """
 
 import math
@@ -27,14 +29,16 @@ RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
 
 
 class Felt(NamedTuple):
-    """What an effect that depends on the response receives: the squared amplitude, and the temperature that it has caused."""
+    """What an effect that depends on the response receives: the squared amplitude, and the temperature that
+    it has caused."""
 
     power: Array
     heat: Array
 
 
 class Mode(NamedTuple):
-    """State of one resonance: the response Z in the frame of the drive, its velocity U in the frame of the plate."""
+    """State of one resonance: the response Z in the frame of the drive, its velocity U in the frame of the
+    plate."""
 
     response: Array
     velocity: Array
@@ -50,11 +54,13 @@ class State(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the rows' own inputs
-    (None: nothing asks for them), the turn of the frame at the beginning of an interval (None: the phase goes on), and the
-    carrier's phase theta at each row (None: rows are those of the frame, not samples of a carrier).
+    """Held inputs over intervals of `duration` s, the interval at whose beginning each row (R,) is read, the
+    rows' own inputs (None: nothing asks for them), the turn of the frame at the beginning of an interval
+    (None: the phase goes on), and the carrier's phase theta at each row (None: rows are those of the frame,
+    not samples of a carrier).
 
-    Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is transposed.
+    Intervals are (steps, lanes), each lane a stretch of time: lanes run side by side, and nothing is
+    transposed.
     """
 
     duration: Leaf
@@ -69,7 +75,9 @@ def folded(chunk: Chunk) -> Chunk:
     """A chunk of intervals (M,) in order of time with its lanes laid side by side; numpy."""
     steps = len(chunk.duration) // _lanes_of(len(chunk.duration))
     lanes = len(chunk.duration) // steps
-    duration, inputs, turn = jax.tree.map(lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn))
+    duration, inputs, turn = jax.tree.map(
+        lambda v: np.ascontiguousarray(_fold(v)), (chunk.duration, chunk.inputs, chunk.turn)
+    )
     lane = chunk.take // steps
     take = (chunk.take - lane * steps) * lanes + lane
     return chunk._replace(duration=duration, inputs=inputs, take=take, turn=turn)
@@ -91,7 +99,8 @@ def resonances(plant: Plant, effects: tuple) -> tuple[Plant, ...]:
 
 
 def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: Leaf, felt: Felt | None = None) -> Motion:
-    """Time constant, detuning and drive of each interval; `reference` (Hz) is where the inputs' offsets are taken from."""
+    """Time constant, detuning and drive of each interval; `reference` (Hz) is where the inputs' offsets are
+    taken from."""
     detuning = 2 * jnp.pi * (plant.f0 - reference) + inputs.offset
     if inputs.warming is not None and plant.k_T is not None:
         detuning = detuning + 2 * jnp.pi * plant.k_T * inputs.warming
@@ -103,7 +112,8 @@ def motion(plant: Plant, inputs: Inputs, effects: tuple, reference: Leaf, felt: 
 
 
 class Step(NamedTuple):
-    """One interval's poles in the frame of the drive, those of the plate, and the response that each mode settles at, negated."""
+    """One interval's poles in the frame of the drive, those of the plate, and the response that each mode
+    settles at, negated."""
 
     poles: tuple[Array, ...]
     still: tuple[Array, ...]
@@ -111,12 +121,17 @@ class Step(NamedTuple):
 
 
 def step(gain: Leaf, m: Motion, inputs: Inputs, rung: str) -> Step:
-    """Slow mode alone (`amplitude`: at resonance; `envelope`: detuning omega0 - omega, b = G/tau), or both (`exact`)."""
+    """Slow mode alone (`amplitude`: at resonance; `envelope`: detuning omega0 - omega, b = G/tau), or both
+    (`exact`)."""
     if rung == "exact":
         s = poles(m.tau, m.detuning, inputs.omega)
         push = gain * s.gain * m.drive
         turning = 1j * inputs.omega
-        return Step((s.slow, s.fast), (s.slow + turning, s.fast + turning), (_over(push, s.slow), _over(-push, s.fast)))
+        return Step(
+            (s.slow, s.fast),
+            (s.slow + turning, s.fast + turning),
+            (_over(push, s.slow), _over(-push, s.fast)),
+        )
     detuning = jnp.zeros_like(m.detuning) if rung == "amplitude" else m.detuning
     slow = -1 / m.tau + 1j * detuning
     return Step((slow,), (), (_over(gain / m.tau * m.drive, slow),))
@@ -131,7 +146,9 @@ def start(plant: Plant, effects: tuple, key: Array) -> State:
     zero = jnp.zeros((), complex)
     modes = tuple(Mode(zero, zero) for _ in resonances(plant, effects))
     filters = tuple(zero for e in effects if isinstance(e, LockIn) for _ in range(e.order))
-    drawn = tuple(e.init(key_for(key, e, 0)) if hasattr(e, "init") else None for e in effects if e.kind == "noise")
+    drawn = tuple(
+        e.init(key_for(key, e, 0)) if hasattr(e, "init") else None for e in effects if e.kind == "noise"
+    )
     heated = any(hasattr(e, "warmed") for e in effects)
     return State(modes, jnp.zeros(()) if heated else None, filters, drawn)
 
@@ -148,15 +165,19 @@ def advance(
     rung: str,
     reference: Leaf,
 ) -> tuple[Array, State]:
-    """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time between rows."""
+    """Rows (R,) of one chunk, and the state after it. `count` numbers the chunk, `spacing` is the time
+    between rows."""
     response, state = _plate(plant, effects, state, chunk, rung, reference)
     response = _sensed(effects[len(_before_filter(effects)) :], response, chunk.rows)
     response, drawn = noisy(effects, response, state.noise, key, count, spacing)
     return response, state._replace(noise=drawn)
 
 
-def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Leaf, spacing: Leaf) -> tuple[Array, tuple]:
-    """Rows of chunk `count` with noise and the recorder's effects added; and the state of the noise afterwards."""
+def noisy(
+    effects: tuple, response: Array, states: tuple, key: Array, count: Leaf, spacing: Leaf
+) -> tuple[Array, tuple]:
+    """Rows of chunk `count` with noise and the recorder's effects added; and the state of the noise
+    afterwards."""
     drawn = []
     for e, before in zip((e for e in effects if e.kind == "noise"), states, strict=True):
         response, after = e.noise(response, key_for(key, e, count + 1), spacing, before)
@@ -164,7 +185,9 @@ def noisy(effects: tuple, response: Array, states: tuple, key: Array, count: Lea
     return response, tuple(drawn)
 
 
-def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf) -> tuple[Array, State]:
+def _plate(
+    plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, reference: Leaf
+) -> tuple[Array, State]:
     """The response at each row behind the lock-in's filter, before the sensor effects that follow it."""
     if rung == "steady":
         settled = [_settled(p, chunk, effects, reference) for p in resonances(plant, effects)]
@@ -172,7 +195,9 @@ def _plate(plant: Plant, effects: tuple, state: State, chunk: Chunk, rung: str, 
     found, modes, heat, warmth = [], [], state.heat, None
     for p, mode in zip(resonances(plant, effects), state.modes, strict=True):
         if any(getattr(e, "feels", False) for e in effects):
-            before, steps, last, warmth, heat = _one_by_one(p, effects, mode, heat, warmth, chunk, rung, reference)
+            before, steps, last, warmth, heat = _one_by_one(
+                p, effects, mode, heat, warmth, chunk, rung, reference
+            )
         else:
             steps = step(p.G, motion(p, chunk.inputs, effects, reference), chunk.inputs, rung)
             before, last = _lanes(steps, mode, chunk)
@@ -204,15 +229,28 @@ def _read(before: tuple[Array, ...], steps: Step, chunk: Chunk) -> Array:
 
 def seen(effects: tuple, state: State, inputs: Inputs) -> Array:
     """What the sensor shows in a state, before noise; `inputs` are those held until now."""
-    response = state.filter[-1] if state.filter else _together([mode.response for mode in state.modes], effects)
+    response = (
+        state.filter[-1] if state.filter else _together([mode.response for mode in state.modes], effects)
+    )
     return _sensed(effects[len(_before_filter(effects)) :], response, inputs)
 
 
-def held(plant: Plant, effects: tuple, state: State, inputs: Inputs, duration: Leaf, turn: Any, rung: str, reference: Leaf):
+def held(
+    plant: Plant,
+    effects: tuple,
+    state: State,
+    inputs: Inputs,
+    duration: Leaf,
+    turn: Any,
+    rung: str,
+    reference: Leaf,
+):
     """The state after `inputs`, scalars, have been held for `duration` s: one interval of a chunk."""
     duration, inputs, turn = jax.tree.map(lambda v: jnp.reshape(v, (1, 1)), (duration, inputs, turn))
     rows = jax.tree.map(jnp.ravel, inputs)
-    return _plate(plant, effects, state, Chunk(duration, inputs, jnp.zeros(1, int), rows, turn), rung, reference)[1]
+    return _plate(
+        plant, effects, state, Chunk(duration, inputs, jnp.zeros(1, int), rows, turn), rung, reference
+    )[1]
 
 
 def _before_filter(effects: tuple) -> tuple:
@@ -266,8 +304,9 @@ def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[
 
 
 def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]:
-    """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each lane does as a
-    whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps that stable."""
+    """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each
+    lane does as a whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps
+    that stable."""
 
     if growth.shape == (1, 1):
         return jnp.reshape(state, (1, 1)), state + growth[0, 0] * (state + target[0, 0])
@@ -292,8 +331,8 @@ def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]
 
 
 class Interval(NamedTuple):
-    """What both modes do over an interval: growth e^{s t} - 1, the response they settle at, negated (None: not driven), poles of
-    the plate, and the turn of the frame as it begins."""
+    """What both modes do over an interval: growth e^{s t} - 1, the response they settle at, negated (None:
+    not driven), poles of the plate, and the turn of the frame as it begins."""
 
     growths: tuple[Array, ...]
     targets: tuple[Array, ...] | None
@@ -311,7 +350,8 @@ class Interval(NamedTuple):
 
 
 def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], Mode]:
-    """As `_gathered`, of both modes, which change into one another where the resonance itself changes: (Z1, Z2)."""
+    """As `_gathered`, of both modes, which change into one another where the resonance itself changes: (Z1,
+    Z2)."""
     if interval.growths[0].shape == (1, 1):
         last, parts = jax.tree.map(lambda v: v[0, 0], interval).over(mode)
         return tuple(jnp.reshape(z, (1, 1)) for z in parts), last
@@ -323,7 +363,9 @@ def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], 
 
     def join(mode, lane):
         (a, c), (b, d), (p, q) = lane
-        return Mode(a * mode.response + b * mode.velocity + p, c * mode.response + d * mode.velocity + q), mode
+        return Mode(
+            a * mode.response + b * mode.velocity + p, c * mode.response + d * mode.velocity + q
+        ), mode
 
     one, zero = (fill(interval.growths[0].shape[1], complex) for fill in (jnp.ones, jnp.zeros))
     lanes, _ = jax.lax.scan(whole, (Mode(one, zero), Mode(zero, one), Mode(zero, zero)), interval)
@@ -332,19 +374,30 @@ def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], 
 
 
 def _one_by_one(
-    plant: Plant, effects: tuple, mode: Mode, heat: Array | None, warmth: Any, chunk: Chunk, rung: str, reference: Leaf
+    plant: Plant,
+    effects: tuple,
+    mode: Mode,
+    heat: Array | None,
+    warmth: Any,
+    chunk: Chunk,
+    rung: str,
+    reference: Leaf,
 ) -> tuple:
-    """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after the other.
+    """As `_lanes`, where the response itself decides its time constant or its resonance: one interval after
+    the other.
 
-    The first resonance makes the heat; `warmth`, what it has made by the beginning and by the middle of each interval, is
-    what a further one feels.
+    The first resonance makes the heat; `warmth`, what it has made by the beginning and by the middle of each
+    interval, is what a further one feels.
     """
     heating = next((e for e in effects if hasattr(e, "warmed")), None)
 
     def over(mode: Mode, felt: Felt, inputs: Inputs, duration: Array) -> tuple[Step, Mode]:
         steps = step(plant.G, motion(plant, inputs, effects, reference, felt), inputs, rung)
         parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
-        after = [z + expm1(p * duration) * (z + t) for z, p, t in zip(parts, steps.poles, steps.targets, strict=True)]
+        after = [
+            z + expm1(p * duration) * (z + t)
+            for z, p, t in zip(parts, steps.poles, steps.targets, strict=True)
+        ]
         if rung != "exact":
             return steps, Mode(after[0], mode.velocity)
         return steps, Mode(after[0] + after[1], steps.still[0] * after[0] + steps.still[1] * after[1])
@@ -370,8 +423,11 @@ def _one_by_one(
     return before, steps, last, warmth, heat
 
 
-def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array, ...], chunk: Chunk) -> tuple[Array, tuple]:
-    """The response behind a cascade of one-pole filters, at the beginning of each interval, and the stages after the last.
+def _filtered(
+    lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array, ...], chunk: Chunk
+) -> tuple[Array, tuple]:
+    """The response behind a cascade of one-pole filters, at the beginning of each interval, and the stages
+    after the last.
 
     Over an interval the input is A + sum_i c_i e^{s_i t}. With x = t/tau stage j is then, exactly,
 
@@ -402,7 +458,8 @@ def _filtered(lock_in: LockIn, found: list, effects: tuple, stages: tuple[Array,
 
 
 def key_of(seed: int, scene: str) -> Array:
-    """The stream of a scene's noise: two scenes of one seed, which may be fitted together, have no noise in common."""
+    """The stream of a scene's noise: two scenes of one seed, which may be fitted together, have no noise in
+    common."""
     return _named(jax.random.key(seed), scene)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 class Profile:
     """Values (k,) from `times` (k,) s on: held until the next time, or on straight lines between them.
 
-    Before the first time the first value holds, after the last one the last. Raises ValueError for times that do not
-    increase, or values that are not finite.
+    Before the first time the first value holds, after the last one the last. Raises ValueError for times that
+    do not increase, or values that are not finite.
 
     >>> Profile([0.0, 1.0], [0.0, 5.0]).at(np.array([0.5, 1.0])).tolist()
     [0.0, 5.0]
@@ -27,12 +27,18 @@ class Profile:
         for name in ("times", "values"):
             object.__setattr__(self, name, np.atleast_1d(np.asarray(getattr(self, name), float)))
         if self.times.shape != self.values.shape or self.times.ndim != 1:
-            raise ValueError(f"found {self.times.shape} times and {self.values.shape} values, expected one value for each time")
+            raise ValueError(
+                f"found {self.times.shape} times and {self.values.shape} values, expected one value for"
+                f" each time"
+            )
         if not (np.isfinite(self.times).all() and np.isfinite(self.values).all()):
             raise ValueError("found a time or a value that is not finite, expected numbers")
         if np.any(np.diff(self.times) <= 0):
             at = int(np.argmax(np.diff(self.times) <= 0))
-            raise ValueError(f"found time {self.times[at + 1]:g} s after {self.times[at]:g} s, expected times that increase")
+            raise ValueError(
+                f"found time {self.times[at + 1]:g} s after {self.times[at]:g} s, expected times that"
+                f" increase"
+            )
 
     @classmethod
     def constant(cls, value: float) -> "Profile":
@@ -52,17 +58,23 @@ class Profile:
         return self.values[np.maximum(np.searchsorted(self.times, time, side="right") - 1, 0)]
 
     def snapped(self, rate: float, near: float) -> "Profile":
-        """The same, with times within `near` rows of a row, at `rate` Hz, moved to that row, whatever rounding made of them."""
+        """The same, with times within `near` rows of a row, at `rate` Hz, moved to that row, whatever
+        rounding made of them."""
         row = np.round(self.times * rate)
         times = np.where(np.abs(self.times * rate - row) < near, row / rate, self.times)
         return (
-            self if np.array_equal(times, self.times) or np.any(np.diff(times) <= 0) else Profile(times, self.values, self.held)
+            self
+            if np.array_equal(times, self.times) or np.any(np.diff(times) <= 0)
+            else Profile(times, self.values, self.held)
         )
 
     def sampled(self, every: float) -> "Profile":
-        """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of it."""
+        """The values at every `every` s, held until the next: a ramp as the stairs that a program makes of
+        it."""
         count = int((self.times[-1] - self.times[0]) / every * (1 + 1e-9)) + 1
-        begin, step = (Fraction(repr(float(x))) for x in (self.times[0], every))  # as written: 3 * 0.0008 s is 0.0024 s
+        begin, step = (
+            Fraction(repr(float(x))) for x in (self.times[0], every)
+        )  # as written: 3 * 0.0008 s is 0.0024 s
         times = np.array([float(begin + k * step) for k in range(count)])
         return Profile(times, self.at(times))
 

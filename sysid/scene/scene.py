@@ -50,12 +50,12 @@ class SceneError(ValueError):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Shown):
-    """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted "temperature" (degC),
-    "force" (N) and "contact" (see `effects.Inputs`).
+    """What happens on the bench. `inputs`: a Profile each of "drive", "frequency" (Hz), and as wanted
+    "temperature" (degC), "force" (N) and "contact" (see `effects.Inputs`).
 
     `rows` rows at `rate` Hz; `kind` "transient" or "steady". `fidelity`: one of FIDELITIES; "carrier" are raw
-    samples behind a lock-in; "auto" is the cheapest envelope, with the largest time step, whose error stays below `tolerance`
-    times the largest response.
+    samples behind a lock-in; "auto" is the cheapest envelope, with the largest time step, whose error stays
+    below `tolerance` times the largest response.
 
     Raises SceneError for what cannot be combined.
     """
@@ -80,11 +80,15 @@ class Scene(Shown):
         order = list(EFFECTS.values())
         effects: list[Any] = sorted(self.effects, key=lambda e: order.index(type(e)))
         if finger := next((e for e in effects if isinstance(e, FingerDamping)), None):
-            effects = [dataclasses.replace(e, finger=finger) if e.name == "finger_detuning" else e for e in effects]
+            effects = [
+                dataclasses.replace(e, finger=finger) if e.name == "finger_detuning" else e for e in effects
+            ]
         object.__setattr__(self, "effects", tuple(effects))
         for said in _contradictions(self):
             raise SceneError(f"{self.name}: {said}")
-        object.__setattr__(self, "inputs", {name: p.snapped(self.rate, NEAR) for name, p in self.inputs.items()})
+        object.__setattr__(
+            self, "inputs", {name: p.snapped(self.rate, NEAR) for name, p in self.inputs.items()}
+        )
 
     def _brief(self) -> Any:
         from sysid.report.brief import of_scene
@@ -117,8 +121,8 @@ class Scene(Shown):
         return next((e for e in self.effects if isinstance(e, kind)), None)
 
     def simulate(self, seed: int = 0) -> Log:
-        """The log of this scene. The same seed gives the same noise, whatever else the scene holds; a scene of another name has
-        noise of its own."""
+        """The log of this scene. The same seed gives the same noise, whatever else the scene holds; a scene
+        of another name has noise of its own."""
         from sysid.scene.simulation import simulate
 
         return simulate(self, seed)
@@ -142,29 +146,49 @@ def _contradictions(scene: Scene) -> Iterator[str]:
         if name not in scene.inputs:
             yield f"found no profile of the {name}, expected one"
     if find(FingerDamping) and "force" not in scene.inputs:
-        yield "found effects.finger_damping and no force, expected inputs.force_N: a finger damps by its force"
+        yield (
+            "found effects.finger_damping and no force, expected inputs.force_N: a finger damps by its force"
+        )
     if contact := scene.inputs.get("contact"):
         if not find(FingerDamping):
-            yield "found inputs.contact without effects.finger_damping, expected both: a contact is a share of the damping"
+            yield (
+                "found inputs.contact without effects.finger_damping, expected both: a contact is a share"
+                " of the damping"
+            )
         if contact.values.min() < 0:
-            yield f"found a contact of {contact.values.min():g}, expected 0 or more: it is the square of a mode's shape"
+            yield (
+                f"found a contact of {contact.values.min():g}, expected 0 or more: it is the square of a"
+                f" mode's shape"
+            )
     if find(FingerDetuning) and not find(FingerDamping):
-        yield "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a share of the damping"
+        yield (
+            "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a"
+            " share of the damping"
+        )
     if find(SelfHeating) and plant.k_T is None:
         yield "found effects.self_heating and a plant without k_T, expected k_T: heat moves nothing else"
     for kind in (EFFECTS["duffing"], EFFECTS["self_heating"]):
         if find(kind) and (scene.kind == "steady" or scene.fidelity == "steady"):
             yield (
-                f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient': the response"
-                " decides its own resonance, and where it settles depends on what was before"
+                f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient': the"
+                " response decides its own resonance, and where it settles depends on what was before"
             )
     for kind in (EFFECTS["lock_in"], EFFECTS["delay"], EFFECTS["phase_reset"]):
         if find(kind) and scene.kind == "steady":
-            yield f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient': nothing moves in it"
+            yield (
+                f"found effects.{kind.name} in a scene of settled points, expected kind = 'transient':"
+                f" nothing moves in it"
+            )
     if find(PhaseReset) and scene.fidelity not in ("exact", "auto"):
-        yield f"found effects.phase_reset at fidelity '{scene.fidelity}', expected 'exact': the others have no phase of their own"
+        yield (
+            f"found effects.phase_reset at fidelity '{scene.fidelity}', expected 'exact': the others have"
+            f" no phase of their own"
+        )
     if find(PhaseReset) and not scene.inputs["frequency"].held:
-        yield "found effects.phase_reset and a frequency that ramps, expected steps: a reset at every instant is no drive"
+        yield (
+            "found effects.phase_reset and a frequency that ramps, expected steps: a reset at every instant"
+            " is no drive"
+        )
     if scene.fidelity not in FIDELITIES:
         yield f"found fidelity {scene.fidelity!r}, expected one of {', '.join(FIDELITIES)}"
     if scene.kind not in ("transient", "steady"):

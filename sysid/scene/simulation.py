@@ -16,7 +16,9 @@ from sysid.scene.timeline import Columns, rows
 def simulate(scene: Scene, seed: int) -> Log:
     """The whole log."""
     parts = list(_pieces(scene, seed))
-    return _log(scene, {k: None if v is None else np.concatenate([p[k] for p in parts]) for k, v in parts[0].items()})
+    return _log(
+        scene, {k: None if v is None else np.concatenate([p[k] for p in parts]) for k, v in parts[0].items()}
+    )
 
 
 def stream(scene: Scene, seed: int) -> Iterator[Log]:
@@ -37,7 +39,9 @@ def _pieces(scene: Scene, seed: int) -> Iterator[Columns]:
         yield behind_lock_in(scene, seed)
         return
     for columns in rows(scene, seed, 0, scene.rows):
-        yield columns | {"response": np.abs(columns["response"]) if scene.amplitude_only else columns["response"]}
+        yield columns | {
+            "response": np.abs(columns["response"]) if scene.amplitude_only else columns["response"]
+        }
 
 
 def _log(scene: Scene, columns: Columns) -> Log:

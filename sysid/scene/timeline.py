@@ -1,4 +1,5 @@
-"""The timeline of a scene: its inputs at any moment, the intervals in which they hold, in chunks, and the rows of these."""
+"""The timeline of a scene: its inputs at any moment, the intervals in which they hold, in chunks, and the
+rows of these."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -21,8 +22,8 @@ Phase = Callable[[int, int], np.ndarray]
 
 
 def rows(scene: Scene, seed: int, first: int, last: int, theta: Phase | None = None) -> Iterator[Columns]:
-    """Columns of the rows from `first` up to `last`, chunk by chunk; the plate is at rest at `first`. `theta`: the phase of the
-    carrier by first row and count, where rows are samples of it."""
+    """Columns of the rows from `first` up to `last`, chunk by chunk; the plate is at rest at `first`.
+    `theta`: the phase of the carrier by first row and count, where rows are samples of it."""
     plant = jax.tree.map(float, scene.plant)  # an integer would be another program
     with jax.enable_x64(True):
         key = engine.key_of(seed, scene.name)
@@ -36,13 +37,22 @@ def rows(scene: Scene, seed: int, first: int, last: int, theta: Phase | None = N
                 intervals = intervals._replace(theta=theta(at, len(intervals.take)))
             which = jnp.asarray(at // size)
             response, state = engine.advance(
-                plant, scene.effects, state, intervals, key, which, 1 / scene.rate, scene.fidelity, scene.reference
+                plant,
+                scene.effects,
+                state,
+                intervals,
+                key,
+                which,
+                1 / scene.rate,
+                scene.fidelity,
+                scene.reference,
             )
         yield columns | {"response": np.asarray(response)[:count]}
 
 
 def chunk(scene: Scene, first: int, count: int) -> tuple[engine.Chunk, Columns]:
-    """Rows `first` to `first + count` as intervals; durations count from the chunk's first row: long scenes lose nothing."""
+    """Rows `first` to `first + count` as intervals; durations count from the chunk's first row: long scenes
+    lose nothing."""
     size, exact = _chunk_rows(scene), Fraction(scene.rate)
     begin, before = float(Fraction(first) / exact), max(first - 1, 0)
     time = (first + np.arange(count)) / scene.rate
@@ -53,7 +63,9 @@ def chunk(scene: Scene, first: int, count: int) -> tuple[engine.Chunk, Columns]:
     knots, span = _knots(scene, read, np.maximum(near, -begin), begin)
     middle = 0.5 * (span[1:] + span[:-1]) + begin
     padded = _chunk_intervals(scene)
-    padded += -(-max(len(span) - padded, 0) // 4096) * 4096  # one more than the intervals: the last row is read after them
+    padded += (
+        -(-max(len(span) - padded, 0) // 4096) * 4096
+    )  # one more than the intervals: the last row is read after them
     fill = padded - len(middle)
     moments = time if scene.kind == "steady" else read[1:]
     felt = held(scene, _felt(scene, moments), size - count) if _asks_for_rows(scene) else None
@@ -65,12 +77,15 @@ def chunk(scene: Scene, first: int, count: int) -> tuple[engine.Chunk, Columns]:
         turn=_turns(scene, knots, padded) if scene.find(PhaseReset) else None,
     )
     recorded = inputs_at(scene, time, commanded=True)
-    return engine.folded(intervals), {"time": time if scene.timed or scene.kind != "steady" else None, **recorded}
+    return engine.folded(intervals), {
+        "time": time if scene.timed or scene.kind != "steady" else None,
+        **recorded,
+    }
 
 
 def inputs_at(scene: Scene, time: np.ndarray, commanded: bool = False, early: float = 0.0) -> Columns:
-    """Drive, frequency, temperature, force and contact at `time`, of what is held those `early` s before; the frequency is the
-    one that the source makes."""
+    """Drive, frequency, temperature, force and contact at `time`, of what is held those `early` s before; the
+    frequency is the one that the source makes."""
     found: dict[str, Any] = dict.fromkeys(INPUTS)
     found |= {name: p.at(time - early if p.held else time) for name, p in scene.inputs.items()}
     resolution = scene.find(FrequencyResolution)
@@ -99,7 +114,8 @@ def _chunk_rows(scene: Scene) -> int:
 
 
 def _chunk_intervals(scene: Scene) -> int:
-    """Intervals that a chunk is padded to; of few sizes where steps are tried out, as each size is a program of its own."""
+    """Intervals that a chunk is padded to; of few sizes where steps are tried out, as each size is a program
+    of its own."""
     wanted = _chunk_rows(scene) * scene.substeps + SPARE
     return wanted if scene.substeps == 1 else 4 ** math.ceil(math.log(wanted, 4) - 1e-9)
 
@@ -112,10 +128,13 @@ def _asks_for_rows(scene: Scene) -> bool:
 def _knots(scene: Scene, read: np.ndarray, near: np.ndarray, begin: float) -> tuple[np.ndarray, np.ndarray]:
     """Times (s) at which inputs change or rows are read; and, from `begin` on, those with the steps between.
 
-    Which of two comes first is decided by their times as they are written, `read` and those of the profiles, also where a
-    row and a change share one; `near` are the times of `read` from `begin` on, exact also late in a scene.
+    Which of two comes first is decided by their times as they are written, `read` and those of the profiles,
+    also where a row and a change share one; `near` are the times of `read` from `begin` on, exact also late
+    in a scene.
     """
-    edges = np.concatenate([p.edges(read[0], read[-1]) for p in scene.inputs.values()] + [_roundings(scene, read[0], read[-1])])
+    edges = np.concatenate(
+        [p.edges(read[0], read[-1]) for p in scene.inputs.values()] + [_roundings(scene, read[0], read[-1])]
+    )
     knots, at = np.unique(np.append(read, edges), return_index=True)
     span = np.maximum.accumulate(np.append(near, edges - begin)[at])
     span = np.repeat(span, 2) if len(span) == 1 else span  # a single row: an interval without length
@@ -126,7 +145,8 @@ def _knots(scene: Scene, read: np.ndarray, near: np.ndarray, begin: float) -> tu
 
 
 def _roundings(scene: Scene, begin: float, end: float) -> np.ndarray:
-    """Times at which a ramp's frequency is rounded to the next step; none where they are more than a chunk holds."""
+    """Times at which a ramp's frequency is rounded to the next step; none where they are more than a chunk
+    holds."""
     profile, resolution = scene.inputs["frequency"], scene.find(FrequencyResolution)
     if resolution is None or profile.held:
         return np.empty(0)
@@ -143,7 +163,8 @@ def _roundings(scene: Scene, begin: float, end: float) -> np.ndarray:
 
 
 def _felt(scene: Scene, read: np.ndarray) -> Columns:
-    """Inputs that the rows' sensor sees: those just before a row is read, and no drive where the scene only begins."""
+    """Inputs that the rows' sensor sees: those just before a row is read, and no drive where the scene only
+    begins."""
     if scene.kind == "steady":
         return inputs_at(scene, read)
     found = inputs_at(scene, read, early=1e-6 / scene.rate)

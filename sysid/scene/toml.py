@@ -1,7 +1,7 @@
 """Scene files: TOML in, `Scene` out, with errors that point at the key.
 
-A key may end in a unit of the right kind (`tau_ms`, `f0_kHz`, `G_nm_per_V`, `std_nm`); without one the value is in the unit
-that is documented (s, Hz, degC, N; the response and the drive in the log's own units).
+A key may end in a unit of the right kind (`tau_ms`, `f0_kHz`, `G_nm_per_V`, `std_nm`); without one the value
+is in the unit that is documented (s, Hz, degC, N; the response and the drive in the log's own units).
 """
 
 import dataclasses
@@ -41,7 +41,8 @@ def read(path: Path) -> dict[str, Any]:
 
 
 class Reader:
-    """One document of keys `top`, of which `tables` are tables; `response` and `drive` are the log's own units.
+    """One document of keys `top`, of which `tables` are tables; `response` and `drive` are the log's own
+    units.
 
     Each method raises SceneError that names the file and the key."""
 
@@ -94,7 +95,11 @@ class Reader:
             self.known("plant", table, ("fit", "draw"))
             return fitted(self.path.parent / str(table["fit"]), table.get("draw"))
         self.known("plant", table, tuple(PLANT), units_too=True)
-        found = {name: self.number("plant", table, name, unit) for name, unit in PLANT.items() if self.key(table, name)}
+        found = {
+            name: self.number("plant", table, name, unit)
+            for name, unit in PLANT.items()
+            if self.key(table, name)
+        }
         missing = [name for name in ("G", "tau", "f0") if name not in found]
         if missing:
             self.refuse(f"plant.{missing[0]}", None, "a number, or plant.fit = 'fit.json'")
@@ -108,12 +113,16 @@ class Reader:
             name, _, unit = key.partition("_")
             if name not in NOUNS:
                 self.refuse(
-                    f"inputs.{key}", key, f"one of {', '.join(NOUNS)}, with its unit{units.did_you_mean(name, list(NOUNS))}"
+                    f"inputs.{key}",
+                    key,
+                    f"one of {', '.join(NOUNS)}, with its unit{units.did_you_mean(name, list(NOUNS))}",
                 )
             quantity = NOUNS[name]
             if quantity in found:
                 self.refuse(f"inputs.{key}", f"the {quantity} twice", "it once")
-            wanted = {"drive": self.units["drive"], "duty": "1", "contact": "1"}.get(name if name == "duty" else quantity)
+            wanted = {"drive": self.units["drive"], "duty": "1", "contact": "1"}.get(
+                name if name == "duty" else quantity
+            )
             wanted = wanted or units.INTERNAL[quantity]
             found[quantity] = self.profile(f"inputs.{key}", value, unit or wanted, wanted)
         return found
@@ -122,7 +131,8 @@ class Reader:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return self.made(key, [0.0], [value], True, unit, wanted)
         forms = (
-            "a number, {steps = [[time, value], ...]}, {ramp = [[time, value], ...]}, that with every = time (a ramp in stairs)"
+            "a number, {steps = [[time, value], ...]}, {ramp = [[time, value], ...]}, that with every ="
+            " time (a ramp in stairs)"
             " or {csv = 'file.csv', column = 'name'}"
         )
         if not isinstance(value, dict):
@@ -136,7 +146,9 @@ class Reader:
             self.refuse(key, value, forms)
         pairs = value[form]
         for i, pair in enumerate(pairs if isinstance(pairs, list) else [None]):
-            if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, int | float) for x in pair)):
+            if not (
+                isinstance(pair, list) and len(pair) == 2 and all(isinstance(x, int | float) for x in pair)
+            ):
                 self.refuse(f"{key}.{form}[{i}]", pair, "[time in s, value]")
         if not pairs:
             self.refuse(f"{key}.{form}", pairs, "one [time, value] or more")
@@ -160,13 +172,21 @@ class Reader:
         for name in names:
             if name not in frame:
                 near = units.did_you_mean(name, list(frame.columns))
-                self.refuse(f"{key}.csv", f"no column {name!r} in {path}", f"one of {', '.join(map(str, frame.columns))}{near}")
+                self.refuse(
+                    f"{key}.csv",
+                    f"no column {name!r} in {path}",
+                    f"one of {', '.join(map(str, frame.columns))}{near}",
+                )
         times, values = (pd.to_numeric(frame[name], errors="coerce").to_numpy(float) for name in names)
         return self.made(f"{key}.csv", times, values, bool(value.get("held", False)), unit, wanted)
 
-    def made(self, key: str, times: Iterable, values: Iterable, held: bool, unit: str, wanted: str) -> Profile:
+    def made(
+        self, key: str, times: Iterable, values: Iterable, held: bool, unit: str, wanted: str
+    ) -> Profile:
         try:
-            return Profile(np.asarray(times, float), self.convert(np.asarray(values, float), unit, wanted), held)
+            return Profile(
+                np.asarray(times, float), self.convert(np.asarray(values, float), unit, wanted), held
+            )
         except ValueError as error:
             raise SceneError(f"{self.path}: {key}: {error}") from None
 
@@ -176,7 +196,9 @@ class Reader:
         for name, table in tables.items():
             key = f"effects.{name}"
             if name not in EFFECTS:
-                self.refuse(key, name, f"one of {', '.join(EFFECTS)}{units.did_you_mean(name, list(EFFECTS))}")
+                self.refuse(
+                    key, name, f"one of {', '.join(EFFECTS)}{units.did_you_mean(name, list(EFFECTS))}"
+                )
             if isinstance(table, list) and getattr(EFFECTS[name], "repeats", False):
                 further += [self.one(f"{key}[{i}]", EFFECTS[name], each) for i, each in enumerate(table)]
             else:
@@ -186,7 +208,11 @@ class Reader:
             found["finger_detuning"] = dataclasses.replace(found["finger_detuning"], finger=finger)
         if "self_heating" in found:
             if not units.same_kind(self.units["response"], "m"):
-                self.refuse("effects.self_heating", f"a response in {self.units['response']}", "a length: heat needs a velocity")
+                self.refuse(
+                    "effects.self_heating",
+                    f"a response in {self.units['response']}",
+                    "a length: heat needs a velocity",
+                )
             metres = float(units.convert(1.0, self.units["response"], "m"))
             found["self_heating"] = dataclasses.replace(found["self_heating"], **{"metres": metres})
         return (*found.values(), *further)
@@ -230,7 +256,9 @@ class Reader:
         if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
             self.refuse(f"{table}.{key}", value, "a number")
         try:
-            return float(self.convert(float(value), _unit(key[len(name) + 1 :]) or self.own(unit), self.own(unit)))
+            return float(
+                self.convert(float(value), _unit(key[len(name) + 1 :]) or self.own(unit), self.own(unit))
+            )
         except ValueError as error:
             raise SceneError(f"{self.path}: {table}.{key}: {error}") from None
 
@@ -240,7 +268,9 @@ class Reader:
     @staticmethod
     def key(values: Mapping[str, Any], name: str) -> str | None:
         """The key that states `name`, with or without a unit."""
-        return next((k for k in values if k == name), None) or next((k for k in values if k.startswith(f"{name}_")), None)
+        return next((k for k in values if k == name), None) or next(
+            (k for k in values if k.startswith(f"{name}_")), None
+        )
 
     def convert(self, value: Any, unit: str, wanted: str) -> Any:
         if unit == wanted:
@@ -249,12 +279,16 @@ class Reader:
             raise ValueError(f"found the unit {unit!r}, expected {wanted} or another of its kind")
         return np.vectorize(_tidy, otypes=[float])(units.convert(value, unit, wanted))
 
-    def known(self, table: str, values: Mapping[str, Any], names: tuple[str, ...], units_too: bool = False) -> None:
+    def known(
+        self, table: str, values: Mapping[str, Any], names: tuple[str, ...], units_too: bool = False
+    ) -> None:
         """Refuse a key that is none of `names`: a slip of the pen must not be an effect that is missing."""
         for key in values:
             if key not in names and not (units_too and any(key.startswith(f"{n}_") for n in names)):
                 where = f"{table}.{key}" if table else key
-                self.refuse(where, "an unknown key", f"one of {', '.join(names)}{units.did_you_mean(key, names)}")
+                self.refuse(
+                    where, "an unknown key", f"one of {', '.join(names)}{units.did_you_mean(key, names)}"
+                )
         for name in names if units_too else ():
             stated = [k for k in values if k == name or (k.startswith(f"{name}_") and k not in names)]
             if len(stated) > 1:
@@ -280,12 +314,16 @@ def listed() -> str:
     """Every effect with its defaults, as TOML, for a response in um and a drive in V."""
     lines = []
     for name, cls in EFFECTS.items():
-        lines += [f"# {line.strip()}".rstrip() for line in (cls.__doc__ or "").strip().splitlines()] + [f"[effects.{name}]"]
+        lines += [f"# {line.strip()}".rstrip() for line in (cls.__doc__ or "").strip().splitlines()] + [
+            f"[effects.{name}]"
+        ]
         for f in dataclasses.fields(cls):
             if f.metadata.get("given"):
                 continue
             unit = re.sub(
-                r"response|drive", lambda found: {"response": "um", "drive": "V"}[found[0]], f.metadata.get("unit", "1")
+                r"response|drive",
+                lambda found: {"response": "um", "drive": "V"}[found[0]],
+                f.metadata.get("unit", "1"),
             )
             key = (
                 f.name
@@ -309,7 +347,11 @@ def fitted(path: Path, draw: int | None = None) -> Plant:
             import h5netcdf
 
             with h5netcdf.File(path.parent / "posterior.nc", "r") as file:
-                drawn = {name: np.asarray(v).ravel() for name, v in file["posterior"].variables.items() if name in values}
+                drawn = {
+                    name: np.asarray(v).ravel()
+                    for name, v in file["posterior"].variables.items()
+                    if name in values
+                }
             values |= {name: float(v[draw]) for name, v in drawn.items()}
     except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read as a fit: {error!r}") from None

@@ -10,7 +10,9 @@ from sysid.trials.trial import Trial, freedom
 from sysid.trials.whitening import joined, whitened
 
 
-def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False) -> tuple[Groups, list[list[int]]]:
+def group(
+    trials: Sequence[Trial], reference: tuple[float, float], *, low_q: bool = False
+) -> tuple[Groups, list[list[int]]]:
     """Stack the trials by layout. Returns the groups and, for each, the positions of its logs in `trials`.
 
     `low_q`: with the fast mode's ripple.
@@ -18,7 +20,9 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: boo
     rows = _sizes([len(t.log) + SPARE + max(t.smoothing[1], 0) for t in trials], [t.steady for t in trials])
     most = max((len(t.inputs.drive) for t in trials if not t.steady), default=0)
     intervals = FEW if most <= FEW else bucket(most, 64)
-    swept = any(t.sideways < 1 for t in trials)  # then all share what these need: one layout less is a smaller program
+    swept = any(
+        t.sideways < 1 for t in trials
+    )  # then all share what these need: one layout less is a smaller program
     stacks: dict[Layout, list[tuple[int, Experiment]]] = {}
     for i, trial in enumerate(trials):
         size = (rows[i], rows[i] if trial.steady else intervals)
@@ -27,7 +31,9 @@ def group(trials: Sequence[Trial], reference: tuple[float, float], *, low_q: boo
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
         xs = [x for _, x in stack]
-        blank = xs[0]._replace(now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(()))
+        blank = xs[0]._replace(
+            now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(())
+        )
         xs += [blank] * (bucket(len(xs)) - len(xs))
         stacked = [np.array(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
         inputs = len(Hold._fields)
@@ -42,13 +48,15 @@ def split(groups: Groups) -> tuple[tuple[Layout, ...], tuple[Experiment, ...]]:
 
 
 def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
-    """Rows that each log is padded to: as many as the longest of its kind has, unless that is over twice its own."""
+    """Rows that each log is padded to: as many as the longest of its kind has, unless that is over twice its
+    own."""
     pairs = list(zip(lengths, kinds, strict=True))
     return [bucket(max(m for m, other in pairs if other == kind and m <= 2 * n), 64) for n, kind in pairs]
 
 
 def bucket(n: int, least: int = 1) -> int:
-    """The next of four sizes per octave, 8, 10, 12, 14, 16, ..., so that logs of new lengths find a compiled program."""
+    """The next of four sizes per octave, 8, 10, 12, 14, 16, ..., so that logs of new lengths find a compiled
+    program."""
     step = 1 << max((max(n, least) - 1).bit_length() - 3, 0)
     return max(-(-n // step) * step, least)
 
@@ -58,13 +66,19 @@ def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
     return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
 
 
-COLUMNS = 3  # offset, feedthrough, slope or baseline, and one more for each pole of a filter: absent ones are zero
+COLUMNS = (
+    3  # offset, feedthrough, slope or baseline, and one more for each pole of a filter: absent ones are zero
+)
 SPARE = COLUMNS + OWN  # rows of the priors
-KNOWN = 1e6  # degrees of freedom of a level that is known: sums of squares S of a log beside it make exp(-S/2)
+KNOWN = (
+    1e6  # degrees of freedom of a level that is known: sums of squares S of a log beside it make exp(-S/2)
+)
 FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
-def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool) -> tuple[Layout, Experiment]:
+def _experiment(
+    trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool
+) -> tuple[Layout, Experiment]:
     (rows, intervals), noise, keep = size, trial.noise, trial.noise.order
     amplitude = not trial.signed
     own_gain = trial.steady and trial.log.drive is None
@@ -75,7 +89,19 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
     apart, toward = bool(noise.levels), trial.turn / (abs(trial.turn) or 1.0)
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
-    flags = (amplitude, own_gain, both, carrier, late, trial.touched, apart, split, order, len(extra), trial.steady)
+    flags = (
+        amplitude,
+        own_gain,
+        both,
+        carrier,
+        late,
+        trial.touched,
+        apart,
+        split,
+        order,
+        len(extra),
+        trial.steady,
+    )
     now, before = noise.whitening()
     y = trial.log.response[noise.used] if amplitude else np.asarray(trial.log.response[noise.used], complex)
     y = _pad(whitened(y, now, before), rows)
@@ -96,7 +122,9 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
         start=np.asarray(complex(trial.start) / trial.started),
         floor=np.asarray(trial.lift),
         late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
-        offset=np.asarray(complex(trial.offset)) if trial.alongside is None else _pad(trial.alongside[keep], rows),
+        offset=np.asarray(complex(trial.offset))
+        if trial.alongside is None
+        else _pad(trial.alongside[keep], rows),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
         offset_free=np.asarray(trial.standing * trial.prior("offset") / trial.looseness),
@@ -106,10 +134,13 @@ def _experiment(trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, sw
 
 
 def _tied(trial: Trial, hold: Hold) -> np.ndarray:
-    """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros if it has none."""
+    """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros
+    if it has none."""
     if not (trial.tied and "thermometer" in trial.extra):
         return np.zeros(3)
-    return np.array([trial.resonance, np.mean(hold.warming[hold.interval]), 1 / trial.extra["thermometer"].prior])
+    return np.array(
+        [trial.resonance, np.mean(hold.warming[hold.interval]), 1 / trial.extra["thermometer"].prior]
+    )
 
 
 def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:

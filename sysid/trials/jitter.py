@@ -1,13 +1,14 @@
-"""Phase noise: a reference that jitters by phi(t) turns the response, adding j phi W, which is not additive noise.
+"""Phase noise: a reference that jitters by phi(t) turns the response, adding j phi W, which is not additive
+noise.
 
-It lies across the response, grows with it, and is shared by neighbouring rows. phi is modelled as an Ornstein-Uhlenbeck process
-in white noise of level sigma. In the frame of the modelled response, W = |W| u,
+It lies across the response, grows with it, and is shared by neighbouring rows. phi is modelled as an
+Ornstein-Uhlenbeck process in white noise of level sigma. In the frame of the modelled response, W = |W| u,
 
     Re(r u*) = e_1            Im(r u*) = |W| phi + e_2
 
-so the likelihood of a residual r is that of a Markov process in noise. As in `trials.noise` it is the restricted likelihood, in
-which all that the fit can adjust is integrated out. Jitter is reported where it is likelier than additive noise of the fitted
-colour.
+so the likelihood of a residual r is that of a Markov process in noise. As in `trials.noise` it is the
+restricted likelihood, in which all that the fit can adjust is integrated out. Jitter is reported where it is
+likelier than additive noise of the fitted colour.
 
 The fit keeps its weights W. Its estimates stay unbiased, with the covariance of `trials.projected` for
 
@@ -24,16 +25,23 @@ from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, whitened
 
-APART = 1e-9  # of the largest eigenvalue of the information: smaller ones belong to columns that are sums of others
+# of the largest eigenvalue of the information: smaller ones belong to columns that are sums of others
+APART = 1e-9
 LEAST = 40  # rows: the least that show a colour differing between the channels
-SUSPECT = 1.5  # standard deviations of the channels' difference in white noise, below which the likelihood is not evaluated
+# standard deviations of the channels' difference in white noise, below which the likelihood is not evaluated
+SUSPECT = 1.5
 TWO = 1.0  # further log-likelihood to be gained by two numbers, a size and a time
-SHORTEST, LONGEST, TIMES = 0.2, 0.3, 10  # range of correlation times, in rows and as a share of the log, and how many are tried
+SHORTEST, LONGEST, TIMES = (
+    0.2,
+    0.3,
+    10,
+)  # range of correlation times, in rows and as a share of the log, and how many are tried
 SIZES = np.geomspace(0.3, 100.0, 10)  # tried ratios of |W| phi at the largest response to sigma
 
 
 def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
-    """The phase noise of a d/q log whose modelled rows are `model` (n,); None where it is not worth two numbers."""
+    """The phase noise of a d/q log whose modelled rows are `model` (n,); None where it is not worth two
+    numbers."""
     seen = _likeliest(trial, model, course)
     return seen and seen._replace(left=_efficiency(trial, model, course, seen))
 
@@ -75,11 +83,16 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
 
 
 def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
-    """The share of the stated information on G, tau and f0 that is left; the least of the three, at most 1."""
+    """The share of the stated information on G, tau and f0 that is left; the least of the three, at most
+    1."""
     used = trial.noise.used
     made = (course.design() * trial.turn)[used].T
     made = np.concatenate([made, 1j * made])
-    plant = [0, 1, len(made) // 2 + 1]  # by log G, the decay's rate and what turns with the resonance; not the rotation
+    plant = [
+        0,
+        1,
+        len(made) // 2 + 1,
+    ]  # by log G, the decay's rate and what turns with the resonance; not the rotation
     norm = np.linalg.norm(made, axis=1, keepdims=True)
     made = made / np.where(norm > 0, norm, 1.0)
     now, before = trial.noise.whitening()
@@ -96,7 +109,8 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
 
 
 def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
-    """Whether a strong response has more residual across it than along it, or neighbours that share more of it."""
+    """Whether a strong response has more residual across it than along it, or neighbours that share more of
+    it."""
     strong = size**2 / np.mean(size**2)
     power = np.stack([across.imag**2 - across.real**2, np.zeros(len(size))])
     power[1, 1:] = across.imag[1:] * across.imag[:-1] - across.real[1:] * across.real[:-1]
@@ -105,7 +119,8 @@ def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
 
 
 def _plain(trial: Trial, rows: np.ndarray) -> float:
-    """`_restricted`, with its determinant, of rows (C, n) in additive noise of the colour and the channels that the fit has."""
+    """`_restricted`, with its determinant, of rows (C, n) in additive noise of the colour and the channels
+    that the fit has."""
     now, before = trial.noise.whitening()
     white = whitened(rows, now, before)
     both = now if np.iscomplexobj(now) else now * (1 + 1j)
@@ -113,9 +128,12 @@ def _plain(trial: Trial, rows: np.ndarray) -> float:
     return float(_restricted((white @ white.conj().T).real[None], rows.shape[1])[0][0]) - volume
 
 
-def _left(rows: np.ndarray, share: np.ndarray, steps: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of rows y (C, n) that hold `share` (n,) of an OU process beside unit noise, of sizes and times (P, 2) of the process: their
-    Gram matrices in the inverse of that covariance V, (P, C, C), and half the logarithm of its determinant, (P,).
+def _left(
+    rows: np.ndarray, share: np.ndarray, steps: np.ndarray, grid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows y (C, n) that hold `share` (n,) of an OU process beside unit noise, of sizes and times (P, 2)
+    of the process: their Gram matrices in the inverse of that covariance V, (P, C, C), and half the logarithm
+    of its determinant, (P,).
 
     The inverse of an OU process' own covariance K is tridiagonal: with D = diag(share) and T = 1/K + D^2,
 
@@ -135,8 +153,9 @@ def _left(rows: np.ndarray, share: np.ndarray, steps: np.ndarray, grid: np.ndarr
 
 
 def _restricted(grams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Minus the restricted log-likelihood, its level integrated out, less the determinant, (P,), and the level (P,), of the Gram
-    matrices (P, C, C) of whitened rows of two channels of n: a basis of what the fit can make and, last, the residual."""
+    """Minus the restricted log-likelihood, its level integrated out, less the determinant, (P,), and the
+    level (P,), of the Gram matrices (P, C, C) of whitened rows of two channels of n: a basis of what the fit
+    can make and, last, the residual."""
     factors = np.linalg.cholesky(grams * (1 + ROUNDING * np.eye(grams.shape[1])))
     diagonal = np.diagonal(factors, axis1=1, axis2=2)
     freedom = 2 * n - grams.shape[1] + 1

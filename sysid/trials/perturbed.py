@@ -1,12 +1,13 @@
 """The response of a log at theta, in plain numpy, and how a small change of the physics alters it.
 
-The model is that of the fit, `model.plant.respond`. Near theta the slow mode obeys Z' = s Z + b V. A change of the physics that
-adds epsilon c(t) to s changes the response by epsilon dZ,
+The model is that of the fit, `model.plant.respond`. Near theta the slow mode obeys Z' = s Z + b V. A change
+of the physics that adds epsilon c(t) to s changes the response by epsilon dZ,
 
     dZ = (Z[s + epsilon c] - Z[s - epsilon c]) / (2 epsilon),
 
-with c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on. The derivatives by tau, f0 and
-k_T are such changes too. What changes from row to row is held between rows at its value halfway.
+with c = j |Z|^2 for a resonance that moves with the amplitude, j t for one that drifts, and so on. The
+derivatives by tau, f0 and k_T are such changes too. What changes from row to row is held between rows at its
+value halfway.
 """
 
 from dataclasses import dataclass, field, replace
@@ -21,14 +22,17 @@ from sysid.rows.hold import Hold, cut, read_at
 from sysid.trials.trial import Trial
 
 LEAST = 1e-9  # of a shape: less is rounding
-STEP = 1e-4  # of 1/tau: the step of a central difference, whose error is its square, and which costs four digits of sixteen
+# of 1/tau: the step of a central difference, whose error is its square, and which costs four digits of
+# sixteen
+STEP = 1e-4
 FAR = 1e150  # rad/s, a carrier so fast that only the slow mode is left
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The response of one log at theta, per unit rotation, as `model.likelihood.basis` computes it; arrays over the rows (n,). At
-    low Q the fast mode is taken as settled: how it rings depends on the carrier's phase, which may be far off."""
+    """The response of one log at theta, per unit rotation, as `model.likelihood.basis` computes it; arrays
+    over the rows (n,). At low Q the fast mode is taken as settled: how it rings depends on the carrier's
+    phase, which may be far off."""
 
     trial: Trial
     hold: Hold = field(repr=False)
@@ -71,7 +75,11 @@ class Course:
     def warmer(self) -> float:
         """By how many degC the plate is warmer than read, where the log has a resonance of its own."""
         drift = self.theta[3]
-        return (self.trial.resonance - self.theta[2]) / drift - self.warming if self.trial.tied and drift else 0.0
+        return (
+            (self.trial.resonance - self.theta[2]) / drift - self.warming
+            if self.trial.tied and drift
+            else 0.0
+        )
 
     @property
     def pole(self) -> np.ndarray:
@@ -94,7 +102,8 @@ class Course:
 
     @property
     def free(self) -> np.ndarray:
-        """Decay of a unit start at the first interval; in units of the settled response where the log began settled."""
+        """Decay of a unit start at the first interval; in units of the settled response where the log began
+        settled."""
         return self.response.free
 
     @property
@@ -105,7 +114,9 @@ class Course:
     @cached_property
     def envelope(self) -> "Course":
         """The same in the approximation of a slowly varying envelope, without terms of order 1/Q."""
-        return replace(self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan)))
+        return replace(
+            self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan))
+        )
 
     def later(self, delay: float) -> np.ndarray:
         """`forced` with a further `delay` (s), which may be negative."""
@@ -113,8 +124,8 @@ class Course:
         return replace(self, hold=read_at(self.hold, log.time, log.bench.get("delay_s", 0.0) + delay)).forced
 
     def behind(self, taus: np.ndarray, order: int) -> np.ndarray:
-        """(n, K) `forced` behind `order` poles of a lock-in's filter with each of the time constants (K,), whatever the log
-        states."""
+        """(n, K) `forced` behind `order` poles of a lock-in's filter with each of the time constants (K,),
+        whatever the log states."""
         return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
     @cached_property
@@ -128,12 +139,17 @@ class Course:
         return replace(self, hold=self.hold._replace(drive=drive)).forced
 
     def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None) -> Response:
-        """Response of each row, (n,) or (n, K), with `rates` (M,) or (M, K), rad/s, added to the slow pole. `filter`: time
-        constant and number of poles, instead of the stated ones."""
+        """Response of each row, (n,) or (n, K), with `rates` (M,) or (M, K), rad/s, added to the slow pole.
+        `filter`: time constant and number of poles, instead of the stated ones."""
         trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
-        own = [v if rates.ndim == 1 else v[:, None] for v in (self.damped / self.tau, self.detuning, hold.drive / self.tau)]
+        own = [
+            v if rates.ndim == 1 else v[:, None]
+            for v in (self.damped / self.tau, self.detuning, hold.drive / self.tau)
+        ]
         if rates.ndim > 1:
-            hold = hold._replace(**{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"})
+            hold = hold._replace(
+                **{k: v[:, None] for k, v in hold._asdict().items() if np.ndim(v) and k != "interval"}
+            )
         tau, detuning = 1 / (own[0] - rates.real), own[1] + rates.imag
         omega = np.where(np.isfinite(hold.omega), hold.omega, FAR)
         hold = hold._replace(omega=omega, drive=own[2] * tau, smoothing=smoothing)
@@ -146,8 +162,8 @@ class Course:
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 
     def changed(self, rates: np.ndarray, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
-        """(n,) or (n, K): by how much `rates` (M,) or (M, K), rad/s, added to the slow pole change forced + start free + late
-        rate."""
+        """(n,) or (n, K): by how much `rates` (M,) or (M, K), rad/s, added to the slow pole change forced +
+        start free + late rate."""
         each = rates if rates.ndim > 1 else rates[:, None]
         size = np.max(np.abs(each), axis=0) * self.tau
         step = STEP / np.where(size > 0, size, 1.0)
@@ -177,8 +193,8 @@ class Course:
         return cut(self.hold)
 
     def design(self) -> np.ndarray:
-        """(n, K) derivatives of this log by all that the fit can adjust, plant and nuisances; real or complex as its coefficients
-        are."""
+        """(n, K) derivatives of this log by all that the fit can adjust, plant and nuisances; real or complex
+        as its coefficients are."""
         trial = self.trial
         shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
         if not trial.steady:
@@ -195,11 +211,21 @@ class Course:
         """(n, 6) of forced + start free + late rate by the six components of theta."""
         hold, tau = self.hold, self.tau
         turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
-        rates = (self.damped / tau, turning, turning * hold.warming, -hold.contact / tau, turning * hold.contact)
+        rates = (
+            self.damped / tau,
+            turning,
+            turning * hold.warming,
+            -hold.contact / tau,
+            turning * hold.contact,
+        )
         found = np.zeros((len(self.forced), 1 + len(rates)), complex)
         some = [k for k, x in enumerate(rates) if np.any(x)]
-        found[:, 1 + np.array(some)] = self.changed(np.stack([rates[k] for k in some], axis=1).astype(complex), start, late)
-        pushed = self.forced + late * self.rate + (start * self.free if self.trial.begun else 0.0)  # in proportion to b V
+        found[:, 1 + np.array(some)] = self.changed(
+            np.stack([rates[k] for k in some], axis=1).astype(complex), start, late
+        )
+        pushed = (
+            self.forced + late * self.rate + (start * self.free if self.trial.begun else 0.0)
+        )  # in proportion to b V
         found[:, 0] = 0.0 if self.trial.log.drive is None else pushed
         found[:, 1] -= pushed
         return found

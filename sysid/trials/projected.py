@@ -1,12 +1,14 @@
 """Coloured noise in amplitudes: how much less information they hold than the fit assumes.
 
-A demodulator's filter colours the noise n(t) of Wd + j Wq, an Ornstein-Uhlenbeck process. An amplitude shows only Re n e^{-j
-phi}, the part along the response, whose phase phi turns through a resonance. Two rows then share
+A demodulator's filter colours the noise n(t) of Wd + j Wq, an Ornstein-Uhlenbeck process. An amplitude shows
+only Re n e^{-j phi}, the part along the response, whose phase phi turns through a resonance. Two rows then
+share
 
     exp(-|t - t'|/noise_time) cos(phi - phi')
 
-while the fit assumes the first factor alone. Its estimates are those of generalized least squares with weights W for another
-covariance than the true one, S: they are unbiased, with the covariance (White, Econometrica 50, 1, 1982)
+while the fit assumes the first factor alone. Its estimates are those of generalized least squares with
+weights W for another covariance than the true one, S: they are unbiased, with the covariance (White,
+Econometrica 50, 1, 1982)
 
     (J^T W J)^-1 J^T W S W J (J^T W J)^-1        instead of (J^T W J)^-1
 """
@@ -20,8 +22,8 @@ from sysid.trials.whitening import whitened
 
 
 def efficiency(trial: Trial, course: Course) -> float:
-    """Information about the plant in a log of amplitudes, relative to what the fit states: the least over the parameters, at most
-    1."""
+    """Information about the plant in a log of amplitudes, relative to what the fit states: the least over the
+    parameters, at most 1."""
     noise, used = trial.noise, trial.noise.used
     now, before = noise.whitening()
     made = course.design()[used].T
@@ -38,7 +40,8 @@ def efficiency(trial: Trial, course: Course) -> float:
 
 
 def shared(steps: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The covariance of an Ornstein-Uhlenbeck process of variance 1 times v (n,); `steps` to each row, in correlation times."""
+    """The covariance of an Ornstein-Uhlenbeck process of variance 1 times v (n,); `steps` to each row, in
+    correlation times."""
     memory = np.exp(steps)
     backward = accumulated(np.append(0.0, memory[:0:-1]), v[::-1])[::-1]
     return accumulated(memory, v) + backward - v

@@ -1,4 +1,5 @@
-"""The update of each log in every round of a fit: its noise, its nuisances and its cost at the present theta."""
+"""The update of each log in every round of a fit: its noise, its nuisances and its cost at the present
+theta."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,10 +17,14 @@ from sysid.trials.whitening import Noise
 
 
 def update(
-    trials: Sequence[Trial], members: Sequence[Sequence[int]], found: Sequence[Residual], courses: Sequence[Course], round_: int
+    trials: Sequence[Trial],
+    members: Sequence[Sequence[int]],
+    found: Sequence[Residual],
+    courses: Sequence[Course],
+    round_: int,
 ) -> tuple[tuple[Trial, ...], tuple[np.ndarray, ...], float, float]:
-    """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the modelled rows of
-    each, the total cost, and the largest relative change."""
+    """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the
+    modelled rows of each, the total cost, and the largest relative change."""
     updated, models, cost, moved = list(trials), [t.log.response for t in trials], 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
         for k, i in enumerate(logs):
@@ -30,10 +35,18 @@ def update(
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             floor, late = float(detail.floor[k]), float(detail.late[k])
             offset = complex(detail.offset[k]) if trials[i].alongside is None else 0.0
-            new = replace(_renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn)
-            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i]).lifted(courses[i].plate)
+            new = replace(
+                _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn
+            )
+            new = (
+                renewed(new, courses[i], np.asarray(detail.extra[k]))
+                .floored(driven, models[i])
+                .lifted(courses[i].plate)
+            )
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
-            moved = max(moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3]))
+            moved = max(
+                moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3])
+            )
             updated[i] = new
     return tuple(updated), tuple(models), cost, moved
 
@@ -52,23 +65,33 @@ def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
     """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new."""
     if not trial.tied:
         return float(new.tied)
-    return abs(new.resonance - trial.resonance) / (abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny)
+    return abs(new.resonance - trial.resonance) / (
+        abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny
+    )
 
 
 def _cost(trial: Trial, model: np.ndarray, total: float) -> float:
-    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level integrated out."""
+    """Negative log-likelihood of one log whose whitened residual has the sum of squares `total`, its level
+    integrated out."""
     parts = replace(trial.noise, tail=None).parts
     channels = (1 if trial.log.amplitude_only else 2) / len(parts)
     shrink = sum(0.5 * np.sum(np.log1p(-(p.memory() ** 2))) - np.sum(np.log(p.weight[p.used])) for p in parts)
     dof = freedom(trial)
-    if trial.noise.rounded is not None:  # rows that share a rounding error count as one, and the level is known
+    if (
+        trial.noise.rounded is not None
+    ):  # rows that share a rounding error count as one, and the level is known
         shrink -= sum(np.sum(np.log(p.rounded[p.used])) for p in parts)
         least = [rounding.least(step) or p.std for step, p in zip(trial.steps, parts, strict=True)]
         level = numbers_left(trial) / len(parts) * np.sum(np.log(least))
         level += sum(n * np.log(p.std / low) for n, p, low in zip(freedoms(trial), parts, least, strict=True))
         return float(0.5 * (total - dof) + level + channels * shrink + _cost_of_outliers(trial, model))
     level = dof / len(parts) * sum(np.log(p.std) for p in parts)
-    return float(0.5 * dof * np.log(total / dof + trial.rounding) + level + channels * shrink + _cost_of_outliers(trial, model))
+    return float(
+        0.5 * dof * np.log(total / dof + trial.rounding)
+        + level
+        + channels * shrink
+        + _cost_of_outliers(trial, model)
+    )
 
 
 def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
@@ -82,10 +105,17 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 
 
 def _renew(
-    trial: Trial, model: np.ndarray, course: Course, start: complex, floor: float, late: float, offset: complex, round_: int
+    trial: Trial,
+    model: np.ndarray,
+    course: Course,
+    start: complex,
+    floor: float,
+    late: float,
+    offset: complex,
+    round_: int,
 ) -> Trial:
-    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also its floor and an
-    offset."""
+    """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also
+    its floor and an offset."""
     new = heard(trial, trial.as_recorded(model), course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
@@ -94,7 +124,10 @@ def _renew(
         share = 1 / (round_ - HELD + 1)
         start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
         offset = share * offset + (1 - share) * trial.offset
-    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there, but for an offset.
+    # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there, but
+    # for an offset.
     free = new.floor_free and not trial.floor_held and floor > 0
     held = (1 - new.noise.share if trial.floor_held else 1e-6) * new.noise.std**2
-    return replace(new, start=start, late=late, offset=offset, floor=floor if free else held, floor_free=bool(free))
+    return replace(
+        new, start=start, late=late, offset=offset, floor=floor if free else held, floor_free=bool(free)
+    )

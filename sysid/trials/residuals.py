@@ -30,18 +30,24 @@ from sysid.trials.whitening import joined
 
 MUCH = 0.3  # of a log's variation: a larger residual is not noise
 COARSE = 0.6  # of a recorder's step: less noise than this is mostly rounding somewhere in the log
-EARLY = 2  # rounds in which noise proportional to the response is looked for in a transient; later ones only refine it
-BEGINS = 5  # rows after a change that show no scatter of stamps: a response may begin differently, as behind a filter
+# rounds in which noise proportional to the response is looked for in a transient; later ones only refine it
+EARLY = 2
+# rows after a change that show no scatter of stamps: a response may begin differently, as behind a filter
+BEGINS = 5
 FEW = 100  # rows: fewer may look white although their noise is coloured enough to matter
 
 
 def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes, of an amplitude
-    log."""
-    decaying = trial.log.relative_noise and not trial.steady  # what a first model makes of a tail in dB is no level
+    """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes,
+    of an amplitude log."""
+    decaying = (
+        trial.log.relative_noise and not trial.steady
+    )  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = with_rounding(trial, model, round_) if any(trial.steps) else None
-    new = new or _with_noise_of(replace(trial, noise=replace(trial.noise, rounded=None, own=None)), model, course.design, round_)
+    new = new or _with_noise_of(
+        replace(trial, noise=replace(trial.noise, rounded=None, own=None)), model, course.design, round_
+    )
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
         return replace(new, noise=replace(new.noise, efficiency=efficiency(new, course)))
@@ -49,8 +55,9 @@ def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_:
 
 
 def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
-    """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional to the response, or
-    the effect of time stamps that scatter while the response moves. Where the log states it, it is known."""
+    """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional
+    to the response, or the effect of time stamps that scatter while the response moves. Where the log states
+    it, it is known."""
     if trial.noise.stated is not None:
         return trial
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
@@ -66,10 +73,16 @@ def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, 
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
-    """By how much a transient's time stamps scatter, over its noise level, judged from rows past which the response moves; and
-    how fast it moves, (n,). A scatter of more than a row has another cause."""
+    """By how much a transient's time stamps scatter, over its noise level, judged from rows past which the
+    response moves; and how fast it moves, (n,). A scatter of more than a row has another cause."""
     log, still = trial.log, (0.0, np.zeros(len(model)))
-    if trial.steady or trial.whole is not None or log.relative_noise or any(trial.steps) or trial.noise.time > 0:
+    if (
+        trial.steady
+        or trial.whole is not None
+        or log.relative_noise
+        or any(trial.steps)
+        or trial.noise.time > 0
+    ):
         return still
     rate = course.rate + trial.start * course.pole * course.free
     rate = trial.turn * rate if trial.signed else (rice.towards(course.plate, trial.lift) * rate).real + 0j
@@ -81,8 +94,8 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
 
 
 def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
-    """(n,) noise of each row over that of a strong response: Rice's, in a transient only where that is likelier than even
-    noise."""
+    """(n,) noise of each row over that of a strong response: Rice's, in a transient only where that is
+    likelier than even noise."""
     even = np.ones(len(model))
     if trial.signed or floor <= 0 or (trial.log.relative_noise and not trial.steady):
         return even
@@ -142,14 +155,16 @@ class _Residual(NamedTuple):
         return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
 
     def level(self, ratio: float, time: float | None, worth: float = WORTH) -> tuple[float, float]:
-        """Standard deviation and correlation time, with q's noise `ratio` times that of d. `time`: the correlation time, where it
-        is fixed; `worth`: the log-likelihood that colour must gain."""
+        """Standard deviation and correlation time, with q's noise `ratio` times that of d. `time`: the
+        correlation time, where it is fixed; `worth`: the log-likelihood that colour must gain."""
         even = _scaled(self.left, ratio)[self.used]
-        return estimate(even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth)
+        return estimate(
+            even, self.clock[self.used], freedom(self.trial), self.shapes if ratio == 1 else None, time, worth
+        )
 
     def outliers(self, ratio: float, time: float) -> tuple[np.ndarray, float, np.ndarray]:
-        """Weight of each row; the information per row, relative to normal noise; and which rows are not outliers of coloured
-        noise."""
+        """Weight of each row; the information per row, relative to normal noise; and which rows are not
+        outliers of coloured noise."""
         even = _scaled(self.left, ratio)
         weight, told = tails(independent(even, self.clock, time))
         regular = spikes(even, self.clock) if told < 1 else None
@@ -162,8 +177,8 @@ class _Residual(NamedTuple):
         return apart(self.left, weight)
 
     def levels(self, weight: np.ndarray, before: tuple[Level, ...], round_: int) -> tuple[Level, ...]:
-        """Noise of d and of q. The fit adjusts complex multiples of its shapes, which both channels share. Weighted rows have
-        white noise."""
+        """Noise of d and of q. The fit adjusts complex multiples of its shapes, which both channels share.
+        Weighted rows have white noise."""
         left, counted = (np.sqrt(weight) * self.left)[self.used], 0.5 * freedom(self.trial)
         held, clock = before if round_ > SETTLED else (), self.clock[self.used]
         shapes = None if held or np.any(weight != 1) else self.shapes()
@@ -180,9 +195,13 @@ class _Residual(NamedTuple):
 
 
 def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
-    """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided anew in each round
-    between the first and HELD; correlation times are fixed after SETTLED."""
-    trial = trial if round_ else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
+    """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided
+    anew in each round between the first and HELD; correlation times are fixed after SETTLED."""
+    trial = (
+        trial
+        if round_
+        else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
+    )
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = known.time if round_ > SETTLED else None
@@ -201,7 +220,9 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     even = not known.share and not known.scatter
     plain = time == 0 and told == 1 and ratio == 1 and even and found.trial.noise.left_out == found.trial.lost
     if plain and trial.signed and 0 < round_ <= SETTLED and len(found.left) < FEW:
-        std, time = found.level(ratio, held, -np.inf)  # too few rows to show a colour that matters: as likely as it is
+        std, time = found.level(
+            ratio, held, -np.inf
+        )  # too few rows to show a colour that matters: as likely as it is
     time = halfway(time, known.time) if round_ > WHOLE else time
     if chosen and np.iscomplexobj(found.left) and _is_noise(trial, model):
         ratio = found.apart(weight, time)
@@ -221,7 +242,8 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:
-    """Whether the residual is small enough to be noise: the error of a wrong model differs between d and q too."""
+    """Whether the residual is small enough to be noise: the error of a wrong model differs between d and q
+    too."""
     return bool(np.std(trial.log.response - model) < MUCH * np.std(trial.log.response))
 
 

@@ -1,4 +1,5 @@
-"""A `Trial`: one log as it is read, with the current estimates of its noise (`trials.whitening`) and of what the bench added."""
+"""A `Trial`: one log as it is read, with the current estimates of its noise (`trials.whitening`) and of what
+the bench added."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,16 +19,20 @@ from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
 LEAST_WARMING = 0.02  # degC; a smaller span of temperatures is one temperature
 LEAST_TOUCH = 0.05  # span of a finger's contact; less tells nothing of what it does
-DIED = 0.1  # of the response at the first row: if its inputs sustain no more than that, the log begins with a free decay
+# of the response at the first row: if its inputs sustain no more than that, the log begins with a free decay
+DIED = 0.1
 UNKNOWN = 0.05  # of the largest response: the noise level while nothing is known of it
 FLOOR = 1e-10  # of the largest response: the least noise level, above the model's rounding errors
 SLOPED = 8  # points of a sweep, of whose numbers plant, rotation, feedthrough and slope take half
-DECIBEL = {"steady": 0.999, "transient": 1 - 1e-8}  # share of the noise of a log in dB proportional to the response, at first
+DECIBEL = {
+    "steady": 0.999,
+    "transient": 1 - 1e-8,
+}  # share of the noise of a log in dB proportional to the response, at first
 
 
 class Extra(NamedTuple):
-    """An effect of `trials.extra`: its `shape` (n,) per unit of its number, not turned by the demodulator, and the number's prior
-    std."""
+    """An effect of `trials.extra`: its `shape` (n,) per unit of its number, not turned by the demodulator,
+    and the number's prior std."""
 
     shape: np.ndarray
     prior: float
@@ -55,15 +60,23 @@ class Trial:
     start: complex = 0.0  # in the plate's frame
     offset: complex = 0.0  # of d and q, under an amplitude, in the plate's frame
     standing: bool = False  # there is one
-    alongside: np.ndarray | None = field(default=None, repr=False)  # (n,) of a sweep: what else moves, in the plate's frame
+    alongside: np.ndarray | None = field(
+        default=None, repr=False
+    )  # (n,) of a sweep: what else moves, in the plate's frame
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
     resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
     under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of floor adds to a sweep
-    narrow: dict[str, float] = field(default_factory=dict)  # standard deviations of priors that are narrower than usual
-    extra: dict[str, Extra] = field(default_factory=dict, repr=False)  # what else may have been done to it, at the present plate
-    filter: tuple[complex, int] | None = None  # time constant (s) and poles of a lock-in's that is fitted; or `SECOND`
+    narrow: dict[str, float] = field(
+        default_factory=dict
+    )  # standard deviations of priors that are narrower than usual
+    extra: dict[str, Extra] = field(
+        default_factory=dict, repr=False
+    )  # what else may have been done to it, at the present plate
+    filter: tuple[complex, int] | None = (
+        None  # time constant (s) and poles of a lock-in's that is fitted; or `SECOND`
+    )
     turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
 
     @classmethod
@@ -72,11 +85,18 @@ class Trial:
         read = prepare(log, kind)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
-        rectified = kind != "steady" and log.frequency is None and log.response_unit not in OFFSET_UNITS and rice.rectified(log)
+        rectified = (
+            kind != "steady"
+            and log.frequency is None
+            and log.response_unit not in OFFSET_UNITS
+            and rice.rectified(log)
+        )
         share = DECIBEL[kind] if log.relative_noise else 0.0
         level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
         stated = _stated(read.log, log)
-        noise = Noise(clock_of(read.log), read.count, read.there, level, share=share, spread=spread, stated=stated)
+        noise = Noise(
+            clock_of(read.log), read.count, read.there, level, share=share, spread=spread, stated=stated
+        )
         return cls(
             read.log,
             kind,
@@ -95,13 +115,15 @@ class Trial:
         )
 
     def uncondensed(self) -> "Trial":
-        """The trial over all rows of the file, with the same noise but without the weights of single rows. The spread of each
-        row's noise, and its share of rounding errors, are interpolated from the means about it: a single row, with its own noise,
-        shows neither."""
+        """The trial over all rows of the file, with the same noise but without the weights of single rows.
+        The spread of each row's noise, and its share of rounding errors, are interpolated from the means
+        about it: a single row, with its own noise, shows neither."""
         if self.whole is None:
             return self
         read = prepare(self.whole, self.kind, len(self.whole))
-        rows = 1.0 if read.log.time is not None else len(read.log) / len(self.log)  # times are in rows where none is recorded
+        rows = (
+            1.0 if read.log.time is not None else len(read.log) / len(self.log)
+        )  # times are in rows where none is recorded
         noise = self.noise.of_rows(read.log, read.count, read.there, rows, _stated(read.log, self.whole))
         swept = self.steady and self.resonant
         now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
@@ -112,7 +134,9 @@ class Trial:
 
         spread, under, alongside = over(self.noise.spread), over(self.under), over(self.alongside)
         noise = replace(noise, spread=spread)
-        rounded = [np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None]
+        rounded = [
+            np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None
+        ]
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
         new = replace(self, extra={}, under=under, alongside=alongside)
@@ -129,22 +153,22 @@ class Trial:
 
     @property
     def undriven_sweep(self) -> bool:
-        """Amplitudes over frequency without a drive, like the spectrum of a plate moved by its own noise: they scatter in
-        proportion to their size, by half if none are averaged."""
+        """Amplitudes over frequency without a drive, like the spectrum of a plate moved by its own noise:
+        they scatter in proportion to their size, by half if none are averaged."""
         return self.steady and self.resonant and not self.signed and self.log.drive is None
 
     @property
     def lift(self) -> float:
-        """Square of the noise that lifts a mean amplitude (`model.rice`), as known so far; negligible where the log has a gain of
-        its own."""
+        """Square of the noise that lifts a mean amplitude (`model.rice`), as known so far; negligible where
+        the log has a gain of its own."""
         if self.steady and self.log.drive is None:
             return FLOOR * self.scale**2
         return self.floor or (1e-3 * self.scale) ** 2
 
     @property
     def rounding(self) -> float:
-        """Square of float64's rounding noise over the log's; 1 where the noise comes from a recorder's steps, so that its level
-        is known."""
+        """Square of float64's rounding noise over the log's; 1 where the noise comes from a recorder's steps,
+        so that its level is known."""
         return 1.0 if self.noise.rounded is not None else (FLOOR * self.scale / self.noise.std) ** 2
 
     @cached_property
@@ -159,8 +183,9 @@ class Trial:
 
     @property
     def floor_held(self) -> bool:
-        """The floor of an amplitude is its noise's: of a settled sweep, and of a ring-down alone on an offset, whose every row
-        shows that. In a step the offset's direction may be where what it adds has its largest; the free floor holds the rest."""
+        """The floor of an amplitude is its noise's: of a settled sweep, and of a ring-down alone on an
+        offset, whose every row shows that. In a step the offset's direction may be where what it adds has its
+        largest; the free floor holds the rest."""
         return self.steady or (self.standing and not self.driven)
 
     @property
@@ -202,7 +227,9 @@ class Trial:
     def since_change(self) -> np.ndarray:
         """Seconds since the inputs of each row of a transient last changed."""
         hold = self.inputs
-        return np.where(hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf)
+        return np.where(
+            hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf
+        )
 
     @property
     def changes(self) -> int:
@@ -218,8 +245,8 @@ class Trial:
 
     @cached_property
     def begun(self) -> bool:
-        """An amplitude log with more than an offset at its first, driven row: its start is relative to the settled response, and
-        in units of it."""
+        """An amplitude log with more than an offset at its first, driven row: its start is relative to the
+        settled response, and in units of it."""
         if not self.start_free or self.signed or not self.driven or self.inputs.drive[0] == 0:
             return False
         first = np.abs(self.log.response[self.inputs.interval == 0])
@@ -227,7 +254,8 @@ class Trial:
 
     @cached_property
     def at_one_frequency(self) -> bool:
-        """Settled d/q points at one frequency: they show only the sum of the plate's response and a feedthrough."""
+        """Settled d/q points at one frequency: they show only the sum of the plate's response and a
+        feedthrough."""
         if not (self.steady and self.signed and self.driven and "background" in self.nuisances):
             return False
         return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
@@ -247,9 +275,9 @@ class Trial:
 
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
-        """Known shapes (n,) of what the bench adds, by name: an offset; feedthrough of the drive and, over a sweep, its slope
-        (per Hz); a baseline that drifts (per s); what a lock-in's filter still holds from before a log that begins amid a
-        drive."""
+        """Known shapes (n,) of what the bench adds, by name: an offset; feedthrough of the drive and, over a
+        sweep, its slope (per Hz); a baseline that drifts (per s); what a lock-in's filter still holds from
+        before a log that begins amid a drive."""
         if self.under is not None:
             return {"floor": self.under}
         if not self.signed or (not self.driven and self.steady and not self.resonant):
@@ -295,19 +323,26 @@ class Trial:
         return drive[0] + smoothed(still - 1.0, still, step, hold, order, None, np).forced.real
 
     def _remembered(self) -> dict[str, np.ndarray]:
-        """How the initial states of the lock-in's filter die away, (n,) each: e^-x x^k for each of its poles."""
+        """How the initial states of the lock-in's filter die away, (n,) each: e^-x x^k for each of its
+        poles."""
         tau, order = self.smoothing
         x = (self.log.time - self.log.time[0]) / tau if order > 0 else self.log.time
         return {f"memory{k}": np.exp(-x) * x**k for k in range(order)}
 
     @property
     def extra_columns(self) -> dict[str, np.ndarray]:
-        """Shapes (n,) of the effects in `trials.extra`, scaled so that each coefficient's prior is as wide as `looseness`."""
-        return {name: e.shape * (e.prior / self.looseness) for name, e in self.extra.items() if name in self.nuisances}
+        """Shapes (n,) of the effects in `trials.extra`, scaled so that each coefficient's prior is as wide as
+        `looseness`."""
+        return {
+            name: e.shape * (e.prior / self.looseness)
+            for name, e in self.extra.items()
+            if name in self.nuisances
+        }
 
     @property
     def tied(self) -> bool:
-        """The log has a resonance of its own, tied to those of the other logs only by the error of its thermometer."""
+        """The log has a resonance of its own, tied to those of the other logs only by the error of its
+        thermometer."""
         return self.resonance is not None and "thermometer" in self.nuisances
 
     @property
@@ -317,7 +352,8 @@ class Trial:
 
     @cached_property
     def smoothing(self) -> tuple[complex, int]:
-        """Time constant (s) and number of poles of the lock-in's filter, stated or fitted; (0, 0) where it does not matter."""
+        """Time constant (s) and number of poles of the lock-in's filter, stated or fitted; (0, 0) where it
+        does not matter."""
         if self.filter is not None:
             return self.filter
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
@@ -325,8 +361,8 @@ class Trial:
 
     @cached_property
     def lateness(self) -> float:
-        """Standard deviation (s) of the prior of the lateness: a row, or the gap in which an input changed, combined with a
-        radian of the carrier. 0 where the lateness is known or nothing depends on it."""
+        """Standard deviation (s) of the prior of the lateness: a row, or the gap in which an input changed,
+        combined with a radian of the carrier. 0 where the lateness is known or nothing depends on it."""
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
         row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
@@ -335,9 +371,9 @@ class Trial:
 
     @cached_property
     def sideways(self) -> float:
-        """The same for the imaginary part of the lateness, over `lateness`. A trigger or a filter has none, and the carrier's
-        phase is within a radian; using this makes G and tau several times more accurate over a sweep. In a step it brings
-        nothing, and 1 is faster."""
+        """The same for the imaginary part of the lateness, over `lateness`. A trigger or a filter has none,
+        and the carrier's phase is within a radian; using this makes G and tau several times more accurate
+        over a sweep. In a step it brings nothing, and 1 is faster."""
         swept = self.resonant and not self.log.amplitude_only and np.ptp(self.log.frequency) > 0
         return min(self._radian / self.lateness, 1.0) if swept and self.lateness else 1.0
 
@@ -348,23 +384,26 @@ class Trial:
         return 1 / (2 * np.pi * highest) if highest else 0.0
 
     def prior(self, shape: str) -> float:
-        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the response. That of `extra`
-        is in its shape, as `extra_columns` has it."""
+        """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the
+        response. That of `extra` is in its shape, as `extra_columns` has it."""
         return self.looseness if shape in self.extra else min(self.looseness, self.narrow.get(shape, np.inf))
 
     @property
     def started(self) -> float:
-        """Standard deviation of the start's prior over `looseness`; of a start in units of the settled response that is one of
-        these."""
+        """Standard deviation of the start's prior over `looseness`; of a start in units of the settled
+        response that is one of these."""
         return (1.0 if self.begun else self.prior("start")) / self.looseness
 
     @cached_property
     def spans(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each part of the noise: an orthonormal basis (n + K, K) of the whitened columns of the used rows, with a row for
-        each prior, and the triangular factor R."""
+        """For each part of the noise: an orthonormal basis (n + K, K) of the whitened columns of the used
+        rows, with a row for each prior, and the triangular factor R."""
         columns = self.columns[:, self.noise.used]
         prior = np.diag([1 / self.prior(name) for name in self.shapes])
-        return [np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior])) for p in self.noise.parts]
+        return [
+            np.linalg.qr(np.concatenate([whitened(columns, *p.whitening()).T, prior]))
+            for p in self.noise.parts
+        ]
 
     def completed(self, driven: np.ndarray) -> np.ndarray:
         """The modelled rows: `driven`, the plate's, and the bench's columns at their optimum beside it."""
@@ -372,22 +411,27 @@ class Trial:
             return driven
         white = whitened((self.log.response - driven)[self.noise.used], *self.noise.whitening())
         channels = (white.real, white.imag) if self.noise.levels else (white,)
-        found = [np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)]
+        found = [
+            np.linalg.solve(r, q[: len(v)].T @ v) for (q, r), v in zip(self.spans, channels, strict=True)
+        ]
         return driven + joined(found) @ self.columns
 
     def lifted(self, plate: np.ndarray) -> "Trial":
-        """The amplitudes of a driven sweep with how their means rise with the noise's square, which is known as well as its
-        scatter tells it; `plate` (n,) is the plate's response."""
+        """The amplitudes of a driven sweep with how their means rise with the noise's square, which is known
+        as well as its scatter tells it; `plate` (n,) is the plate's response."""
         if not self.steady or self.signed or self.log.drive is None:
             return self
         under, error = rice.by_floor(plate, self.lift), 2 * self.noise.relative_error(numbers_left(self))
-        return replace(self, under=under, narrow=self.narrow | {"floor": self.lift * error * float(np.max(under))})
+        return replace(
+            self, under=under, narrow=self.narrow | {"floor": self.lift * error * float(np.max(under))}
+        )
 
     def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
-        """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model` (n,) all of it.
+        """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model`
+        (n,) all of it.
 
-        A floor is noise of a sensor, whose power adds to the plate's. With w^2 = |W|^2 + floor, the rise w - |W| is the floor
-        times a shape that depends on the floor: the one found before is used.
+        A floor is noise of a sensor, whose power adds to the plate's. With w^2 = |W|^2 + floor, the rise w -
+        |W| is the floor times a shape that depends on the floor: the one found before is used.
         """
         if not self.undriven_sweep or "background" not in self.nuisances:
             return self
@@ -422,7 +466,12 @@ def numbers_left(trial: Trial) -> int:
         columns += 2 * trial.start_free + 2 * trial.standing + (not trial.floor_held)
         return len(trial.log) - trial.noise.left_out - columns - late
     columns += len(trial.extra_columns)
-    taken = 2 * columns + 2 * trial.start_free + ("rotation" in trial.nuisances) + late * (2 if trial.sideways == 1 else 1)
+    taken = (
+        2 * columns
+        + 2 * trial.start_free
+        + ("rotation" in trial.nuisances)
+        + late * (2 if trial.sideways == 1 else 1)
+    )
     return 2 * (len(trial.log) - trial.noise.left_out) - taken
 
 
@@ -432,12 +481,14 @@ def numbers_taken(trial: Trial) -> float:
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
-    """The trial with a noise level (never below float64's resolution) and correlation time; `levels`: those of d and q."""
+    """The trial with a noise level (never below float64's resolution) and correlation time; `levels`: those
+    of d and q."""
     return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
 
 
 def _stated(log: Log, whole: Log) -> np.ndarray | None:
-    """(n,) noise of each row over the median of the whole log's, as it states them; None where it states none."""
+    """(n,) noise of each row over the median of the whole log's, as it states them; None where it states
+    none."""
     return None if log.std is None else log.std / np.median(whole.std)
 
 

@@ -13,8 +13,8 @@ from sysid.trials.noise import Level
 
 
 class Jitter(NamedTuple):
-    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside white noise of
-    `level` per channel; and the share of a log's information that it leaves."""
+    """Phase noise of `std` (rad) and of the correlation time `time`, in the unit of the log's clock, beside
+    white noise of `level` per channel; and the share of a log's information that it leaves."""
 
     std: float
     time: float
@@ -24,21 +24,34 @@ class Jitter(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """An Ornstein-Uhlenbeck process over the rows of one log, and how each row's noise differs from it. Arrays are (n,)."""
+    """An Ornstein-Uhlenbeck process over the rows of one log, and how each row's noise differs from it.
+    Arrays are (n,)."""
 
     clock: np.ndarray = field(repr=False)  # what orders it, as `clock_of` has it
     count: np.ndarray = field(repr=False)  # rows of the file that each row is the mean of
     kept: np.ndarray = field(repr=False)  # rows with a signal that are no outliers of coloured noise
     std: float  # per channel
     time: float = 0.0  # correlation time in the unit of `clock`; 0: white
-    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `std` is then its root mean square
+    levels: tuple[
+        Level, ...
+    ] = ()  # of d and q, where their noise differs: `std` is then its root mean square
     share: float = 0.0  # of its variance at the largest response, which is proportional to the response
-    spread: np.ndarray | None = field(default=None, repr=False)  # of each row's noise over the level, where it is not 1
+    spread: np.ndarray | None = field(
+        default=None, repr=False
+    )  # of each row's noise over the level, where it is not 1
     stated: np.ndarray | None = field(default=None, repr=False)  # the same, as the log states it of each row
-    rounded: np.ndarray | None = field(default=None, repr=False)  # the same as `spread` for rounding; complex of d and q
-    own: np.ndarray | None = field(default=None, repr=False)  # part of each row's noise that is not that of others, beside it
-    tail: np.ndarray | None = field(default=None, repr=False)  # weight of each row where the noise has outliers
-    efficiency: float = 1.0  # information of a row over that of one whose noise is as simple as the weights have it
+    rounded: np.ndarray | None = field(
+        default=None, repr=False
+    )  # the same as `spread` for rounding; complex of d and q
+    own: np.ndarray | None = field(
+        default=None, repr=False
+    )  # part of each row's noise that is not that of others, beside it
+    tail: np.ndarray | None = field(
+        default=None, repr=False
+    )  # weight of each row where the noise has outliers
+    efficiency: float = (
+        1.0  # information of a row over that of one whose noise is as simple as the weights have it
+    )
     jitter: Jitter | None = None  # of its phase
     scatter: float = 0.0  # s, by which the rows' time stamps do, over its level
 
@@ -78,11 +91,12 @@ class Noise:
 
     @cached_property
     def weight(self) -> np.ndarray:
-        """(n,) factor by which each row's noise is smaller than the level: for the mean of many rows, or where noise goes with
-        the response."""
+        """(n,) factor by which each row's noise is smaller than the level: for the mean of many rows, or
+        where noise goes with the response."""
         weight = np.sqrt(self.count)
         if self.time > 0 and np.any(self.count > 1):
-            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a row's.
+            # The variance of an OU process averaged over x correlation times is 2 (x - 1 + exp(-x))/x^2 of a
+            # row's.
             x = np.maximum(self.count * np.ptp(self.clock) / self.count.sum() / self.time, 1e-4)
             weight = np.sqrt(x**2 / (2 * (x + np.expm1(-x))))
         weight = weight if self.spread is None else weight / self.spread
@@ -105,8 +119,8 @@ class Noise:
         return float(np.sqrt((1 + square) / (1 - square) / (2 * max(dof, 1))))
 
     def whitening(self, coloured: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """(a, b) of `whitened` for the used rows, in units of the noise (OU, any time grid); complex where d and q have noise of
-        their own. `coloured`: False ignores what neighbours share."""
+        """(a, b) of `whitened` for the used rows, in units of the noise (OU, any time grid); complex where d
+        and q have noise of their own. `coloured`: False ignores what neighbours share."""
         if self.levels:
             now, before = zip(*(p.whitening(coloured) for p in self.parts), strict=True)
             return joined(now), joined(before)
@@ -122,9 +136,11 @@ class Noise:
         apart = np.iscomplexobj(self.rounded)  # which rows share their rounding is of d and of q
         return replace(new, rounded=None, own=None) if apart and not levels else new
 
-    def of_rows(self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float, stated: np.ndarray | None) -> "Noise":
-        """The same process over other rows of the log, without knowledge of single rows but what is `stated` of them. `scale`: of
-        the clock."""
+    def of_rows(
+        self, log: Log, count: np.ndarray, kept: np.ndarray, scale: float, stated: np.ndarray | None
+    ) -> "Noise":
+        """The same process over other rows of the log, without knowledge of single rows but what is `stated`
+        of them. `scale`: of the clock."""
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
         process = (self.std, scale * self.time, levels, self.share)
@@ -132,7 +148,8 @@ class Noise:
 
 
 def clock_of(log: Log) -> np.ndarray:
-    """What orders the noise: time, with equal stamps spread evenly; the row number where no time is recorded."""
+    """What orders the noise: time, with equal stamps spread evenly; the row number where no time is
+    recorded."""
     if log.time is None:
         return np.arange(len(log), dtype=float)
     if np.all(np.diff(log.time) > 0):
@@ -146,8 +163,8 @@ def clock_of(log: Log) -> np.ndarray:
 
 
 def uneven(share: float, response: np.ndarray) -> np.ndarray | None:
-    """(n,) noise of each row over that at the largest response, where a `share` of its variance is proportional to the response;
-    None for a share of zero."""
+    """(n,) noise of each row over that at the largest response, where a `share` of its variance is
+    proportional to the response; None for a share of zero."""
     if not share:
         return None
     size = np.abs(response)

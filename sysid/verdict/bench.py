@@ -1,7 +1,8 @@
-"""What the bench added to each log, with its error: rotation, offset, feedthrough, delay, the start, the noise.
+"""What the bench added to each log, with its error: rotation, offset, feedthrough, delay, the start, the
+noise.
 
-At the fit a log is linear in them, A nu + J (theta - theta_0) in whitened rows, each prior one row of A. With C the covariance of
-the plant's parameters from all logs, the covariance of nu is
+At the fit a log is linear in them, A nu + J (theta - theta_0) in whitened rows, each prior one row of A. With
+C the covariance of the plant's parameters from all logs, the covariance of nu is
 
     S + B C B^T,    S = (A^T A)^-1,    B = S A^T J
 
@@ -31,12 +32,13 @@ class _Shown(NamedTuple):
 
 
 def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
-    """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the demodulator beyond what
-    the log states; `drift`, `lag`, `gain`, `thermometer` those of
-    `trials.extra`; `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides), `baseline` (per s) and `start` have
-    d and q as the log records them, the start of an amplitude that is driven at its first row what it has beside the settled
-    response, along it and across, and an offset under an amplitude what it has along the response at resonance; `noise` is one
-    channel's standard deviation; where those of d and q differ it is their root mean square, with `noise_d` and `noise_q`."""
+    """Of each log, by name, what the bench added to it. `delay` (s) and `rotation` (deg) are those of the
+    demodulator beyond what the log states; `drift`, `lag`, `gain`, `thermometer` those of `trials.extra`;
+    `offset`, `feedthrough` (per unit of the drive), `slope` (per Hz besides), `baseline` (per s) and `start`
+    have d and q as the log records them, the start of an amplitude that is driven at its first row what it
+    has beside the settled response, along it and across, and an offset under an amplitude what it has along
+    the response at resonance; `noise` is one channel's standard deviation; where those of d and q differ it
+    is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
     return tuple(_of_one(view, state.spread) for view in View.each(state, fit.reference, coloured=True))
 
@@ -44,7 +46,10 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
 def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
     found = {}
     if view.columns:
-        values, errors = np.array([c.value for c in view.columns]), np.sqrt(np.diag(view.covariance(covariance)))
+        values, errors = (
+            np.array([c.value for c in view.columns]),
+            np.sqrt(np.diag(view.covariance(covariance))),
+        )
         for column, value, error in zip(view.columns, values, errors, strict=True):
             if shown := _shown(column.name, view.trial):
                 prior = min(column.prior * shown.factor, ANY_ANGLE if shown.name == "rotation" else np.inf)
@@ -54,7 +59,8 @@ def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
 
 
 def _noises(trial: Trial) -> dict[str, Parameter]:
-    """The level of the noise and, where d and q have their own, of each; the former is then their root mean square."""
+    """The level of the noise and, where d and q have their own, of each; the former is then their root mean
+    square."""
     unit, noise, parts = trial.log.response_unit, trial.noise, trial.noise.parts
     stds = np.array([p.std for p in parts])
     errors = stds * [p.relative_error(freedom(trial) / len(parts)) for p in parts]
@@ -66,12 +72,15 @@ def _noises(trial: Trial) -> dict[str, Parameter]:
 
 
 def _shown(name: str, trial: Trial) -> _Shown | None:
-    """None for what is no quantity of the bench (a gain, an amplitude's floor), or absent from a log of real rows."""
+    """None for what is no quantity of the bench (a gain, an amplitude's floor), or absent from a log of real
+    rows."""
     unit, drive = trial.log.response_unit, trial.log.drive_unit if trial.log.drive is not None else None
     kind, _, channel = name.partition("_")
     real = not np.iscomplexobj(trial.log.response)
     if kind in trial.extra and channel:
-        return None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
+        return (
+            None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
+        )
     if kind in ("gain", "floor") or kind.startswith("memory") or (real and channel == "q"):
         return None
     shown = kind if real else name
@@ -89,7 +98,12 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
 
 def _parameter(value: float, error: float, unit: str, prior: float) -> Parameter:
     if not np.isfinite(error) or error > TOLD * prior:
-        why = f"cannot tell, because the log says no more about it than what was assumed, {prior:.3g} {unit} about zero"
-        return Parameter(None, None, None, unit, False, f"{why}; record rows closer together, or a larger drive")
+        why = (
+            f"cannot tell, because the log says no more about it than what was assumed, {prior:.3g} {unit}"
+            f" about zero"
+        )
+        return Parameter(
+            None, None, None, unit, False, f"{why}; record rows closer together, or a larger drive"
+        )
     interval = (value - NORMAL95 * error, value + NORMAL95 * error)
     return Parameter(value, error, interval, unit, True)

@@ -1,27 +1,32 @@
-"""What the bench adds to a step, where nothing else separates it from the gain: two effects that would have to cancel.
+"""What the bench adds to a step, where nothing else separates it from the gain: two effects that would have
+to cancel.
 
-A step shows the level at which it settles, A = G + nu, and how it rises, B = G (1 + t/tau): the feedthrough nu, the lateness t
-and the gain are three unknowns for two numbers. With a lateness of up to a row, G would be known only to a row over tau, although
-A = B within the noise means that both are absent or that they cancel. Cancelling is the less likely the better A and B agree. So
-both get normal priors of one size s, in the unit of the response, from the difference that the log itself shows,
+A step shows the level at which it settles, A = G + nu, and how it rises, B = G (1 + t/tau): the feedthrough
+nu, the lateness t and the gain are three unknowns for two numbers. With a lateness of up to a row, G would be
+known only to a row over tau, although A = B within the noise means that both are absent or that they cancel.
+Cancelling is the less likely the better A and B agree. So both get normal priors of one size s, in the unit
+of the response, from the difference that the log itself shows,
 
     s^2 = |A - B|^2/2 + variance(A - B)        for each of Wd and Wq,
 
-and G is known about as well as A and B agree (empirical Bayes, Efron & Morris, JASA 70, 311, 1975). This is twice the unbiased
-s^2, with the noise added instead of subtracted: one number hardly shows the size of two, and an s that is too small does more
-harm than one that is too large. In a study of 60 logs each, with the lateness drawn from a row and an independent feedthrough, 97
-% of the intervals held the truth (with half of s^2: 85 %); on a bench without either, all did.
+and G is known about as well as A and B agree (empirical Bayes, Efron & Morris, JASA 70, 311, 1975). This is
+twice the unbiased s^2, with the noise added instead of subtracted: one number hardly shows the size of two,
+and an s that is too small does more harm than one that is too large. In a study of 60 logs each, with the
+lateness drawn from a row and an independent feedthrough, 97 % of the intervals held the truth (with half of
+s^2: 85 %); on a bench without either, all did.
 
-Real rows, those of a first-order log, show only one difference. The sum of two normal numbers of one size over their difference
-is a Student t of one degree of freedom: 95 % lie within 12.7 instead of 1.96, so s^2 is the unbiased (A - B)^2/2 times the square
-of that ratio. Several logs that leave G open show the size together, in seconds: in one of many the two may cancel by chance. The
-feedthrough of a bench affects G in all its logs and does not average out, so s^2 grows with their number. Where other logs
-determine G the priors stay wide; a feedthrough and a lateness that cancel there are taken for the simpler explanation, a gain of
-the log's own.
+Real rows, those of a first-order log, show only one difference. The sum of two normal numbers of one size
+over their difference is a Student t of one degree of freedom: 95 % lie within 12.7 instead of 1.96, so s^2 is
+the unbiased (A - B)^2/2 times the square of that ratio. Several logs that leave G open show the size
+together, in seconds: in one of many the two may cancel by chance. The feedthrough of a bench affects G in all
+its logs and does not average out, so s^2 grows with their number. Where other logs determine G the priors
+stay wide; a feedthrough and a lateness that cancel there are taken for the simpler explanation, a gain of the
+log's own.
 
-In the same way, a rest before the step that is short beside tau shows only the sum of an offset and of a plate that still rings:
-both get priors of the size of that sum. Settled points at one frequency show only the sum of the plate's response and a
-feedthrough, which is taken to be as large, per volt, as those of the other logs.
+In the same way, a rest before the step that is short beside tau shows only the sum of an offset and of a
+plate that still rings: both get priors of the size of that sum. Settled points at one frequency show only the
+sum of the plate's response and a feedthrough, which is taken to be as large, per volt, as those of the other
+logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,8 +61,8 @@ def tightened(state: State, reference: tuple[float, float], names: Sequence[str]
 
 
 def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Trial, ...]:
-    """The trials; those of settled points at one frequency with a feedthrough, whose prior is as wide as the feedthroughs in the
-    other logs. Unchanged where no log can show one."""
+    """The trials; those of settled points at one frequency with a feedthrough, whose prior is as wide as the
+    feedthroughs in the other logs. Unchanged where no log can show one."""
     if not any(t.at_one_frequency for t in state.trials):
         return state.trials
     squares = []
@@ -73,7 +78,9 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
         return state.trials
     size = float(np.sqrt(np.mean(squares)))
     return tuple(
-        replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))}) if t.at_one_frequency else t
+        replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))})
+        if t.at_one_frequency
+        else t
         for t in state.trials
     )
 
@@ -84,7 +91,8 @@ def loosened(trial: Trial) -> Trial:
 
 
 def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
-    """The nuisances, "late" or "start", that cause the error of G: without them it would be known much better."""
+    """The nuisances, "late" or "start", that cause the error of G: without them it would be known much
+    better."""
     if "G" not in free:
         return ()
     return tuple(name for name in may_cancel(state) if hangs_on((name,), state, reference, free))
@@ -100,7 +108,9 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
         kept = tuple(n for n in trial.nuisances if n not in names)
-        without = replace(trial, nuisances=kept, extra={n: shape for n, shape in trial.extra.items() if n not in names})
+        without = replace(
+            trial, nuisances=kept, extra={n: shape for n, shape in trial.extra.items() if n not in names}
+        )
         views.append(View(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
     variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])
@@ -108,8 +118,9 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
 
 
 def cancelling(view: View) -> tuple[float, float] | None:
-    """The gain of a log relative to the others if its feedthrough and its lateness cancel; and what that is worth in
-    log-likelihood, against a feedthrough of any phase and of the size seen. None where no feedthrough is seen."""
+    """The gain of a log relative to the others if its feedthrough and its lateness cancel; and what that is
+    worth in log-likelihood, against a feedthrough of any phase and of the size seen. None where no
+    feedthrough is seen."""
     if not (view.trial.signed and _step(view.trial, view.course.tau)):
         return None
     both = _Both.of_step(view)
@@ -131,8 +142,9 @@ def _rest(trial: Trial, tau: float) -> bool:
 
 
 class _Both(NamedTuple):
-    """Two effects that may cancel: the first of them, in the unit of the response; what is `left` of their sum, which the gain
-    does not affect; its error per channel. With the plant's parameters held, or of the covariance `plant` of theta."""
+    """Two effects that may cancel: the first of them, in the unit of the response; what is `left` of their
+    sum, which the gain does not affect; its error per channel. With the plant's parameters held, or of the
+    covariance `plant` of theta."""
 
     first: complex
     left: complex
@@ -169,18 +181,24 @@ def _of_each(both: Sequence[_Both], units: Sequence[float]) -> list[float]:
 
 
 def _common(both: Sequence[_Both], units: Sequence[float]) -> list[float]:
-    """The size that logs show together of what is alike in all of them in `units`, each log as sharply as its noise lets it."""
+    """The size that logs show together of what is alike in all of them in `units`, each log as sharply as its
+    noise lets it."""
     weight = np.array([(u / b.error) ** 2 for b, u in zip(both, units, strict=True)])
     squares = np.array([abs(b.left / u) ** 2 / b.channels for b, u in zip(both, units, strict=True)])
     square = float(weight @ squares / np.sum(weight))
     seen = float(np.sum(weight) ** 2 / np.sum(weight**2))
     factors = [1.0 if b.channels > 1 else 0.5 * (stdtrit(seen, 0.975) / NORMAL95) ** 2 for b in both]
-    return [float(np.sqrt(f * seen * square * u**2 + b.error**2)) for f, b, u in zip(factors, both, units, strict=True)]
+    return [
+        float(np.sqrt(f * seen * square * u**2 + b.error**2))
+        for f, b, u in zip(factors, both, units, strict=True)
+    ]
 
 
 def complex_of(view: View, name: str, factor: complex) -> np.ndarray:
     """The linear form that gives a complex coefficient from the columns of d and q."""
-    return np.array([factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns])
+    return np.array(
+        [factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns]
+    )
 
 
 def _rise(view: View) -> float:
@@ -189,7 +207,8 @@ def _rise(view: View) -> float:
 
 
 def _variance(views: Sequence[View], index: Sequence[int], prior: np.ndarray) -> float | None:
-    """Of log G, the numbers of theta at `index` free, with a prior of that precision; None where the logs do not part them."""
+    """Of log G, the numbers of theta at `index` free, with a prior of that precision; None where the logs do
+    not part them."""
     gram = sum(v.jacobian[:, index].T @ v.jacobian[:, index] for v in views) + prior
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram / np.outer(size, size)
@@ -203,8 +222,9 @@ def _one(view: View) -> float:
 
 
 class _Pair(NamedTuple):
-    """Two nuisances that may cancel: whether a log may hold both, by its tau; what it shows of them; the unit in which they are
-    alike in all logs, if so; their sizes in the unit of the response; the standard deviations of their priors."""
+    """Two nuisances that may cancel: whether a log may hold both, by its tau; what it shows of them; the unit
+    in which they are alike in all logs, if so; their sizes in the unit of the response; the standard
+    deviations of their priors."""
 
     held: Callable[[Trial, float], bool]
     both: Callable[[View, np.ndarray], _Both]
@@ -214,6 +234,12 @@ class _Pair(NamedTuple):
 
 
 PAIRS = {
-    "late": _Pair(_step, _Both.of_step, _rise, _common, lambda size, rise: {"feedthrough": size, "lateness": size / rise}),
+    "late": _Pair(
+        _step,
+        _Both.of_step,
+        _rise,
+        _common,
+        lambda size, rise: {"feedthrough": size, "lateness": size / rise},
+    ),
     "start": _Pair(_rest, _Both.of_rest, _one, _of_each, lambda size, _: {"offset": size, "start": size}),
 }

@@ -1,13 +1,14 @@
-"""How well the fit's description of the logs predicts them beside others with something left out, by leave-one-out.
+"""How well the fit's description of the logs predicts them beside others with something left out, by
+leave-one-out.
 
-A row left out is predicted from all others, without a new fit, as normal about its fitted value: with its leverage h the residual
-is r/(1 - h) and the variance sigma^2/(1 - h). The sum of the log densities is the elpd of a description (Vehtari, Gelman & Gabry,
-Stat. Comput. 27, 1413, 2017; exact for a linear model: Allen, Technometrics 16, 125, 1974). Descriptions are compared row by row,
-which gives their difference a standard error. The plant is linearised about the fit, and each log keeps the noise colour of the
-fit.
+A row left out is predicted from all others, without a new fit, as normal about its fitted value: with its
+leverage h the residual is r/(1 - h) and the variance sigma^2/(1 - h). The sum of the log densities is the
+elpd of a description (Vehtari, Gelman & Gabry, Stat. Comput. 27, 1413, 2017; exact for a linear model: Allen,
+Technometrics 16, 125, 1974). Descriptions are compared row by row, which gives their difference a standard
+error. The plant is linearised about the fit, and each log keeps the noise colour of the fit.
 
-The comparison is for information and selects nothing: intervals computed as if a selected description were certain would be too
-narrow.
+The comparison is for information and selects nothing: intervals computed as if a selected description were
+certain would be too narrow.
 """
 
 from collections.abc import Sequence
@@ -24,15 +25,16 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict.fitted import Fit
 from sysid.verdict.view import View
 
-# Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 3.6 % of cases if k = 1,
-# in 4.1 % if k = 2, and more seldom the larger k is; of logs as short as a bench's a little more often.
+# Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 3.6 %
+# of cases if k = 1, in 4.1 % if k = 2, and more seldom the larger k is; of logs as short as a bench's a
+# little more often.
 NEEDED = 1.2
 
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
-    """A description beside the fit's: `difference` of elpd (negative: it predicts worse) and its standard `error`; `moves`, by
-    parameter, how far the estimate would go, in standard deviations."""
+    """A description beside the fit's: `difference` of elpd (negative: it predicts worse) and its standard
+    `error`; `moves`, by parameter, how far the estimate would go, in standard deviations."""
 
     description: str
     difference: float
@@ -55,7 +57,9 @@ def compare(fit: Fit) -> tuple[Comparison, ...]:
     logs = _Logs(fit)
     every = (*NUISANCES, *EXTRA)  # effects that are fitted are part of all descriptions
     full = logs.described(every)
-    others = {f"without {n}": logs.described(tuple(m for m in every if m != n)) for n in every if logs.hold(n)}
+    others = {
+        f"without {n}": logs.described(tuple(m for m in every if m != n)) for n in every if logs.hold(n)
+    }
     if logs.first_order:
         others["first order, without detuning"] = logs.described(every, "first order")
     if "f0" in fit.names:
@@ -80,7 +84,8 @@ def verdict(found: Sequence[Comparison]) -> str:
 
 
 class _Logs:
-    """The logs of a fit, to be described in several ways; `std` of the parameters in `fit.names`, in theta's units."""
+    """The logs of a fit, to be described in several ways; `std` of the parameters in `fit.names`, in theta's
+    units."""
 
     def __init__(self, fit: Fit):
         self.fit, self.state = fit, fit.modes[0]
@@ -93,7 +98,8 @@ class _Logs:
         return View(replace(trial, nuisances=kept), model, self.state, self.fit.reference, coloured=True)
 
     def described(self, nuisances: tuple[str, ...], physics: str = "exact") -> tuple[np.ndarray, np.ndarray]:
-        """elpd of each row, and the change of the plant's parameters from the fit's; NaN for one that the physics has not."""
+        """elpd of each row, and the change of the plant's parameters from the fit's; NaN for one that the
+        physics has not."""
         index = self.index if physics != "first order" else [k for k in self.index if k < 2]
         views, left = [], []
         for i, trial in enumerate(self.state.trials):
@@ -120,9 +126,12 @@ class _Logs:
 
     @property
     def first_order(self) -> bool:
-        """Whether a model without a frequency could describe the logs: d/q transients, each at one frequency."""
+        """Whether a model without a frequency could describe the logs: d/q transients, each at one
+        frequency."""
         moving = all(t.signed and not t.steady for t in self.state.trials)
-        return moving and all(t.resonant and np.ptp(t.log.frequency) == 0 for t in self.state.trials if t.driven)
+        return moving and all(
+            t.resonant and np.ptp(t.log.frequency) == 0 for t in self.state.trials if t.driven
+        )
 
 
 def _can_hold(trial: Trial, nuisance: str) -> bool:
@@ -160,7 +169,9 @@ def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
 def _elpd(view: View, jacobian: np.ndarray, left: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Log density of each real row of a log, predicted from the others; up to a constant of the log."""
     rows = len(view.recorded) - view.priors
-    leverage = np.sum(view.basis[:rows] ** 2, axis=1) + np.einsum("ri,ij,rj->r", jacobian[:rows], inverse, jacobian[:rows])
+    leverage = np.sum(view.basis[:rows] ** 2, axis=1) + np.einsum(
+        "ri,ij,rj->r", jacobian[:rows], inverse, jacobian[:rows]
+    )
     free = 1 - np.minimum(leverage, 0.99)
     variance = max(np.sum(left**2) / max(np.sum(free), 1.0), 1e-300)
     return -0.5 * np.log(variance / free) - 0.5 * left[:rows] ** 2 / (variance * free)

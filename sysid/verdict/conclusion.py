@@ -53,7 +53,9 @@ class Judged(NamedTuple):
     open: bool = False
 
 
-def conclude(question: Question, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None) -> Fit:
+def conclude(
+    question: Question, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None
+) -> Fit:
     """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances
     `hung`; `judged` unless that is known."""
     best, free = states[0], question.minimiser.free
@@ -72,12 +74,17 @@ def conclude(question: Question, states: Sequence[State], hung: Sequence[str], j
     if wrong and (any_told or any(w.mostly for w in wrong)):
         result = Result.misfit  # a value from logs that the model does not describe is none
         mostly = any(w.mostly for w in wrong)
-        parameters = {n: undescribed(p) if n in free and (mostly or not p.determined) else p for n, p in parameters.items()}
+        parameters = {
+            n: undescribed(p) if n in free and (mostly or not p.determined) else p
+            for n, p in parameters.items()
+        }
     aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
     told = [f.sentence for f in (*question.effects, *doubts, *wrong)]
     warnings = (*question.warnings, *coarse, *aside, *told, *turned, *believed)
     findings = (*question.effects, *wrong, *doubts)
-    return replace(fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged)
+    return replace(
+        fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged
+    )
 
 
 def _fit(question: Question, states: Sequence[State]) -> Fit:
@@ -98,7 +105,9 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
         parameters={},
         names=free,
         covariance=(carry @ best.spread @ carry.T)[np.ix_(index, index)],
-        result=Result.successful if best.converged or identify.hopeless(best.trials, free) else Result.not_converged,
+        result=Result.successful
+        if best.converged or identify.hopeless(best.trials, free)
+        else Result.not_converged,
         reference_temperature=at,
         logs=beside(best),
         warnings=(),
@@ -118,29 +127,46 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     found, unseen = misfits(best, reference, free, at)
     likely = _likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
-    odd = best.trials if wrong or doubts else [t for t in best.trials if not t.steady]  # a sweep's other range shows in its fit
+    odd = (
+        best.trials if wrong or doubts else [t for t in best.trials if not t.steady]
+    )  # a sweep's other range shows in its fit
     if ranges := [(t.log.name, said) for t in odd if (said := wording.ranged(t))]:
-        return Judged([Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], [])
+        return Judged(
+            [Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], []
+        )
     if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
         return Judged(wrong, doubts, found, True)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
-    gain = likely[0].log if between and likely[0].name == "gain" else None  # to first order, which of a factor of two says little
-    if wrong and (not between or gain is not None) and (said := odd_one(question.minimiser, question.trials, best, gain)):
+    gain = (
+        likely[0].log if between and likely[0].name == "gain" else None
+    )  # to first order, which of a factor of two says little
+    if (
+        wrong
+        and (not between or gain is not None)
+        and (said := odd_one(question.minimiser, question.trials, best, gain))
+    ):
         return Judged([Finding("odd", "refused", said)], [], [])
     described = not wrong and not any(f.certain for f in found)
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
-        doubts = [*doubts, Finding("late", "noted", wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0]))))]
+        doubts = [
+            *doubts,
+            Finding("late", "noted", wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))),
+        ]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]
     return Judged(wrong, doubts, found, not described)
 
 
 def retold(
-    judged: Judged, state: State, named: Sequence[Finding], refuted: Collection[tuple[str, int]], fingered: bool
+    judged: Judged,
+    state: State,
+    named: Sequence[Finding],
+    refuted: Collection[tuple[str, int]],
+    fingered: bool,
 ) -> Judged:
     """The same after effects were tried in full: those `named` explain most of their logs, and what is
     `refuted` explains nothing. `fingered`: what a finger does is fitted."""
@@ -182,7 +208,9 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         elif left is not None and i in named:
             wrong.append(_told(named[i], state, "refused", named[i].sentence))
         elif left is not None:
-            wrong.append(Finding("unexplained", "refused", f"{name[0]}: {left.said}", name, mostly=left.mostly))
+            wrong.append(
+                Finding("unexplained", "refused", f"{name[0]}: {left.said}", name, mostly=left.mostly)
+            )
     if harmful:
         names = {f.name: f.sentence for f in reversed(likely)}
         return [*wrong, _told(likely[0], state, "refused", "; or else ".join(reversed(names.values())))], []
@@ -214,15 +242,25 @@ def _believed(fit: Fit, reference_temperature: float) -> list[str]:
         apart = abs(found - value) / np.hypot(error, std)
         if apart > CONTRADICTS:
             said.append(
-                f"{name}: the logs alone say {found:.7g} ± {error:.2g} {unit}, {apart:.2g} standard deviations from what is"
+                f"{name}: the logs alone say {found:.7g} ± {error:.2g} {unit}, {apart:.2g} standard"
+                f" deviations from what is"
                 f" stated beforehand, {value:.7g} ± {std:.2g}; check which is wrong"
             )
         elif 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
             known = f"{value:.7g} ± {std:.2g} {unit}"
-            said.append(f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}")
+            said.append(
+                f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}"
+            )
     return said
 
 
 def _units(log: Log) -> dict[str, str]:
     gain = log.response_unit if log.drive is None else f"{log.response_unit}/{log.drive_unit}"
-    return {"G": gain, "tau": "s", "f0": "Hz", "k_T": "Hz/degC", "finger_damping": "1", "finger_detuning": "Hz"}
+    return {
+        "G": gain,
+        "tau": "s",
+        "f0": "Hz",
+        "k_T": "Hz/degC",
+        "finger_damping": "1",
+        "finger_detuning": "Hz",
+    }

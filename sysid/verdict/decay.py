@@ -1,7 +1,8 @@
 """The free decay at the end of a log whose driven part is not that of a plate that stays as it is.
 
-A plate that is driven at an unlocked frequency, or while something else moves it, is restless; what is left when the drive is off
-decays with its tau all the same. Where the model leaves most of the whole, the decay is read by itself.
+A plate that is driven at an unlocked frequency, or while something else moves it, is restless; what is left
+when the drive is off decays with its tau all the same. Where the model leaves most of the whole, the decay is
+read by itself.
 """
 
 from dataclasses import replace
@@ -21,8 +22,8 @@ LEFT_OUT = "cannot tell, because the rows that are driven are left out; record a
 
 
 def decays(state: State, every: bool = False) -> tuple[list[Log], list[str]]:
-    """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each; none if it leaves
-    most of none. `every`: of those of which it leaves less as well."""
+    """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each;
+    none if it leaves most of none. `every`: of those of which it leaves less as well."""
     logs, said = [], []
     for i, trial in enumerate(state.trials):
         log = trial.whole or trial.log
@@ -34,8 +35,10 @@ def decays(state: State, every: bool = False) -> tuple[list[Log], list[str]]:
         logs.append(taken(log, np.arange(begin, len(log))))
         since = seconds(float(log.time[begin] - log.time[0]))
         said.append(
-            f"{log.name}: its rows 0 to {begin - 1}, before the drive is off for good {since} after the first, are not those of a"
-            " plate that is driven and stays as it is: restless; they are left out, and tau is that of the decay after them"
+            f"{log.name}: its rows 0 to {begin - 1}, before the drive is off for good {since} after the"
+            f" first, are not those of a"
+            " plate that is driven and stays as it is: restless; they are left out, and tau is that of the"
+            " decay after them"
         )
     return (logs, said) if said else ([], [])
 

@@ -16,14 +16,20 @@ UNDESCRIBED = "cannot tell, because the model does not describe the logs; do fir
 
 def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
     """Whether tau is determined, and G where a drive was recorded."""
-    return parameters["tau"].determined and (parameters["G"].determined or all(t.log.drive is None for t in trials))
+    return parameters["tau"].determined and (
+        parameters["G"].determined or all(t.log.drive is None for t in trials)
+    )
 
 
-def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None) -> Parameter:
+def parameter(
+    fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None
+) -> Parameter:
     """The estimate of one parameter, or why there is none."""
     if informed(fit, name, value, std):
         if fit.flank is not None and fit.flank.undetermined:
-            return Parameter(None, None, None, fit.units[name], False, f"cannot tell, because {fit.flank.said()}")
+            return Parameter(
+                None, None, None, fit.units[name], False, f"cannot tell, because {fit.flank.said()}"
+            )
         if name in fit.lone:
             return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
         ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
@@ -39,23 +45,30 @@ def parameter(fit: Fit, name: str, value: float, std: float, ci95: tuple[float, 
 
 
 def undescribed(found: Parameter) -> Parameter:
-    """A parameter of logs that the model does not describe: what they tell of it, and what would, is not known."""
+    """A parameter of logs that the model does not describe: what they tell of it, and what would, is not
+    known."""
     return Parameter(None, None, None, found.unit, False, UNDESCRIBED)
 
 
 def informed(fit: Fit, name: str, value: float, std: float) -> bool:
-    """Whether the logs determine a parameter, within its limit and as a single solution, provided that they show a peak."""
+    """Whether the logs determine a parameter, within its limit and as a single solution, provided that they
+    show a peak."""
     told = fit.modes[0].converged and _told(fit, name) and np.isfinite(value)
     return bool(told and std <= _limit(fit, name) and not _modes(fit, name))
 
 
 def _told(fit: Fit, name: str) -> bool:
     """Whether the logs alone determine it."""
-    return name in fit.names and (not fit.priors or alone(fit, name)[1] <= _limit(fit, name)) and _shown(fit, name)
+    return (
+        name in fit.names
+        and (not fit.priors or alone(fit, name)[1] <= _limit(fit, name))
+        and _shown(fit, name)
+    )
 
 
 def _limit(fit: Fit, name: str) -> float:
-    """The largest error of a determined parameter; where tau is vague, that for the narrowest half bandwidth it allows."""
+    """The largest error of a determined parameter; where tau is vague, that for the narrowest half bandwidth
+    it allows."""
     state = fit.modes[0]
     tau, vague = state.tau, float(np.sqrt(state.spread[1, 1]))
     if vague > identify.RELATIVE and name in ("f0", "k_T"):
@@ -64,19 +77,22 @@ def _limit(fit: Fit, name: str) -> float:
 
 
 def _shown(fit: Fit, name: str) -> bool:
-    """Whether the logs show more than a few readings show by chance, or than noise shows with an arbitrary tau."""
+    """Whether the logs show more than a few readings show by chance, or than noise shows with an arbitrary
+    tau."""
     state = fit.modes[0]
     if not fit.priors and identify.hopeless(state.trials, fit.names):
         return False
-    if identify.ambiguous(name, state.trials, fit.names) or (name == "k_T" and identify.within_errors(state.trials)):
+    if identify.ambiguous(name, state.trials, fit.names) or (
+        name == "k_T" and identify.within_errors(state.trials)
+    ):
         return False
     known = name not in ("f0", "k_T") or np.sqrt(state.spread[1, 1]) <= identify.RELATIVE
     return known or not identify.buried(state.trials)
 
 
 def alone(fit: Fit, name: str, at: float | None = None) -> tuple[float, float]:
-    """First-order estimate of a parameter from the logs alone, without the prior, and its standard deviation; f0 at `at` (degC),
-    by default where it is reported."""
+    """First-order estimate of a parameter from the logs alone, without the prior, and its standard deviation;
+    f0 at `at` (degC), by default where it is reported."""
     state, k = fit.modes[0], NAMES.index(name)
     row = carried(fit.warming if at is None else at - fit.reference[1])[k]
     value = float(row @ (state.theta + state.alone @ state.prior.slope(state.theta)))
@@ -97,11 +113,15 @@ def _mode_values(fit: Fit, name: str) -> list[tuple[float, float]]:
 
 
 def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
-    """The values of separate minima and their weights; none where this parameter is the same in all of them."""
+    """The values of separate minima and their weights; none where this parameter is the same in all of
+    them."""
     if name not in fit.names or len(fit.modes) == 1:
         return ()
     found = _mode_values(fit, name)
     if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
         return ()
     weights = shares(fit.modes)
-    return tuple({"value": value, "std": std, "weight": float(w)} for (value, std), w in zip(found, weights, strict=True))
+    return tuple(
+        {"value": value, "std": std, "weight": float(w)}
+        for (value, std), w in zip(found, weights, strict=True)
+    )

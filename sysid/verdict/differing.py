@@ -1,20 +1,24 @@
-"""Logs of one plate that differ by more than their errors, though not by so much that one of them must be wrong.
+"""Logs of one plate that differ by more than their errors, though not by so much that one of them must be
+wrong.
 
-Log i has theta_k of its own, theta_k + u_i. With the score a and the information M of the u, all else eliminated, Cochran's Q is
+Log i has theta_k of its own, theta_k + u_i. With the score a and the information M of the u, all else
+eliminated, Cochran's Q is
 
     Q = a^T M^+ a,    of expectation  rank M + s^2 tr M  for u of variance s^2
 
-so that s^2 = (Q - rank M)/tr M (DerSimonian & Laird, Controlled Clinical Trials 7, 177, 1986). Two logs that are 3 errors apart
-are no misfit among all that is looked for, and their mean is then 2 of its own errors off if one of them is wrong. Where chance
-makes such a Q, for one parameter, in fewer than one of CHANCE fits, the error spans what the logs show: u_i moves the joint
-estimate by g_i u_i, with g_i = d theta/d u_i, and so adds to its covariance
+so that s^2 = (Q - rank M)/tr M (DerSimonian & Laird, Controlled Clinical Trials 7, 177, 1986). Two logs that
+are 3 errors apart are no misfit among all that is looked for, and their mean is then 2 of its own errors off
+if one of them is wrong. Where chance makes such a Q, for one parameter, in fewer than one of CHANCE fits, the
+error spans what the logs show: u_i moves the joint estimate by g_i u_i, with g_i = d theta/d u_i, and so adds
+to its covariance
 
     s^2 sum_i g_i g_i^T
 
-The estimate stays what it was, each log weighed by its own errors: logs that differ by chance cost it no accuracy. What remains
-unseen puts the mean of two equal logs up to 2 of its errors off, of three up to 1.7. A step beside a log that tells G can take a
-gain of its own for a feedthrough and a lateness that cancel, or for an offset and a start, in any size. So G is compared as each
-log would tell it alone, where these are as small as they look (`verdict.coincidence`).
+The estimate stays what it was, each log weighed by its own errors: logs that differ by chance cost it no
+accuracy. What remains unseen puts the mean of two equal logs up to 2 of its errors off, of three up to 1.7. A
+step beside a log that tells G can take a gain of its own for a feedthrough and a lateness that cancel, or for
+an offset and a start, in any size. So G is compared as each log would tell it alone, where these are as small
+as they look (`verdict.coincidence`).
 """
 
 from collections.abc import Sequence
@@ -30,10 +34,13 @@ from sysid.model.span import inverted
 from sysid.verdict.coincidence import cancelling, may_cancel, tightened
 from sysid.verdict.view import View
 
-CHANCE = 20  # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
+# as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
+CHANCE = 20
 TOLD = 1e-6  # of the best log's information, less than which a log says nothing of a parameter
-COMPARED = 0.01  # of its information that others must tell: one log a temperature has f0 by k_T, told by what creeps in each
-ALARM = 300  # of three parameters: a warning in one good fit of a hundred; what is less rare is only noted, and spanned
+# of its information that others must tell: one log a temperature has f0 by k_T, told by what creeps in each
+COMPARED = 0.01
+# of three parameters: a warning in one good fit of a hundred; what is less rare is only noted, and spanned
+ALARM = 300
 SAID = "{}: the logs differ by more than their errors, by chance in one fit of {}: {}, {} {}"
 SPANS = "; the error of {} includes this difference"
 OMITS = "; the error of {} does not include it, as tau or G would then not be determined"
@@ -41,8 +48,8 @@ WHICH = "; another log would tell which is right"
 
 
 class _Differ(NamedTuple):
-    """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std` that they show; and
-    one over the probability of as much."""
+    """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std`
+    that they show; and one over the probability of as much."""
 
     held: tuple[int, ...]
     off: np.ndarray
@@ -60,16 +67,25 @@ class Said(NamedTuple):
 
     def told(self, spanned: bool) -> str:
         """The whole of it; `spanned`: the errors include the difference."""
-        return self.sentence + (SPANS if spanned else OMITS).format(self.name) + WHICH * (self.rare or not spanned)
+        return (
+            self.sentence
+            + (SPANS if spanned else OMITS).format(self.name)
+            + WHICH * (self.rare or not spanned)
+        )
 
 
-def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[np.ndarray, list[Said]]:
-    """What logs that differ add to the covariance (6, 6) of theta; and a sentence for each parameter in which they do."""
+def dispersion(
+    state: State, reference: tuple[float, float], free: Sequence[str]
+) -> tuple[np.ndarray, list[Said]]:
+    """What logs that differ add to the covariance (6, 6) of theta; and a sentence for each parameter in which
+    they do."""
     added, said = np.zeros((len(NAMES), len(NAMES))), list[Said]()
     if len(state.trials) < 2:
         return added, said
     names = [n for n in NAMES if n in free]
-    logs = alone = _Compared(state, reference, names)  # `alone`: with what makes up for a gain as small as it looks
+    logs = alone = _Compared(
+        state, reference, names
+    )  # `alone`: with what makes up for a gain as small as it looks
     if "G" in free and (pairs := may_cancel(state)):
         alone = _Compared(replace(state, trials=tightened(state, reference, pairs)), reference, names)
     for name in (n for n in names if n in PLANT and n != "k_T"):
@@ -83,12 +99,15 @@ def dispersion(state: State, reference: tuple[float, float], free: Sequence[str]
 
 
 class _Compared:
-    """The logs at their fit, linearised: what each tells of the parameters `names`, and what all of them do."""
+    """The logs at their fit, linearised: what each tells of the parameters `names`, and what all of them
+    do."""
 
     def __init__(self, state: State, reference: tuple[float, float], names: Sequence[str]):
         self.views = views = View.each(state, reference, coloured=True)
         self.names, self.index = names, [NAMES.index(n) for n in names]
-        told = [np.sqrt(v.trial.noise.told) for v in views]  # of outliers, and noise of the phase, rows say less than weights do
+        told = [
+            np.sqrt(v.trial.noise.told) for v in views
+        ]  # of outliers, and noise of the phase, rows say less than weights do
         jacobians = [v.jacobian[:, self.index] * share for v, share in zip(views, told, strict=True)]
         self.slopes = [j.T @ v.r / share for j, v, share in zip(jacobians, views, told, strict=True)]
         self.grams = [j.T @ j for j in jacobians]
@@ -107,7 +126,11 @@ class _Compared:
         left = np.diag(cross[k]) - cross.T @ self.inverse @ cross
         std, rare = _size(score, left, cross[k])
         diagonal = np.maximum(np.diag(left), TOLD * cross[k])
-        return _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, rare) if rare > CHANCE and std > 0 else None
+        return (
+            _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, rare)
+            if rare > CHANCE and std > 0
+            else None
+        )
 
     def moves(self, held: Sequence[int], name: str) -> np.ndarray:
         """(logs, 6) by what theta moves with the parameter of each of these logs."""
@@ -117,8 +140,8 @@ class _Compared:
 
 
 def _in_full(found: _Differ, views: Sequence[View]) -> _Differ:
-    """Gains that differ, in the size that a feedthrough and a lateness have which cancel: as small as they look, they make up for
-    a part. A share 1/n of its square is the variance that n logs show."""
+    """Gains that differ, in the size that a feedthrough and a lateness have which cancel: as small as they
+    look, they make up for a part. A share 1/n of its square is the variance that n logs show."""
     gains = {i: shown[0] - 1 for i in found.held if (shown := cancelling(views[i])) is not None}
     i = max(gains, key=lambda i: abs(gains[i]), default=-1)
     if i < 0 or abs(gains[i]) < np.sqrt(len(found.held)) * found.std:
@@ -128,8 +151,8 @@ def _in_full(found: _Differ, views: Sequence[View]) -> _Differ:
 
 
 def _size(score: np.ndarray, left: np.ndarray, own: np.ndarray) -> tuple[float, float]:
-    """The standard deviation that logs show of what each has for itself, and how rare as much is by chance: from the score, the
-    information `left` of it, and what each log has by itself, `own`."""
+    """The standard deviation that logs show of what each has for itself, and how rare as much is by chance:
+    from the score, the information `left` of it, and what each log has by itself, `own`."""
     size = np.sqrt(own)
     values, vectors = np.linalg.eigh(left / np.outer(size, size))
     told = values > COMPARED
@@ -137,7 +160,9 @@ def _size(score: np.ndarray, left: np.ndarray, own: np.ndarray) -> tuple[float, 
     rank, total = int(np.sum(told)), float(np.trace(left))
     if not rank or total <= 0:
         return 0.0, 1.0
-    return float(np.sqrt(max(square - rank, 0.0) / total)), 1 / max(float(gammaincc(0.5 * rank, 0.5 * square)), 1e-300)
+    return float(np.sqrt(max(square - rank, 0.0) / total)), 1 / max(
+        float(gammaincc(0.5 * rank, 0.5 * square)), 1e-300
+    )
 
 
 def _said(name: str, found: _Differ, logs: Sequence[str]) -> str:

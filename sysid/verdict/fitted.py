@@ -34,7 +34,9 @@ class FittedLog:
     noise_time: float  # correlation time of the noise, s (rows where no time is recorded); 0: white
     description: str
     noise: str  # what it was taken for, in words
-    levels: tuple[Level, ...] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
+    levels: tuple[
+        Level, ...
+    ] = ()  # of d and q, where their noise differs: `noise_std` is then its root mean square
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,27 +54,34 @@ class Fit(Shown):
     units: dict[str, str] = field(repr=False)
     modes: tuple[State, ...] = field(repr=False)  # the best first
     reference: tuple[float, float] = field(repr=False)  # Hz, degC: where theta's offsets are taken from
-    priors: dict[str, tuple[float, float]] = field(default_factory=dict)  # that were stated: value and standard deviation
+    priors: dict[str, tuple[float, float]] = field(
+        default_factory=dict
+    )  # that were stated: value and standard deviation
     notes: tuple[str, ...] = ()  # what is only information: nothing is asked for
     findings: tuple[Finding, ...] = ()  # what the logs show besides plant, bench and noise
     judged: Any = field(default=None, repr=False)  # while the fit goes on, what its minimum leaves
-    lone: dict[str, str] = field(default_factory=dict, repr=False)  # why parameters that one reading decides are not determined
+    lone: dict[str, str] = field(
+        default_factory=dict, repr=False
+    )  # why parameters that one reading decides are not determined
 
     def to_frame(self) -> Any:
-        """A pandas DataFrame, a row for each parameter: value, std, ci95_low, ci95_high, unit, determined, why."""
+        """A pandas DataFrame, a row for each parameter: value, std, ci95_low, ci95_high, unit, determined,
+        why."""
         from sysid.report.frames import of_fit
 
         return of_fit(self)
 
     def plot(self) -> Any:
-        """Figures of matplotlib by title, those of the report: logs and fit over time, sweeps, what each log says, residuals."""
+        """Figures of matplotlib by title, those of the report: logs and fit over time, sweeps, what each log
+        says, residuals."""
         from sysid.report.plots import Figures, of_fit
 
         return Figures.of(of_fit(self))
 
     @cached_property
     def posterior(self) -> Any:
-        """Its `Posterior`: of a fit that was loaded the one that was saved, else that of `sysid.sample(fit)`."""
+        """Its `Posterior`: of a fit that was loaded the one that was saved, else that of
+        `sysid.sample(fit)`."""
         from sysid.posterior.posterior import sample
 
         return sample(self)
@@ -86,12 +95,13 @@ class Fit(Shown):
         return self.posterior.report(path, loop)
 
     def predict(self, log: Log, bench: bool = True) -> Any:
-        """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with its errors.
+        """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with
+        its errors.
 
-        `bench`: with what is no plate's but each d/q log's own, the turn of its demodulator, an offset and a feedthrough, found
-        from its rows by least squares; else the plate alone. A transient begins at rest. Where no temperature is recorded the
-        plate is at the mean of the fit's logs. Raises LogError for a log in other units or without a drive, ValueError where the
-        fit tells no plate.
+        `bench`: with what is no plate's but each d/q log's own, the turn of its demodulator, an offset and a
+        feedthrough, found from its rows by least squares; else the plate alone. A transient begins at rest.
+        Where no temperature is recorded the plate is at the mean of the fit's logs. Raises LogError for a log
+        in other units or without a drive, ValueError where the fit tells no plate.
         """
         from sysid.posterior.prediction import predict
 
@@ -103,7 +113,8 @@ class Fit(Shown):
         return of_fit(self)
 
     def estimate(self, name: str) -> tuple[float, float]:
-        """What the best minimum makes of a parameter, and its standard deviation; NaN and infinity where it is not fitted."""
+        """What the best minimum makes of a parameter, and its standard deviation; NaN and infinity where it
+        is not fitted."""
         if name not in self.names:
             return float("nan"), float("inf")
         k = self.names.index(name)

@@ -1,8 +1,9 @@
 """A resonance outside all driven frequencies, and what settled points then tell of it.
 
-At x half bandwidths from its resonance a plate responds with 1/sqrt(1 + x^2) of its peak, and its phase has arctan(1/x) left to
-turn. In the flank beyond, a background, a second resonance or other physics look like changes of G, tau and f0. A transient is
-different: its beat is the difference of drive and resonance, however far apart they are.
+At x half bandwidths from its resonance a plate responds with 1/sqrt(1 + x^2) of its peak, and its phase has
+arctan(1/x) left to turn. In the flank beyond, a background, a second resonance or other physics look like
+changes of G, tau and f0. A transient is different: its beat is the difference of drive and resonance, however
+far apart they are.
 """
 
 from typing import NamedTuple
@@ -15,12 +16,14 @@ from sysid.rows.dwell import dwells
 from sysid.trials.trial import Trial
 
 BESIDE = 1.0  # half bandwidths, from which it is said: the points show less than half of the peak's power
-TAIL = 3.0  # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
+TAIL = (
+    3.0  # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
+)
 
 
 class Flank(NamedTuple):
-    """How far a resonance lies above (negative: below) all driven frequencies, in Hz and in half bandwidths; the lowest and the
-    highest of these; whether the logs hold settled points `alone`."""
+    """How far a resonance lies above (negative: below) all driven frequencies, in Hz and in half bandwidths;
+    the lowest and the highest of these; whether the logs hold settled points `alone`."""
 
     beyond: float
     halves: float
@@ -37,21 +40,26 @@ class Flank(NamedTuple):
         """In words."""
         side, edge = ("above", self.highest) if self.beyond > 0 else ("below", self.lowest)
         return (
-            f"the best resonance lies {abs(self.beyond):.3g} Hz, {abs(self.halves):.2g} half bandwidths, {side} all frequencies"
-            f" that were driven ({self.lowest:.7g} to {self.highest:.7g} Hz): they show its flank, and not its peak; sweep on"
+            f"the best resonance lies {abs(self.beyond):.3g} Hz, {abs(self.halves):.2g} half bandwidths,"
+            f" {side} all frequencies"
+            f" that were driven ({self.lowest:.7g} to {self.highest:.7g} Hz): they show its flank, and not"
+            f" its peak; sweep on"
             f" from {edge:.7g} Hz, through it"
         )
 
 
 def seen(state: State, reference: tuple[float, float]) -> Flank | None:
-    """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at its own temperature;
-    None where it does not, or where a transient has a frequency: its beat tells f0."""
+    """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at
+    its own temperature; None where it does not, or where a transient has a frequency: its beat tells f0."""
     theta, tau = dict(zip(NAMES, state.theta, strict=True)), state.tau
     resonant = [t for t in state.trials if t.resonant]
     if not resonant or not all(_settled(t, tau) for t in resonant):
         return None
     driven = np.concatenate([t.log.frequency for t in resonant])
-    warm = [(0.0 if t.log.temperature is None else t.log.temperature - reference[1]) + np.zeros(len(t.log)) for t in resonant]
+    warm = [
+        (0.0 if t.log.temperature is None else t.log.temperature - reference[1]) + np.zeros(len(t.log))
+        for t in resonant
+    ]
     above = reference[0] + theta["f0"] + theta["k_T"] * np.concatenate(warm) - driven
     nearest = float(above[np.argmin(np.abs(above))])
     halves = 2 * np.pi * tau * nearest

@@ -1,12 +1,12 @@
 """Which parameters the logs determine: the limits, the reasons in words, and what to record next.
 
-A parameter is determined when its interval is finite, comes from the data, belongs to a single solution and is narrow enough to
-use:
+A parameter is determined when its interval is finite, comes from the data, belongs to a single solution and
+is narrow enough to use:
 
     G, tau    standard deviation below 20 % of the value
     f0        standard deviation below half of the half bandwidth 1/(2 pi tau)
-    k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth, and the logs' temperatures are three
-              errors of their thermometers apart
+    k_T       carries f0 over 10 degC with a standard deviation below one half bandwidth, and the logs'
+              temperatures are three errors of their thermometers apart
 
 and when no single reading decides it (`verdict.lone`).
 """
@@ -23,15 +23,18 @@ RELATIVE = 0.2
 WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
 SETTLED_AMPLITUDE = (
-    "cannot tell, because the settled amplitude at one frequency does not say how far that is from the resonance; record a sweep"
+    "cannot tell, because the settled amplitude at one frequency does not say how far that is from the"
+    " resonance; record a sweep"
     " across the resonance"
 )
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
 NO_ENVELOPE = (
-    "cannot tell, because rows differ from their neighbours as from any others, as noise does, or an oscillation that was not"
+    "cannot tell, because rows differ from their neighbours as from any others, as noise does, or an"
+    " oscillation that was not"
     " demodulated; record its amplitude, or wd and wq, or the oscillation as kind: waveform"
 )
-NARROW = 3.0  # errors of their thermometers, by which the logs' temperatures are apart where an interval of k_T holds
+# errors of their thermometers, by which the logs' temperatures are apart where an interval of k_T holds
+NARROW = 3.0
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -39,7 +42,13 @@ def limits(G: float, tau: float) -> dict[str, float]:
     """Largest standard deviation at which each parameter counts as determined."""
     half_bandwidth = 1 / (2 * np.pi * tau)
     touch = {"finger_damping": RELATIVE, "finger_detuning": 0.5 * half_bandwidth}
-    return {"G": RELATIVE * G, "tau": RELATIVE * tau, "f0": 0.5 * half_bandwidth, "k_T": half_bandwidth / WARMING, **touch}
+    return {
+        "G": RELATIVE * G,
+        "tau": RELATIVE * tau,
+        "f0": 0.5 * half_bandwidth,
+        "k_T": half_bandwidth / WARMING,
+        **touch,
+    }
 
 
 def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
@@ -50,7 +59,8 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
         return _why_modes(trials)
     if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
         return (
-            "cannot tell, because the temperature drifted along with the frequency, which k_T and the width of the resonance"
+            "cannot tell, because the temperature drifted along with the frequency, which k_T and the width"
+            " of the resonance"
             " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
         )
     said = _cause(name, trials, tau, free)
@@ -66,24 +76,31 @@ def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) 
 def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
     """A sentence when nothing can be determined from these logs; else None."""
     if all(t.silent for t in trials):
-        return "cannot tell, because the response is the same in every row; see whether the sensor and what reads it were on"
+        return (
+            "cannot tell, because the response is the same in every row; see whether the sensor and what"
+            " reads it were on"
+        )
     if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
         return (
-            "cannot tell, because the readings are hardly more than the unknowns, so that their noise cannot be told; record"
+            "cannot tell, because the readings are hardly more than the unknowns, so that their noise"
+            " cannot be told; record"
             " ten points or more"
         )
     return None
 
 
 def overdamped(state: State, reference: tuple[float, float]) -> str | None:
-    """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no resonance; else None."""
+    """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no
+    resonance; else None."""
     if not any(t.resonant for t in state.trials) or all(t.silent for t in state.trials):
         return None
     if np.pi * (reference[0] + state.theta[2]) * state.tau >= 0.5:
         return None
     return (
-        "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response that falls evenly"
-        " with the frequency; sweep across a resonance, and see whether the frequencies are those of the drive"
+        "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response"
+        " that falls evenly"
+        " with the frequency; sweep across a resonance, and see whether the frequencies are those of the"
+        " drive"
     )
 
 
@@ -93,13 +110,16 @@ def buried(trials: Sequence[Trial]) -> bool:
 
 
 def ambiguous(name: str, trials: Sequence[Trial], free: Sequence[str]) -> bool:
-    """Whether settled amplitudes at one frequency each leave a parameter as one of many images, one for each temperature."""
+    """Whether settled amplitudes at one frequency each leave a parameter as one of many images, one for each
+    temperature."""
     return name in ("G", "f0", "k_T") and "k_T" in free and _one_amplitude(trials)
 
 
 def shows_transient(trials: Sequence[Trial]) -> bool:
     """Whether a log shows part of a transient; else the estimate of an undetermined tau is a guess."""
-    return not _one_frequency(trials) and any(not (t.steady or _settles_between(t) or _buried(t)) for t in trials)
+    return not _one_frequency(trials) and any(
+        not (t.steady or _settles_between(t) or _buried(t)) for t in trials
+    )
 
 
 def _one_frequency(trials: Sequence[Trial]) -> bool:
@@ -123,18 +143,22 @@ def _buried(trial: Trial) -> bool:
 
 
 def within_errors(trials: Sequence[Trial]) -> bool:
-    """Whether the logs' temperatures are as close together as their thermometers' errors. Then a small k_T has small errors and a
-    large one large errors, so that no interval about the estimate tells which it is."""
+    """Whether the logs' temperatures are as close together as their thermometers' errors. Then a small k_T
+    has small errors and a large one large errors, so that no interval about the estimate tells which it
+    is."""
     told = [t for t in trials if t.resonant and t.log.temperature is not None]
     if not any("thermometer" in t.nuisances for t in told):
         return False
     means = np.array([t.log.temperature.mean() for t in told])
     spread = np.mean([np.mean((t.log.temperature - means.mean()) ** 2) for t in told])
-    return bool(spread < NARROW**2 * np.mean([t.log.bench.get("temperature_std_degC", 0.0) ** 2 for t in told]))
+    return bool(
+        spread < NARROW**2 * np.mean([t.log.bench.get("temperature_std_degC", 0.0) ** 2 for t in told])
+    )
 
 
 def _settles_between(trial: Trial) -> bool:
-    """After every change of the inputs the first row is already where the next change, or the end, finds the response."""
+    """After every change of the inputs the first row is already where the next change, or the end, finds the
+    response."""
     y, hold = trial.log.response, trial.inputs
     edges = np.append(np.flatnonzero(np.diff(hold.interval) > 0), len(y) - 1)
     stretches = [(a, b) for a, b in pairwise(edges) if b > a + 2]
@@ -148,7 +172,12 @@ def _settles_between(trial: Trial) -> bool:
 def _drifts_along(trial: Trial) -> bool:
     """A sweep whose temperature is a straight line of its frequency."""
     log = trial.log
-    if not trial.resonant or log.temperature is None or np.ptp(log.frequency) == 0 or np.ptp(log.temperature) < LEAST_WARMING:
+    if (
+        not trial.resonant
+        or log.temperature is None
+        or np.ptp(log.frequency) == 0
+        or np.ptp(log.temperature) < LEAST_WARMING
+    ):
         return False
     return bool(abs(np.corrcoef(log.frequency, log.temperature)[0, 1]) > 0.9)
 
@@ -156,20 +185,27 @@ def _drifts_along(trial: Trial) -> bool:
 def _why_modes(trials: Sequence[Trial]) -> str:
     if all(t.log.amplitude_only for t in trials if t.resonant):
         return (
-            "cannot tell, because the amplitude alone does not say on which side of the drive the resonance lies and two"
-            " solutions fit alike; record wd and wq, or a sweep across the resonance"
+            "cannot tell, because the amplitude alone does not say on which side of the drive the resonance"
+            " lies and two solutions fit alike; record wd and wq, or a sweep across the resonance"
         )
-    return "cannot tell, because separate solutions fit these logs alike; record a sweep across the resonance and a voltage step"
+    return (
+        "cannot tell, because separate solutions fit these logs alike; record a sweep across the resonance"
+        " and a voltage step"
+    )
 
 
 def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.drive is None for t in trials):
-        return "cannot tell, because no drive is recorded; add a voltage_* or drive_* column, or its value as metadata"
+        return (
+            "cannot tell, because no drive is recorded; add a voltage_* or drive_* column, or its value as"
+            " metadata"
+        )
     if not any(t.driven for t in trials):
         return "cannot tell, because the drive is zero in every row; record a voltage step"
     if all(t.one_level for t in trials if t.driven):
         return (
-            "cannot tell, because no row shows the response without drive, so that an output offset, a plate that still rings"
+            "cannot tell, because no row shows the response without drive, so that an output offset, a"
+            " plate that still rings"
             f" and a gain look alike; record {seconds(tau)} before the step, with the drive at zero"
         )
     if _one_amplitude(trials):
@@ -177,10 +213,14 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     driven = [t for t in trials if t.driven]
     if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
         return (
-            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a step; record a sweep"
+            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in"
+            " a step; record a sweep"
             f" across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
         )
-    return "cannot tell, because noise or background hide the response to the drive; record a larger voltage step"
+    return (
+        "cannot tell, because noise or background hide the response to the drive; record a larger voltage"
+        " step"
+    )
 
 
 def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
@@ -188,7 +228,8 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     swept = [t for t in trials if t.steady and t.resonant and np.ptp(t.log.frequency) > 0]
     if not moving and not swept:
         return (
-            "cannot tell, because settled points at one frequency hold no time constant; record a voltage step or a sweep"
+            "cannot tell, because settled points at one frequency hold no time constant; record a voltage"
+            " step or a sweep"
             " across the resonance"
         )
     hidden = "cannot tell, because noise hides the transient; record a larger step, or the average of several"
@@ -196,32 +237,41 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         hidden = NO_ENVELOPE
     if _one_frequency(trials):
         return (
-            "cannot tell, because one frequency at a constant drive holds no time constant; record a voltage step or a sweep"
+            "cannot tell, because one frequency at a constant drive holds no time constant; record a"
+            " voltage step or a sweep"
             " across the resonance"
         )
     if moving and not swept:
         window = max(t.log.time[-1] - t.log.time[0] for t in moving)
         if window == 0:
-            return "cannot tell, because all rows are of one moment; see whether the time is in the column that was taken for it"
+            return (
+                "cannot tell, because all rows are of one moment; see whether the time is in the column"
+                " that was taken for it"
+            )
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
             return hidden
         if all(_settles_between(t) for t in moving):
             return (
-                f"cannot tell, because rows are {seconds(step)} apart and the response settles between two of them;"
-                f" record rows {seconds(step / 100)} apart or closer"
+                f"cannot tell, because rows are {seconds(step)} apart and the response settles between two"
+                f" of them; record rows {seconds(step / 100)} apart or closer"
             )
         if window < 4 * tau:
             return (
-                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {seconds(10 * window)} or more"
+                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record"
+                f" {seconds(10 * window)} or more"
                 " after a voltage step"
             )
     if swept and not moving:
         span = max(np.ptp(t.log.frequency) for t in swept)
         if all(_buried(t) or (t.noise.time > 0 and span > 3 / (np.pi * tau)) for t in swept):
-            return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several sweeps"
+            return (
+                "cannot tell, because noise hides the resonance; record it at a larger drive, or the"
+                " average of several sweeps"
+            )
         return (
-            f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep over at least"
+            f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance;"
+            f" sweep over at least"
             f" {max(10 * span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more across it"
         )
     return hidden
@@ -229,59 +279,78 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
 
 def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if "f0" not in free:
-        return "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
+        return (
+            "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as"
+            " metadata"
+        )
     if all(t.log.amplitude_only for t in trials if t.resonant):
         return (
-            "cannot tell, because the amplitude of a step near resonance does not depend on the detuning; record wd and wq,"
+            "cannot tell, because the amplitude of a step near resonance does not depend on the detuning;"
+            " record wd and wq,"
             " or a sweep across the resonance"
         )
     if _one_frequency(trials):
         return (
-            "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance beside the drive look"
+            "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance"
+            " beside the drive look"
             " alike; record a sweep across the resonance"
         )
     if buried(trials):
-        return "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of several logs"
-    return f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz wide or more"
+        return (
+            "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of"
+            " several logs"
+        )
+    return (
+        f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz"
+        f" wide or more"
+    )
 
 
 def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
     if "f0" not in free:
-        return "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
+        return (
+            "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as"
+            " metadata"
+        )
     if not warm:
         return (
-            "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC apart, and fit those"
+            "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC"
+            " apart, and fit those"
             " instead"
         )
     lowest, highest = min(w.min() for w in warm), max(w.max() for w in warm)
     if "k_T" not in free:
         return (
-            f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC); record a sweep"
+            f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC);"
+            f" record a sweep"
             " 10 degC away from it"
         )
     if _one_amplitude(trials):
         return SETTLED_AMPLITUDE
     if _one_frequency(trials):
         return (
-            "cannot tell, because at one frequency only the product of k_T and tau follows from how the response changes with the"
+            "cannot tell, because at one frequency only the product of k_T and tau follows from how the"
+            " response changes with the"
             " temperature; record a voltage step, and a sweep at each of two temperatures 10 degC apart"
         )
     if within_errors(trials):
         return (
-            f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the error of the thermometer"
+            f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the error of"
+            f" the thermometer"
             " (temperature_std_degC); record sweeps at temperatures further apart"
         )
     return (
-        f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the resonance;"
-        " record sweeps at temperatures further apart"
+        f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the"
+        " resonance; record sweeps at temperatures further apart"
     )
 
 
 def _why_finger(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.amplitude_only for t in trials if t.touched):
         return (
-            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or moves its resonance;"
+            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or"
+            " moves its resonance;"
             " record wd and wq under the finger"
         )
     return "cannot tell, because noise hides what the finger does; press for longer, or to 1.5 N"

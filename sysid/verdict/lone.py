@@ -1,15 +1,15 @@
 """Parameters that a single reading decides: nothing in the logs shows whether that reading is right.
 
-Of points many half bandwidths apart, at most one shows the peak, and tau and G are whatever makes the model pass through it. Its
-residual is zero whatever it reads, its noise is that of the other rows only by assumption, and a spike, a point that had not
-settled or a line that is not Lorentzian look like another tau. The covariance without the rows R of one reading follows from the
-fit of all (Cook & Weisberg, Residuals and Influence in Regression, 1982, 2.2). With the whitened Jacobian X of everything fitted
-and C = (X'X)^-1,
+Of points many half bandwidths apart, at most one shows the peak, and tau and G are whatever makes the model
+pass through it. Its residual is zero whatever it reads, its noise is that of the other rows only by
+assumption, and a spike, a point that had not settled or a line that is not Lorentzian look like another tau.
+The covariance without the rows R of one reading follows from the fit of all (Cook & Weisberg, Residuals and
+Influence in Regression, 1982, 2.2). With the whitened Jacobian X of everything fitted and C = (X'X)^-1,
 
     C(-R) = C + C X_R' (1 - H_R)^-1 X_R C,        H_R = X_R C X_R'
 
-A reading decides a parameter if without it the variance would be DECIDES times as large, and too large for the parameter to be
-determined.
+A reading decides a parameter if without it the variance would be DECIDES times as large, and too large for
+the parameter to be determined.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,18 @@ from sysid.trials.trial import Trial
 from sysid.verdict import identify
 from sysid.verdict.view import View
 
-# Of two readings that tell alike one leaves twice the variance. At ten times the others hold a tenth of what is known, and
-# contradict a reading that is wrong only from ten of the stated errors on, three of theirs.
+# Of two readings that tell alike one leaves twice the variance. At ten times the others hold a tenth of what
+# is known, and contradict a reading that is wrong only from ten of the stated errors on, three of theirs.
 DECIDES = 10.0
 LEAST = 1e-12  # of 1 - H_R, less than which is rounding: the reading alone holds something up
 ACROSS = 1.0  # half bandwidths on both sides of f0, across which ten points show the peak
 
 
-def resting(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> dict[str, str]:
-    """Why a parameter of `free` is not determined though its interval is narrow: one reading decides it. `at` (degC): where f0 is
-    reported."""
+def resting(
+    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
+) -> dict[str, str]:
+    """Why a parameter of `free` is not determined though its interval is narrow: one reading decides it. `at`
+    (degC): where f0 is reported."""
     told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
     if not told or not state.converged or all(t.silent for t in state.trials):
         return {}
@@ -45,22 +47,27 @@ def resting(state: State, reference: tuple[float, float], free: Sequence[str], a
         ratio = float(np.max(grown[i][:, k], initial=1.0))
         if ratio > DECIDES and np.sqrt(ratio) * errors[k] > _limit(state, name):
             trial = state.trials[i]
-            said[name] = _said(name, trial, int(np.arange(len(trial.log))[trial.noise.used][row]), state, reference)
+            said[name] = _said(
+                name, trial, int(np.arange(len(trial.log))[trial.noise.used][row]), state, reference
+            )
     return said
 
 
 def _on_a_floor(view: View) -> View:
-    """The amplitudes of a driven sweep on a floor that is as free as in one without a drive: whether a reading decides does not
-    hang on a drive that somebody wrote down."""
+    """The amplitudes of a driven sweep on a floor that is as free as in one without a drive: whether a
+    reading decides does not hang on a drive that somebody wrote down."""
     loose = view.trial.looseness**2 / float(np.max(view.trial.under)) if view.trial.under is not None else 0.0
     if view.trial.steady and not view.trial.signed and loose:
         view.columns = [c._replace(prior=loose) if c.name == "floor" else c for c in view.columns]
     return view
 
 
-def _without_one(views: Sequence[View], shown: np.ndarray, index: Sequence[int]) -> tuple[list[np.ndarray], np.ndarray]:
-    """Of each log (n, k): by what the variance of each of `shown` (k, 6), combinations of theta, of which `index` is free, grows
-    without one reading; 1 of a mean of several. And the standard deviation (k,) with all of them."""
+def _without_one(
+    views: Sequence[View], shown: np.ndarray, index: Sequence[int]
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Of each log (n, k): by what the variance of each of `shown` (k, 6), combinations of theta, of which
+    `index` is free, grows without one reading; 1 of a mean of several. And the standard deviation (k,) with
+    all of them."""
     jacobians = [v.jacobian[:, index] for v in views]
     gram = sum(j.T @ j for j in jacobians)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -72,14 +79,16 @@ def _without_one(views: Sequence[View], shown: np.ndarray, index: Sequence[int])
 
 
 def _of_one(view: View, white: np.ndarray, along: np.ndarray) -> np.ndarray:
-    """(n, k) of one log. Its Jacobian, less what its nuisances make of it, is `white` (rows, p), of parameters of unit variance;
-    `along` (p, k): the sums of these that are shown."""
+    """(n, k) of one log. Its Jacobian, less what its nuisances make of it, is `white` (rows, p), of
+    parameters of unit variance; `along` (p, k): the sums of these that are shown."""
     n, channels = view.n, 2 if np.iscomplexobj(view.residual) else 1
     rows = np.arange(n)[:, None] + n * np.arange(channels)  # of each reading
     hat = np.concatenate([view.basis, white], axis=1)[rows]
     values, vectors = np.linalg.eigh(np.eye(channels) - hat @ hat.transpose(0, 2, 1))
     pulls = vectors.transpose(0, 2, 1) @ (white[rows] @ along)
-    grown = 1 + np.sum(pulls**2 / np.maximum(values, LEAST)[:, :, None], axis=1) / np.maximum(np.sum(along**2, axis=0), 1e-300)
+    grown = 1 + np.sum(pulls**2 / np.maximum(values, LEAST)[:, :, None], axis=1) / np.maximum(
+        np.sum(along**2, axis=0), 1e-300
+    )
     return np.where(view.trial.noise.count[view.trial.noise.used][:, None] > 1, 1.0, grown)
 
 

@@ -1,11 +1,12 @@
 """Does the model describe the logs? Each thing that it leaves out is tried as one more term, to first order.
 
-For a term with shapes A, its coefficients are fitted beside the plant's parameters and the nuisances of every log (white
-weights), the noise of the logs is estimated anew from what is then left, and the gain in log-likelihood is what the term is
-worth. A term counts as found when that exceeds ENOUGH plus the logarithm of the number of terms that were tried (of one that is
-to be expected, of two: a Bonferroni bound may be shared out unevenly; Genovese et al., Biometrika 93, 509, 2006). It makes the
-fit a misfit when including it would move G, tau or f0 out of their intervals; else it is a warning. One that would move them and
-is worth less, but PERHAPS, is a warning too.
+For a term with shapes A, its coefficients are fitted beside the plant's parameters and the nuisances of every
+log (white weights), the noise of the logs is estimated anew from what is then left, and the gain in
+log-likelihood is what the term is worth. A term counts as found when that exceeds ENOUGH plus the logarithm
+of the number of terms that were tried (of one that is to be expected, of two: a Bonferroni bound may be
+shared out unevenly; Genovese et al., Biometrika 93, 509, 2006). It makes the fit a misfit when including it
+would move G, tau or f0 out of their intervals; else it is a warning. One that would move them and is worth
+less, but PERHAPS, is a warning too.
 
 Cook & Weisberg, Residuals and Influence in Regression (1982), added variables and one-step influence.
 """
@@ -32,13 +33,25 @@ from sysid.verdict.wording import OFTEN, UNSAID
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
 UNCHANGED = 0.01  # sum of squares in units of the noise
-TENSE = 2.0  # standard deviations of its prior, by which a response may be late before more than its first order matters
-ALIKE = ("drift", "lag", "late", "early", "phase delay", "background", "swept too fast", "saturation")  # in several logs
-LEAST = 1e-6  # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
+# standard deviations of its prior, by which a response may be late before more than its first order matters
+TENSE = 2.0
+ALIKE = (
+    "drift",
+    "lag",
+    "late",
+    "early",
+    "phase delay",
+    "background",
+    "swept too fast",
+    "saturation",
+)  # in several logs
+# of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
+LEAST = 1e-6
 MOVES = 2.0  # standard deviations of G, tau or f0
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
-LEAN = 1.0  # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
+# log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
+LEAN = 1.0
 FARAWAY = 4.0  # of these, by what is not seen
 EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
 CHANCE = 3.0  # standard deviations
@@ -61,16 +74,20 @@ class Found:
     @property
     def farthest(self) -> str:
         """Which of G, tau and f0 it moves most, and k_T where that is not one number."""
-        return max((n for n in self.moves if n != "k_T" or self.name == CURVED), key=lambda n: abs(self.moves[n]))
+        return max(
+            (n for n in self.moves if n != "k_T" or self.name == CURVED), key=lambda n: abs(self.moves[n])
+        )
 
     @property
     def harmful(self) -> bool:
         return abs(self.moves[self.farthest]) > MOVES
 
 
-def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> tuple[list[Found], list[str]]:
-    """What the logs hold that the model leaves out, the most significant first; and sentences on what could be there unseen and
-    would move the parameters far. `at` (degC): where parameters are reported."""
+def misfits(
+    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
+) -> tuple[list[Found], list[str]]:
+    """What the logs hold that the model leaves out, the most significant first; and sentences on what could
+    be there unseen and would move the parameters far. `at` (degC): where parameters are reported."""
     if all(t.silent for t in state.trials):
         return [], []
     views = View.each(state, reference)
@@ -78,28 +95,40 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, away)
     found = fit.found(tried)
-    if len(views) > 1 and not any(f.harmful and f.certain for f in found):  # alike in several logs: freer, and so looked for last
+    if len(views) > 1 and not any(
+        f.harmful and f.certain for f in found
+    ):  # alike in several logs: freer, and so looked for last
         alike = list(together([t for t in tried if t.name in ALIKE and fit.tells(t)], views))
         found, tried = found + fit.found(alike, len(tried)), tried + alike
     if len(views) > 1:
-        found += [gain for i, v in enumerate(views) if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None]
+        found += [
+            gain
+            for i, v in enumerate(views)
+            if (gain := _cancelling(i, v, ENOUGH + np.log(len(views)))) is not None
+        ]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
     doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
-    doubts += [said for i, v in enumerate(views) if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None]
+    doubts += [
+        said
+        for i, v in enumerate(views)
+        if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None
+    ]
     return sorted(found, key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED), 3)), doubts
 
 
 def described(minimiser: Minimiser, state: State) -> bool:
-    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing unexplained."""
+    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing
+    unexplained."""
     found, _ = misfits(state, minimiser.reference, minimiser.free, None)
     left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
     return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
-    """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that for a delay. Where
-    the logs say that neither is there, it is not late, and noise or another parameter looks so to first order."""
+    """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that
+    for a delay. Where the logs say that neither is there, it is not late, and noise or another parameter
+    looks so to first order."""
     lateness, c = view.trial.lateness, view.course
     if not lateness or 0.5 * (view.late / error_of_lateness(view, fit)) ** 2 < ENOUGH:
         return None
@@ -116,17 +145,22 @@ def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
 
 
 def _outlying(i: int, view: View) -> Found | None:
-    """The worst outliers of a log beside a change of its inputs, if they are what the response shows when it is elsewhere in time
-    by more than it may be: of the row at the change what comes later, of several rows after it what points along the response, as
-    the fit has made up for the rest."""
+    """The worst outliers of a log beside a change of its inputs, if they are what the response shows when it
+    is elsewhere in time by more than it may be: of the row at the change what comes later, of several rows
+    after it what points along the response, as the fit has made up for the rest."""
     trial, noise, rows = view.trial, view.trial.noise, at_changes(view.trial)
     weight = np.ones(len(trial.log)) if noise.tail is None else np.array(noise.tail)
     weight[~noise.kept] = 0.0
     if not rows or not trial.lateness or trial.lost:
         return None
-    rank = -np.log(np.searchsorted(np.sort(weight), weight, side="right") / len(weight))  # by chance exponential
+    rank = -np.log(
+        np.searchsorted(np.sort(weight), weight, side="right") / len(weight)
+    )  # by chance exponential
     after = [np.arange(row + 1, row + 1 + n) for row in rows for n in (2, 3) if row + n < len(weight)]
-    for runs, name, elsewhere in (([np.array([row]) for row in rows], "astray", _earlier), (after, "late", _aslant)):
+    for runs, name, elsewhere in (
+        ([np.array([row]) for row in rows], "astray", _earlier),
+        (after, "late", _aslant),
+    ):
         chances = [float(gammaincc(len(run), np.sum(rank[run]))) for run in runs]
         if not runs or (worth := -float(np.log(len(runs) * max(min(chances), 1e-300)))) < ENOUGH:
             continue
@@ -134,7 +168,11 @@ def _outlying(i: int, view: View) -> Found | None:
         if np.max(np.abs(left)) <= TENSE * trial.lateness * np.max(np.abs(view.course.push)):
             continue
         if elsewhere(view, run) <= max(SURELY * noise.std, ROUGHLY * float(np.linalg.norm(left))):
-            said = ASTRAY.format(trial.log.name, trial.log.time[run[0]]) if name == "astray" else LATE.format(trial.log.name, "")
+            said = (
+                ASTRAY.format(trial.log.name, trial.log.time[run[0]])
+                if name == "astray"
+                else LATE.format(trial.log.name, "")
+            )
             return Found(said, worth, {"G": np.inf}, name, i, 2)
     return None
 
@@ -142,7 +180,10 @@ def _outlying(i: int, view: View) -> Found | None:
 def _earlier(view: View, run: np.ndarray) -> float:
     """What is left of a run of rows when they show what the model does later."""
     c, tried = view.course, view.course.tau * np.geomspace(0.01, 4, 48)
-    return min(float(np.linalg.norm(view.residual[run] - view.observed((c.later(-t) - c.forced)[None])[0, run])) for t in tried)
+    return min(
+        float(np.linalg.norm(view.residual[run] - view.observed((c.later(-t) - c.forced)[None])[0, run]))
+        for t in tried
+    )
 
 
 def _aslant(view: View, run: np.ndarray) -> float:
@@ -152,8 +193,8 @@ def _aslant(view: View, run: np.ndarray) -> float:
 
 
 def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
-    """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between its rows: half a
-    step."""
+    """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between
+    its rows: half a step."""
     log, changes = view.trial.log, np.diff(view.trial.log.frequency) if view.trial.resonant else np.zeros(1)
     if "f0" not in fit.names or not one_way(view) or "delay_s" not in log.bench or np.any(changes == 0):
         return None  # a frequency that stays for several rows does not run on
@@ -166,10 +207,15 @@ def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
 
 
 def _row_before(i: int, view: View, fit: "Linear") -> str | None:
-    """That `sampling` is not stated of a transient whose lateness is known, and would move the parameters far: `settled` has each
-    row show the response a row earlier."""
+    """That `sampling` is not stated of a transient whose lateness is known, and would move the parameters
+    far: `settled` has each row show the response a row earlier."""
     trial = view.trial
-    if trial.steady or trial.log.sampling is not None or trial.log.theta is not None or trial.lateness >= 0.5 * trial.spacing:
+    if (
+        trial.steady
+        or trial.log.sampling is not None
+        or trial.log.theta is not None
+        or trial.lateness >= 0.5 * trial.spacing
+    ):
         return None
     if trial.changes > OFTEN * len(trial.log):
         return None  # `wording.sampled` has said so
@@ -177,7 +223,10 @@ def _row_before(i: int, view: View, fit: "Linear") -> str | None:
     name = max((n for n in moves if n != "k_T"), key=lambda n: abs(moves[n]))
     if not MOVES < abs(moves[name]) < np.inf:
         return None
-    return f"{trial.log.name}: {UNSAID} instant; settled would move {name} by {abs(moves[name]):.2g} of its standard deviations"
+    return (
+        f"{trial.log.name}: {UNSAID} instant; settled would move {name} by {abs(moves[name]):.2g} of its"
+        f" standard deviations"
+    )
 
 
 def error_of_lateness(view: View, fit: "Linear") -> float:
@@ -196,8 +245,8 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
 
 
 class _Added(NamedTuple):
-    """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the rows, scaled to unit
-    size, with the Jacobian, with themselves and with the residual."""
+    """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the
+    rows, scaled to unit size, with the Jacobian, with themselves and with the residual."""
 
     rows: dict[int, tuple[np.ndarray, slice]]
     scale: np.ndarray
@@ -207,7 +256,8 @@ class _Added(NamedTuple):
 
 
 class _Looked(NamedTuple):
-    """Rows of a term's shapes in one log, and their products with its Jacobian, with themselves and with its residual."""
+    """Rows of a term's shapes in one log, and their products with its Jacobian, with themselves and with its
+    residual."""
 
     rows: np.ndarray
     cross: np.ndarray
@@ -216,8 +266,8 @@ class _Looked(NamedTuple):
 
 
 class Linear:
-    """The joint fit of the parameters `names`, linearised: what one more term would change of what is reported `away` (degC)
-    from the mean temperature."""
+    """The joint fit of the parameters `names`, linearised: what one more term would change of what is
+    reported `away` (degC) from the mean temperature."""
 
     def __init__(self, views: list[View], state: State, names: list[str], away: float):
         index = [NAMES.index(n) for n in names]
@@ -225,7 +275,9 @@ class Linear:
         self.covariance = state.covariance
         # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
         firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
-        self.std = np.sqrt(firm * np.diag(self.reported @ state.spread[np.ix_(index, index)] @ self.reported.T))
+        self.std = np.sqrt(
+            firm * np.diag(self.reported @ state.spread[np.ix_(index, index)] @ self.reported.T)
+        )
         self.jacobians = [v.jacobian[:, index] for v in views]
         self.prior = state.prior.precision[np.ix_(index, index)]
         self.pulled = state.prior.slope(state.theta)[index]
@@ -236,7 +288,8 @@ class Linear:
         self.added: dict[Term, _Added | None] = {}
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
-        """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off the i-th log."""
+        """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off
+        the i-th log."""
         shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
         return dict(zip(self.names, -shift, strict=True))
 
@@ -245,7 +298,8 @@ class Linear:
         return self.reported @ self.inverse @ self.jacobians[i].T @ self.jacobians[i]
 
     def gained(self, shapes: Mapping[int, np.ndarray]) -> float:
-        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the parameters follow."""
+        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the
+        parameters follow."""
         rows = {i: self.views[i].off(shape) for i, shape in shapes.items()}
         shift = self.inverse @ (self.slope - sum(self.jacobians[i].T @ x for i, x in rows.items()))
         worth = self._believed(shift)
@@ -254,14 +308,19 @@ class Linear:
         return worth
 
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
-        """Those that the logs hold; `others`: how many were tried before. Half of the chance is that of what one log has for
-        itself, of which there are few: what logs contradict each other in moves the parameters more than all else."""
+        """Those that the logs hold; `others`: how many were tried before. Half of the chance is that of what
+        one log has for itself, of which there are few: what logs contradict each other in moves the
+        parameters more than all else."""
         between = sum(t.between for t in tried)
         shares = 1 if between in (0, len(tried)) else 2
         few, many = (np.log(max(shares * n, 1)) for n in (between, len(tried) - between + others))
         self._look([t for t in tried if not t.parts])
         chances = [np.log(2) if t.expected else few if t.between else many for t in tried]
-        return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c + t.freedom - 1)) is not None]
+        return [
+            f
+            for t, c in zip(tried, chances, strict=True)
+            if (f := self.worth(t, c + t.freedom - 1)) is not None
+        ]
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""
@@ -273,7 +332,8 @@ class Linear:
         return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
 
     def doubt(self, term: Term) -> str | None:
-        """What the term would do at a size of two of its standard deviations, at which it is not seen; None if that is little."""
+        """What the term would do at a size of two of its standard deviations, at which it is not seen; None
+        if that is little."""
         added = self._added(term)
         if added is None or (own := self._own(added))[0, 0] < LEAST:
             return None
@@ -283,7 +343,9 @@ class Linear:
         k = int(np.argmax(np.abs(moves)))
         if abs(moves[k]) < FARAWAY:
             return None
-        return term.unseen.format(value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations")
+        return term.unseen.format(
+            value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations"
+        )
 
     def _added(self, term: Term) -> "_Added | None":
         """Looked at once: a term may be part of another."""
@@ -294,9 +356,16 @@ class Linear:
     def _all(self, term: Term) -> "_Added":
         parts = [added for t in term.parts if (added := self._added(t)) is not None]
         begins = np.cumsum([0, *(len(a.scale) for a in parts)])
-        rows = {i: (x, slice(k, k + x.shape[1])) for a, k in zip(parts, begins, strict=False) for i, (x, _) in a.rows.items()}
+        rows = {
+            i: (x, slice(k, k + x.shape[1]))
+            for a, k in zip(parts, begins, strict=False)
+            for i, (x, _) in a.rows.items()
+        }
         scale, score = (np.concatenate(x) for x in zip(*((a.scale, a.score) for a in parts), strict=True))
-        cross, square = np.concatenate([a.cross for a in parts], axis=1), block_diag(*(a.square for a in parts))
+        cross, square = (
+            np.concatenate([a.cross for a in parts], axis=1),
+            block_diag(*(a.square for a in parts)),
+        )
         return _Added(rows, scale, cross, square, score)
 
     def _look(self, tried: Sequence[Term]) -> None:
@@ -305,7 +374,9 @@ class Linear:
             here = [t for t in tried if i in t.shapes]
             if not here:
                 continue
-            with np.errstate(over="ignore", invalid="ignore"):  # of an absurd value's powers; `_alone` leaves them out
+            with np.errstate(
+                over="ignore", invalid="ignore"
+            ):  # of an absurd value's powers; `_alone` leaves them out
                 rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
                 cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
             end = 0
@@ -328,7 +399,8 @@ class Linear:
         return added.square - added.cross.T @ self.inverse @ added.cross
 
     def worth(self, term: Term, chance: float) -> Found | None:
-        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than `chance` gives."""
+        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than
+        `chance` gives."""
         threshold = chance + PERHAPS
         added = self._added(term)
         if added is None:
@@ -351,17 +423,24 @@ class Linear:
             return None
         moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
         if term.beside is not None and term.beside[0] in moves:
-            moves[term.beside[0]] += term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
+            moves[term.beside[0]] += (
+                term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
+            )
         if term.squared is not None and term.squared[0] in moves:
-            moves[term.squared[0]] += term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
+            moves[term.squared[0]] += (
+                term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
+            )
         certain = bool(gained >= chance + ENOUGH)
         explains = said != UNNAMED and self._explains(rows, coefficient, shift)
         found = Found(said, float(gained), moves, term.name, term.log, term.freedom, certain, explains)
         return found if found.certain or found.harmful else None
 
-    def _explains(self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray) -> bool:
-        """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold it: neighbouring
-        rows of the residual then share EXPLAINED of the power they did, or less, or no more than independent rows by chance."""
+    def _explains(
+        self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray
+    ) -> bool:
+        """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold
+        it: neighbouring rows of the residual then share EXPLAINED of the power they did, or less, or no more
+        than independent rows by chance."""
         before = after = chance = 0.0
         for i, (part, which) in rows.items():
             view, jacobian = self.views[i], self.jacobians[i]

@@ -1,7 +1,8 @@
 """Of logs that one plant does not explain: the one that contradicts the others, and in what.
 
-A log that the model describes by itself, beside others that it describes together, holds nothing that the model leaves out: it is
-of another plate, at another temperature, or in other units. That asks for less than an effect that would explain it.
+A log that the model describes by itself, beside others that it describes together, holds nothing that the
+model leaves out: it is of another plate, at another temperature, or in other units. That asks for less than
+an effect that would explain it.
 """
 
 from collections.abc import Sequence
@@ -19,9 +20,11 @@ APART = 5.0  # standard deviations by which a log has to contradict the others: 
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
 
 
-def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State, which: int | None = None) -> str | None:
-    """A sentence on the log that the fit of all leaves most of, or on `which`, where it and the others are each described well;
-    else None."""
+def odd_one(
+    minimiser: Minimiser, trials: Sequence[Trial], together: State, which: int | None = None
+) -> str | None:
+    """A sentence on the log that the fit of all leaves most of, or on `which`, where it and the others are
+    each described well; else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
     known = [was_read(t.log) for t in trials]
@@ -33,7 +36,11 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State, whic
     if not (described(minimiser, alone) and described(minimiser, rest)):
         return None
     warm = float(np.mean(trials[i].hold(minimiser.reference).warming))
-    said = {"G": ("G", times_of), "tau": ("tau", times_of), "f0": ("the resonance", lambda x: f"{x:+.4g} Hz off that")}
+    said = {
+        "G": ("G", times_of),
+        "tau": ("tau", times_of),
+        "f0": ("the resonance", lambda x: f"{x:+.4g} Hz off that"),
+    }
     apart = {n: _apart(alone, rest, k, warm) for k, n in enumerate(said) if n in minimiser.free}
     name = max(apart, key=lambda n: abs(apart[n][0]) / apart[n][1])
     value, error = apart[name]
@@ -48,7 +55,8 @@ def odd_one(minimiser: Minimiser, trials: Sequence[Trial], together: State, whic
 
 
 def _touch(apart: dict[str, tuple[float, float]]) -> float:
-    """By how much log G and log tau are both lower than those of the others; 0 where they are not, or not alike."""
+    """By how much log G and log tau are both lower than those of the others; 0 where they are not, or not
+    alike."""
     values, errors = np.array([apart.get(n, (0.0, 1.0)) for n in ("G", "tau")]).T
     if np.any(values > -ALIKE * errors) or abs(values[0] - values[1]) > ALIKE * float(np.hypot(*errors)):
         return 0.0
@@ -69,6 +77,9 @@ def _left(trial: Trial, model: np.ndarray) -> float:
 
 
 def _apart(alone: State, rest: State, k: int, warm: float) -> tuple[float, float]:
-    """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of that."""
+    """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of
+    that."""
     row = carried(warm)[k]
-    return float(row @ (alone.theta - rest.theta)), float(np.sqrt(row @ (alone.covariance + rest.covariance) @ row))
+    return float(row @ (alone.theta - rest.theta)), float(
+        np.sqrt(row @ (alone.covariance + rest.covariance) @ row)
+    )

@@ -1,8 +1,10 @@
-"""Whose inputs the rows of a swept transient show, where no log says so: their own, or those of the row before.
+"""Whose inputs the rows of a swept transient show, where no log says so: their own, or those of the row
+before.
 
-The two readings are the same log a row apart. Of a sweep that turns back, or beside logs that tell f0, they differ in how well
-they are described, and the logs decide. A sweep of one direction is described alike by both, with f0 a step apart: then it is
-read half way between them, and the error spans both, as of two readings that are equally likely,
+The two readings are the same log a row apart. Of a sweep that turns back, or beside logs that tell f0, they
+differ in how well they are described, and the logs decide. A sweep of one direction is described alike by
+both, with f0 a step apart: then it is read half way between them, and the error spans both, as of two
+readings that are equally likely,
 
     D = (theta_settled - theta_instant) (theta_settled - theta_instant)^T / 4
 """
@@ -25,8 +27,8 @@ FINER = 4  # intervals from row to row, in each of which an input that runs on i
 
 
 class Owned(NamedTuple):
-    """The minima with each log as it is read; what both readings of logs that cannot tell add to the covariance (6, 6) of theta;
-    and sentences on what was taken."""
+    """The minima with each log as it is read; what both readings of logs that cannot tell add to the
+    covariance (6, 6) of theta; and sentences on what was taken."""
 
     trials: tuple[Trial, ...]
     states: list[State]
@@ -35,7 +37,8 @@ class Owned(NamedTuple):
 
 
 def owned(minimiser: Minimiser, trials: tuple[Trial, ...], states: list[State], logs: Sequence[Log]) -> Owned:
-    """How the logs (as they were given) are read whose `sampling` matters and is not stated; `trials` as they were read."""
+    """How the logs (as they were given) are read whose `sampling` matters and is not stated; `trials` as they
+    were read."""
     dispersion, said = np.zeros((len(NAMES), len(NAMES))), []
     for i, log in enumerate(logs):
         if log.sampling is not None or not _matters(trials[i]):
@@ -57,9 +60,14 @@ def owned(minimiser: Minimiser, trials: tuple[Trial, ...], states: list[State], 
 
 
 def _matters(trial: Trial) -> bool:
-    """A transient with times whose inputs change on many of its rows, not yet read as showing its own, and of which is not stated
-    how late it is."""
-    unread = not trial.steady and trial.log.theta is None and trial.log.sampling is None and "delay_s" not in trial.log.bench
+    """A transient with times whose inputs change on many of its rows, not yet read as showing its own, and of
+    which is not stated how late it is."""
+    unread = (
+        not trial.steady
+        and trial.log.theta is None
+        and trial.log.sampling is None
+        and "delay_s" not in trial.log.bench
+    )
     return unread and trial.changes > wording.OFTEN * len(trial.log)
 
 
@@ -69,8 +77,8 @@ def _log(trial: Trial) -> Log:
 
 
 def _half_way(trial: Trial) -> Iterator[Trial]:
-    """The log with inputs half way between those of each row and of the next, which act from one row to the other; and with
-    inputs that run on evenly between them."""
+    """The log with inputs half way between those of each row and of the next, which act from one row to the
+    other; and with inputs that run on evenly between them."""
     log = _log(trial)
     columns = {n: c for n in ("drive", "frequency") if (c := getattr(log, n)) is not None}
     held: dict[str, Any] = {n: np.append(0.5 * (c[1:] + c[:-1]), c[-1]) for n, c in columns.items()}
@@ -78,9 +86,13 @@ def _half_way(trial: Trial) -> Iterator[Trial]:
     if trial.whole is None:
         time = np.interp(np.arange(FINER * (len(log) - 1)) / FINER, np.arange(len(log)), log.time)
         middle = time + 0.5 * np.diff(np.append(time, log.time[-1]))
-        warm = {} if log.temperature is None else {"temperature": np.interp(middle, log.time, log.temperature)}
+        warm = (
+            {} if log.temperature is None else {"temperature": np.interp(middle, log.time, log.temperature)}
+        )
         drive = np.zeros(len(time)) if log.drive is None else np.interp(middle, log.time, log.drive)
-        hold = hold_inputs(time, drive, np.interp(middle, log.time, log.frequency) if trial.resonant else None, **warm)
+        hold = hold_inputs(
+            time, drive, np.interp(middle, log.time, log.frequency) if trial.resonant else None, **warm
+        )
         yield replace(trial, inputs=read_at(hold, log.time, 0.0)._replace(spread=np.zeros(len(log))))
 
 

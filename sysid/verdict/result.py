@@ -28,7 +28,8 @@ class Result(StrEnum):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter with its error; `value`, `std` and `ci95` are None and `why` a sentence when not determined."""
+    """One parameter with its error; `value`, `std` and `ci95` are None and `why` a sentence when not
+    determined."""
 
     value: float | None
     std: float | None

@@ -2,13 +2,15 @@
 
     w = |W + o + n|
 
-An instrument that records the amplitude alone hides what Wd and Wq read at rest. There w is |o|, not the noise's size, and in a
-step or a ring-down o adds to the response at first and takes from it later, as the response turns. Where the rows at rest, before
-the first drive and long after the last, are larger than noise, the log is fitted with an offset, of a prior as wide as they tell.
-It is kept if that describes the log better than chance would; if it moves G or tau of a driven log by more than their errors, as
-the log then does not tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
-direction, but then G is not known better than that. Rows of one sign without a frequency are read as the output of a first-order
-plant, on an offset of its own; the amplitude on one of d and q is kept instead where it describes them better.
+An instrument that records the amplitude alone hides what Wd and Wq read at rest. There w is |o|, not the
+noise's size, and in a step or a ring-down o adds to the response at first and takes from it later, as the
+response turns. Where the rows at rest, before the first drive and long after the last, are larger than noise,
+the log is fitted with an offset, of a prior as wide as they tell. It is kept if that describes the log better
+than chance would; if it moves G or tau of a driven log by more than their errors, as the log then does not
+tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
+direction, but then G is not known better than that. Rows of one sign without a frequency are read as the
+output of a first-order plant, on an offset of its own; the amplitude on one of d and q is kept instead where
+it describes them better.
 """
 
 from collections.abc import Sequence
@@ -25,19 +27,21 @@ from sysid.trials.trial import Trial, with_noise
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
 SURE = 4.0  # above which it is there
-WORTH = 8.0  # log-likelihood: with a resonance that only an offset shows, three numbers, looked for from four sides
+# log-likelihood: with a resonance that only an offset shows, three numbers, looked for from four sides
+WORTH = 8.0
 SOME = 2.0  # in a log that had an offset before, of the response's own direction
 MOVES = 3.0  # standard deviations of G or tau
 LARGE = 0.7  # tau, in which a response that rings down is large beside its noise, if it ever is
 STILL = 0.1  # of the last rows, less than which is left of a response that rings down
-MEDIAN = 8.0  # variance of the noise's square by the median of second differences, times rows; at rest it is exponential: 1
+# variance of the noise's square by the median of second differences, times rows; at rest it is exponential: 1
+MEDIAN = 8.0
 TURNS = np.exp(0.5j * np.pi * np.arange(4))  # of an offset, from where its direction is looked for
 ROUNDS = 4  # of each of them
 
 
 class _Rest(NamedTuple):
-    """What an amplitude log reads at rest: the offset that this may be, by how many standard deviations it is more than noise,
-    and the noise beside the drive."""
+    """What an amplitude log reads at rest: the offset that this may be, by how many standard deviations it is
+    more than noise, and the noise beside the drive."""
 
     size: float
     seen: float
@@ -60,8 +64,8 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
 
 
 def _as_amplitude(trial: Trial) -> Trial:
-    """The trial, read as an amplitude if it may be one: rows of one sign without a frequency were taken for the output of a
-    first-order plant."""
+    """The trial, read as an amplitude if it may be one: rows of one sign without a frequency were taken for
+    the output of a first-order plant."""
     log = trial.log
     signed = trial.signed and log.amplitude_only and not trial.steady and not trial.resonant
     if not signed or log.response_unit in OFFSET_UNITS or np.min(log.response) <= 0:
@@ -71,14 +75,17 @@ def _as_amplitude(trial: Trial) -> Trial:
 
 
 def _at_rest(trial: Trial, tau: float) -> _Rest | None:
-    """Of an amplitude that is at rest before its first drive, or rings down; None of others, and where too few rows show it."""
+    """Of an amplitude that is at rest before its first drive, or rings down; None of others, and where too
+    few rows show it."""
     log = trial.whole or trial.log
     if "offset" not in trial.nuisances or trial.signed or trial.steady or log.relative_noise:
         return None
     driven = np.flatnonzero(log.drive) if trial.driven else np.zeros(1, int)
     first, last = driven[0], driven[-1]
     off, size = log.time[min(last + 1, len(log) - 1)], trial.scale
-    beside = log.response[first + 1 : last + 1] if trial.driven else log.response[log.time < off + LARGE * tau]
+    beside = (
+        log.response[first + 1 : last + 1] if trial.driven else log.response[log.time < off + LARGE * tau]
+    )
     noise = rice.variance(beside) if len(beside) > FEW else 0.0
     if noise == 0:
         return None
@@ -87,7 +94,10 @@ def _at_rest(trial: Trial, tau: float) -> _Rest | None:
     rest = log.response[before | (log.time > off + tau * np.log(size / (STILL * level)))]
     if len(rest) < FEW:
         return None
-    more, error = float(np.mean(rest**2)) - 2 * noise, 2 * noise * float(np.sqrt(1 / len(rest) + MEDIAN / len(beside)))
+    more, error = (
+        float(np.mean(rest**2)) - 2 * noise,
+        2 * noise * float(np.sqrt(1 / len(rest) + MEDIAN / len(beside))),
+    )
     return _Rest(float(np.sqrt(max(more, 0.0) + error)), more / error, float(np.sqrt(noise)))
 
 
@@ -95,11 +105,14 @@ def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
     """The minimum near `state` with an offset of about that size under the i-th log."""
 
     trial = _as_amplitude(state.trials[i])
-    # Without a frequency to tell the turn of the response, lateness would take what an offset does as a step begins.
+    # Without a frequency to tell the turn of the response, lateness would take what an offset does as a step
+    # begins.
     prompt = tuple(n for n in trial.nuisances if n != "late" or trial.resonant)
 
     def begun(turn: complex) -> tuple[Trial, ...]:
-        new = replace(trial, standing=True, offset=rest.size * turn, narrow=trial.narrow | {"offset": rest.size})
+        new = replace(
+            trial, standing=True, offset=rest.size * turn, narrow=trial.narrow | {"offset": rest.size}
+        )
         new = replace(new, floor=rest.noise**2, floor_free=True, late=0.0, nuisances=prompt)
         return _with(state.trials, i, with_noise(new, rest.noise, 0.0))
 
@@ -127,12 +140,15 @@ def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
 def _moved(before: State, after: State) -> float:
     """How far G or tau is off, in the errors that they had."""
     variance = np.diag(before.covariance)[:2]
-    return float(np.sqrt(np.max((after.theta - before.theta)[:2] ** 2 / np.where(variance > 0, variance, np.inf))))
+    return float(
+        np.sqrt(np.max((after.theta - before.theta)[:2] ** 2 / np.where(variance > 0, variance, np.inf)))
+    )
 
 
 def _said(trial: Trial) -> str:
     share = 100 * abs(trial.offset) / trial.scale
     return (
-        f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the response, and is"
+        f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the"
+        f" response, and is"
         " fitted; record wd and wq, or subtract what these read at rest before taking the amplitude"
     )

@@ -13,23 +13,35 @@ UNNAMED = ""  # what is said of a size that the logs may show, but that is not w
 
 @dataclass(frozen=True, eq=False)
 class Term:
-    """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex or real."""
+    """Something left out: `shapes`, of some logs (by position), (n, m) in the unit of the response, complex
+    or real."""
 
     name: str
     shapes: dict[int, np.ndarray] = field(repr=False)
     say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that makes no sense; UNNAMED
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
-    beside: tuple[str, float] | None = None  # a parameter that it moves besides, by so much for a coefficient of one
+    beside: tuple[str, float] | None = (
+        None  # a parameter that it moves besides, by so much for a coefficient of one
+    )
     squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
-    unseen: str = ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
-    expected: bool = False  # what every plate has a little of: not one of many things that chance may look like
-    between: bool = False  # what one log would have for itself, of which few are tried beside all that a log may hold
-    parts: tuple["Term", ...] = field(default=(), repr=False)  # of one log each, in place of shapes of its own
+    unseen: str = (
+        ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
+    )
+    expected: bool = (
+        False  # what every plate has a little of: not one of many things that chance may look like
+    )
+    between: bool = (
+        False  # what one log would have for itself, of which few are tried beside all that a log may hold
+    )
+    parts: tuple["Term", ...] = field(
+        default=(), repr=False
+    )  # of one log each, in place of shapes of its own
 
 
 def together(terms: Sequence[Term], views: Sequence[View]) -> Iterator[Term]:
-    """The same thing in several logs at once, in each by what it has: where all are off alike, none contradicts the rest."""
+    """The same thing in several logs at once, in each by what it has: where all are off alike, none
+    contradicts the rest."""
     alike: dict[tuple[str, int], list[Term]] = {}
     met: Counter[tuple[str, int]] = Counter()
     for t in terms:
@@ -44,9 +56,15 @@ def _all(parts: Sequence[Term], views: Sequence[View]) -> Term:
 
     def say(value: np.ndarray, _: View) -> str | None:
         said = [t.say(v, views[t.log or 0]) for t, v in zip(parts, np.split(value, ends[:-1]), strict=True)]
-        return None if None in said else f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
+        return (
+            None
+            if None in said
+            else f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
+        )
 
-    return Term(parts[0].name, {}, say, parts[0].log, freedom=sum(t.freedom for t in parts), parts=tuple(parts))
+    return Term(
+        parts[0].name, {}, say, parts[0].log, freedom=sum(t.freedom for t in parts), parts=tuple(parts)
+    )
 
 
 def of_one(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:

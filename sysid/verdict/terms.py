@@ -1,4 +1,5 @@
-"""What a log may hold that the model leaves out: one more term each, as a shape to first order and a sentence."""
+"""What a log may hold that the model leaves out: one more term each, as a shape to first order and a
+sentence."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain
@@ -16,15 +17,19 @@ from sysid.verdict.term import UNNAMED, Term, of_one
 from sysid.verdict.view import View
 
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
-BESIDE = 2.0 ** np.arange(-1, 6)  # half bandwidths from the resonance at which a second one is looked for, on both sides
+BESIDE = 2.0 ** np.arange(
+    -1, 6
+)  # half bandwidths from the resonance at which a second one is looked for, on both sides
 LEAST = 1e-9  # of a shape: less is rounding
 ABSURD = 100.0  # half bandwidths, of which a shape to first order says nothing
 HIDDEN = (
-    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of one direction, and"
+    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of"
+    " one direction, and"
     " would move {{}}; sweep back as well, or record the temperature of every row"
 )
 RUNNING = (
-    "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is {:.2g} Hz {}, {:.2g} of"
+    "{}: its frequency is taken to stay from row to row; if it runs on between them, as a chirp's, f0 is"
+    " {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
 CURVED = "f0 curved over temperature"
@@ -35,7 +40,11 @@ OF_PHASE = "of settled points state what turns their phase, a sensor's or a cabl
 
 def terms(views: list[View], free: Sequence[str], away: float) -> list[Term]:
     """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
-    return list(chain(*(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)))
+    return list(
+        chain(
+            *(_of_one(i, v) for i, v in enumerate(views)), _of_all(views, away, free), _between(views, free)
+        )
+    )
 
 
 def _of_one(i: int, view: View) -> Iterator[Term]:
@@ -62,8 +71,8 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
 
 
 def _rows_lost(i: int, view: View) -> Iterator[Term]:
-    """Rows that a recorder lost amid a transient, though the times go on: those behind are ahead of them. Looked for at PLACES
-    between which the response moves alike."""
+    """Rows that a recorder lost amid a transient, though the times go on: those behind are ahead of them.
+    Looked for at PLACES between which the response moves alike."""
     trial, moved = view.trial, np.cumsum(np.abs(view.course.rate))
     if trial.log.time is None or trial.whole is not None or moved[-1] == 0 or trial.spacing == 0:
         return
@@ -75,7 +84,8 @@ def _rows_lost(i: int, view: View) -> Iterator[Term]:
             if not 0.5 < lost < 0.1 * len(trial.log):
                 return None
             return (
-                f"{trial.log.name}: from about {trial.log.time[row]:.4g} s on it is ahead by about {lost:.2g} rows: rows seem to"
+                f"{trial.log.name}: from about {trial.log.time[row]:.4g} s on it is ahead by about"
+                f" {lost:.2g} rows: rows seem to"
                 " be missing there, though the times go on; record it again, or leave it out"
             )
 
@@ -88,7 +98,8 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
     one = view.trial.log.frequency is not None and np.ptp(view.trial.log.frequency) == 0
     out = "drive at another frequency, or record a sweep without it" if one else "leave its frequencies out"
     places = np.append(-BESIDE, BESIDE)
-    # Outside of all frequencies it shows no peak, and whatever is nearly even looks like it; so does one that is the larger.
+    # Outside of all frequencies it shows no peak, and whatever is nearly even looks like it; so does one that
+    # is the larger.
     below, above = (np.min(c.detuning), np.max(c.detuning)) if view.trial.swept else (-np.inf, np.inf)
     others = c.at(np.tile(2j * np.pi * half_bandwidth * places, (len(c.hold.drive), 1))).forced
     for beside, shape in zip(places, others.T, strict=True):
@@ -108,21 +119,30 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
 
 
 def _off_resonance(i: int, view: View) -> Term:
-    """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is taken to be. By x half
-    bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by about x^2."""
+    """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is
+    taken to be. By x half bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by
+    about x^2."""
     name, x = view.trial.log.name, 2 * np.pi * view.course.tau
 
     def say(value: np.ndarray, _: View) -> str:
         return (
-            f"{name}: it was driven about {abs(value[0]):.2g} Hz off the resonance, and no frequency is recorded; add a"
+            f"{name}: it was driven about {abs(value[0]):.2g} Hz off the resonance, and no frequency is"
+            f" recorded; add a"
             " frequency_* column, or its value as metadata"
         )
 
-    return Term("off resonance", {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T}, say, i, squared=("tau", x**2))
+    return Term(
+        "off resonance",
+        {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T},
+        say,
+        i,
+        squared=("tau", x**2),
+    )
 
 
 def _drift(i: int, view: View) -> Iterator[Term]:
-    """A resonance that moves in proportion to the time, or to the heat that the plate has made since the first row."""
+    """A resonance that moves in proportion to the time, or to the heat that the plate has made since the
+    first row."""
     c, log = view.course, view.trial.log
     order = np.arange(len(log)) if log.time is None else log.time
     heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
@@ -136,9 +156,14 @@ def _drift(i: int, view: View) -> Iterator[Term]:
         def say(value: np.ndarray, _: View, why: str = why) -> str | None:
             if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
                 return None
-            warm = "read its temperature in finer steps, on the plate" if warmed else "record the temperature of every row"
+            warm = (
+                "read its temperature in finer steps, on the plate"
+                if warmed
+                else "record the temperature of every row"
+            )
             return (
-                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last; {warm}, wait until it is"
+                f"{log.name}: its resonance {why} by {value[0]:+.3g} Hz from the first row to the last;"
+                f" {warm}, wait until it is"
                 " constant, or fit a drift (--effects=+drift)"
             )
 
@@ -157,7 +182,8 @@ def _lag(i: int, view: View) -> Iterator[Term]:
 
     def say(value: np.ndarray, _: View) -> str | None:
         return (
-            f"{name}: the temperature that is recorded lags the plate's by about {value[0]:.2g} s; warm it more slowly, wait"
+            f"{name}: the temperature that is recorded lags the plate's by about {value[0]:.2g} s; warm it"
+            f" more slowly, wait"
             " until it is constant, or fit the lag (--effects=+lag)"
         )
 
@@ -181,7 +207,8 @@ def one_way(view: View) -> bool:
 
 
 def _too_fast(i: int, view: View) -> Iterator[Term]:
-    """Settled points that had not settled: after a dwell d each, Z_k = S_k + (Z_(k-1) - S_k) e^{a_k d}, S what it settles at."""
+    """Settled points that had not settled: after a dwell d each, Z_k = S_k + (Z_(k-1) - S_k) e^{a_k d}, S
+    what it settles at."""
     log, c = view.trial.log, view.course
     if log.frequency is None or len(log) < 8 or np.mean(np.sign(np.diff(log.frequency))) ** 2 < 0.5:
         return
@@ -189,14 +216,16 @@ def _too_fast(i: int, view: View) -> Iterator[Term]:
         decay = np.exp(c.pole * c.tau * dwell)
         left = accumulated(decay[1:], -decay[1:] * np.diff(view.plate))
         said = (
-            f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell {6 * c.tau:.2g} s or longer at"
+            f"{log.name}: swept too fast for settled points (dwell about {dwell:.2g} tau); dwell"
+            f" {6 * c.tau:.2g} s or longer at"
             " each frequency, or record the time of every row and say kind: transient"
         )
         yield of_one(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
 
 
 def _background(i: int, view: View) -> Iterator[Term]:
-    """What lies in parallel to the resonance or behind it, over a sweep: a cable's delay, a background that bends."""
+    """What lies in parallel to the resonance or behind it, over a sweep: a cable's delay, a background that
+    bends."""
     log = view.trial.log
     if log.frequency is None or np.ptp(log.frequency) == 0 or not view.trial.signed:
         return
@@ -207,10 +236,15 @@ def _background(i: int, view: View) -> Iterator[Term]:
         if stated:
             said = f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states"
             return f"{log.name}: {said}; {OF_PHASE}"
-        return f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
+        return (
+            f"{log.name}: its phase falls along the sweep as behind a delay of {seconds:.2g} s; state delay_s"
+        )
 
     def bent(value: np.ndarray, _: View) -> str:
-        return f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range about the peak"
+        return (
+            f"{log.name}: a background that is not a straight line of the frequency; sweep a narrower range"
+            f" about the peak"
+        )
 
     yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
     shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
@@ -220,7 +254,12 @@ def _background(i: int, view: View) -> Iterator[Term]:
 def _creeping(i: int, view: View) -> Iterator[Term]:
     """An output offset of a transient that goes on in proportion to the time."""
     log = view.trial.log
-    if not view.trial.signed or "baseline" in view.trial.nuisances or len(log) < 8 or log.time[-1] == log.time[0]:
+    if (
+        not view.trial.signed
+        or "baseline" in view.trial.nuisances
+        or len(log) < 8
+        or log.time[-1] == log.time[0]
+    ):
         return
     along = ((log.time - log.time[0]) / (log.time[-1] - log.time[0]) + 0j)[:, None]
     shapes = along if log.amplitude_only else np.concatenate([along, 1j * along], axis=1)
@@ -228,7 +267,10 @@ def _creeping(i: int, view: View) -> Iterator[Term]:
     def say(value: np.ndarray, view: View) -> str:
         share = 100 * float(np.hypot(*value) if len(value) > 1 else abs(value[0])) / view.trial.scale
         said = f"its output offset drifts by {share:.2g} % of the response from the first row to the last"
-        return f"{log.name}: {said}; record a shorter log, wait until it is constant, or fit it (--effects=+baseline)"
+        return (
+            f"{log.name}: {said}; record a shorter log, wait until it is constant, or fit it"
+            f" (--effects=+baseline)"
+        )
 
     yield Term("offset", {i: shapes}, say, i, freedom=shapes.shape[1])
 
@@ -239,12 +281,15 @@ def _under_amplitude(i: int, view: View) -> Iterator[Term]:
         return
     constant = np.ones(len(view.plate), complex)
     shapes = view.observed(np.stack([constant, 1j * constant])).T
-    shapes = shapes[:, np.linalg.norm(shapes, axis=0) > LEAST * np.linalg.norm(shapes)]  # no phase turns at resonance
+    shapes = shapes[
+        :, np.linalg.norm(shapes, axis=0) > LEAST * np.linalg.norm(shapes)
+    ]  # no phase turns at resonance
 
     def say(value: np.ndarray, view: View) -> str:
         share = 100 * float(np.hypot(*value)) / view.trial.scale
         return (
-            f"{view.trial.log.name}: an offset of d and q lies under its amplitude, of {share:.2g} % of the response; record wd"
+            f"{view.trial.log.name}: an offset of d and q lies under its amplitude, of {share:.2g} % of the"
+            f" response; record wd"
             " and wq, or subtract what these read at rest before taking the amplitude"
         )
 
@@ -252,57 +297,88 @@ def _under_amplitude(i: int, view: View) -> Iterator[Term]:
 
 
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
-    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with temperature; parameters are
-    reported `away` (degC) from the logs' mean temperature."""
-    moving = {i: v for i, v in enumerate(views) if not v.trial.steady or (v.trial.resonant and v.trial.driven)}
+    """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with
+    temperature; parameters are reported `away` (degC) from the logs' mean temperature."""
+    moving = {
+        i: v for i, v in enumerate(views) if not v.trial.steady or (v.trial.resonant and v.trial.driven)
+    }
     top = max((float(np.max(np.abs(v.plate))) for v in moving.values()), default=0.0)
     if top > 0:
         # Of amplitudes at one frequency, and without any, f0 is not seen to move.
-        turns = any(v.trial.resonant and (v.trial.signed or np.ptp(v.trial.log.frequency) > 0) for v in moving.values())
+        turns = any(
+            v.trial.resonant and (v.trial.signed or np.ptp(v.trial.log.frequency) > 0)
+            for v in moving.values()
+        )
         moved = {i: _either(v, np.abs(v.plate / top) ** 2)[:, : 1 + turns] for i, v in moving.items()}
         unit = views[0].trial.log.response_unit
 
         def softer(value: np.ndarray, view: View) -> str | None:
             if not turns and value[0] > 0 and view.trial.noise.coloured:
-                return None  # without a frequency noise of long memory looks so, and friction seldom falls with the amplitude
+                # without a frequency noise of long memory looks so, and friction seldom falls with the
+                # amplitude
+                return None
             slower = f"{-100 * value[0] * view.course.tau:+.2g} % in 1/tau at {top:.2g} {unit}"
             if not turns:
                 return f"damping depends on the amplitude, by about {slower}; record at a smaller drive"
             about = f"by about {value[1] / (2 * np.pi):+.2g} Hz in f0 and {slower}"
-            return f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
+            return (
+                f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at"
+                f" a smaller drive"
+            )
 
         def bent(value: np.ndarray, _: View) -> str:
             about = f"by about {value[0] / (2 * np.pi):+.2g} Hz in f0 at {top:.2g} {unit}"
-            return f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record at a smaller drive"
+            return (
+                f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record"
+                f" at a smaller drive"
+            )
 
         yield Term("amplitude", moved, softer, freedom=1 + turns)
-        # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0 by several of its
-        # errors. Of settled points in even noise that is all that looks so; of a transient a drift or a lateness does, elsewhere
-        # noise of long memory, or one whose weights follow the residual.
-        if turns and all(v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()):
+        # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0
+        # by several of its errors. Of settled points in even noise that is all that looks so; of a transient
+        # a drift or a lateness does, elsewhere noise of long memory, or one whose weights follow the
+        # residual.
+        if turns and all(
+            v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()
+        ):
             yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
-    levels = np.concatenate([np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)])
+    levels = np.concatenate(
+        [np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)]
+    )
     if _of_several_sizes(levels):
         driven = {i: (v, v.course.hold.drive) for i, v in enumerate(views) if v.trial.log.drive is not None}
-        cubed = {i: v.observed(v.course.driven(drive * (drive / levels.max()) ** 2)[None]).T for i, (v, drive) in driven.items()}
+        cubed = {
+            i: v.observed(v.course.driven(drive * (drive / levels.max()) ** 2)[None]).T
+            for i, (v, drive) in driven.items()
+        }
         yield Term("drive", cubed, _out_of_proportion)
     touched = {i: v for i, v in enumerate(views) if v.trial.touched}
     if touched and FINGER[0] in free:
-        power = {i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np) for i, v in touched.items()}
+        power = {
+            i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np)
+            for i, v in touched.items()
+        }
         grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
         yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
     yield from _curved(views, away, free)
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
-            shapes = {i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))}
+            shapes = {
+                i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))
+            }
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
 
 
 def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
-    """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told, where three
-    temperatures or more show it; in half bandwidths at the warmest, so that more than a first order tells of is seen."""
-    warm = {i: v.course.hold.warming[v.course.hold.interval] - away for i, v in enumerate(views) if v.trial.resonant}
+    """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told,
+    where three temperatures or more show it; in half bandwidths at the warmest, so that more than a first
+    order tells of is seen."""
+    warm = {
+        i: v.course.hold.warming[v.course.hold.interval] - away
+        for i, v in enumerate(views)
+        if v.trial.resonant
+    }
     if "k_T" not in free or len(warm) < 1:
         return
     told = np.concatenate([w if np.ptp(w) > LEAST_WARMING else w[:1] for w in warm.values()])
@@ -311,37 +387,40 @@ def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
 
     def say(value: np.ndarray, _: View) -> str:
         return (
-            f"f0 is not linear in the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit logs of a"
-            " narrower range of temperatures, about that of use, or record some nearer to it"
+            f"f0 is not linear in the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit"
+            " logs of a narrower range of temperatures, about that of use, or record some nearer to it"
         )
 
     yield Term(CURVED, {i: views[i].along(2j * np.pi * w**2)[:, None] for i, w in warm.items()}, say)
 
 
 def _of_several_sizes(levels: np.ndarray) -> bool:
-    """Whether the cubes of these drives are more than a number times them, a tenth of all: not so of on and off, or of + and -,
-    however they were measured."""
+    """Whether the cubes of these drives are more than a number times them, a tenth of all: not so of on and
+    off, or of + and -, however they were measured."""
     cubes = levels**3
     left = cubes - levels * (levels @ cubes) / max(levels @ levels, 1e-300)
     return bool(np.linalg.norm(left) > 0.1 * np.linalg.norm(cubes))
 
 
 ANOTHER_LAW = (
-    "the effect of the finger grows with its force by another law than that of the contact area, which is fitted, so that"
+    "the effect of the finger grows with its force by another law than that of the contact area, which is"
+    " fitted, so that"
     " finger_damping holds at no force; fit logs of a single force with logs of none"
 )
 
 
 def _out_of_proportion(value: np.ndarray, _: View) -> str:
     return (
-        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest: an amplifier that"
+        f"the response is not proportional to the drive, by about {100 * value[0]:+.2g} % at its largest:"
+        f" an amplifier that"
         " clips, or a duty ratio whose voltage is not stated; state the voltage itself"
     )
 
 
 def _per_degree(symbol: str) -> Callable[[np.ndarray, View], str]:
     return lambda value, _: (
-        f"{symbol} changes with the temperature, by {100 * value[0]:+.2g} % per degC; fit logs of one temperature, or hold it"
+        f"{symbol} changes with the temperature, by {100 * value[0]:+.2g} % per degC; fit logs of one"
+        f" temperature, or hold it"
     )
 
 
@@ -351,7 +430,8 @@ def _either(view: View, rates: np.ndarray) -> np.ndarray:
 
 
 def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
-    """What one log would have for itself if it contradicts the others. Of two logs either may be the one to believe."""
+    """What one log would have for itself if it contradicts the others. Of two logs either may be the one to
+    believe."""
     if len(views) < 2:
         return
 
@@ -361,25 +441,40 @@ def _between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
     logs = [v.trial.log for v in views]
     for i, v in enumerate(views):
         name, columns = v.trial.log.name, v.derivatives
-        yield Term("finger", {i: -columns[:, :2].sum(axis=1, keepdims=True)}, finger(name, warmer(logs, i)), i, between=True)
+        yield Term(
+            "finger",
+            {i: -columns[:, :2].sum(axis=1, keepdims=True)},
+            finger(name, warmer(logs, i)),
+            i,
+            between=True,
+        )
         yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"), between=True)
-        yield Term("tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"), between=True)
+        yield Term(
+            "tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"), between=True
+        )
         believed = len(views) == 2 and was_read(logs[i]) and not was_read(logs[1 - i])
-        if "f0" in free and not believed:  # of two, the one whose temperature is not recorded is the one to doubt
+        if (
+            "f0" in free and not believed
+        ):  # of two, the one whose temperature is not recorded is the one to doubt
             say = _elsewhere(v, "k_T" in free, any(map(was_read, logs)))
             yield Term("resonance", {i: columns[:, 2:3]}, say, i, beside=doubted("f0"), between=True)
 
 
 def finger(name: str, warmer: float) -> Callable[[np.ndarray, View | None], str | None]:
-    """Of a log whose G and tau are both off those of the others by the factor e^-value; it is `warmer` degC than they are."""
-    by_heat = f", or G and tau fall with the temperature, {warmer:+.2g} degC there; record another such log to tell"
+    """Of a log whose G and tau are both off those of the others by the factor e^-value; it is `warmer` degC
+    than they are."""
+    by_heat = (
+        f", or G and tau fall with the temperature, {warmer:+.2g} degC there; record another such log to tell"
+    )
 
     def say(value: np.ndarray, _: View | None) -> str | None:
         if value[0] <= 0:
             return None
         return (
-            f"{name}: G and tau are both lower than in the other logs, by about the factor {np.exp(-value[0]):.2g}: a finger, or"
-            f" something else that damps, was left on the plate{by_heat if abs(warmer) > OFF else ''}; leave this log out"
+            f"{name}: G and tau are both lower than in the other logs, by about the factor"
+            f" {np.exp(-value[0]):.2g}: a finger, or"
+            f" something else that damps, was left on the plate{by_heat if abs(warmer) > OFF else ''};"
+            f" leave this log out"
         )
 
     return say
@@ -393,7 +488,9 @@ def was_read(log: Log) -> bool:
 def warmer(logs: Sequence[Log], i: int) -> float:
     """By how many degC the i-th log is warmer than the others on average; 0 where that is not recorded."""
     others = [float(np.mean(log.temperature)) for k, log in enumerate(logs) if k != i and was_read(log)]
-    return float(np.mean(logs[i].temperature)) - float(np.mean(others)) if others and was_read(logs[i]) else 0.0
+    return (
+        float(np.mean(logs[i].temperature)) - float(np.mean(others)) if others and was_read(logs[i]) else 0.0
+    )
 
 
 def times(x: float) -> str:
@@ -404,7 +501,8 @@ def times(x: float) -> str:
 def own(name: str, what: str, about: str) -> str:
     """Of a log that contradicts the others in `what`, by `about` so much."""
     return (
-        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor and its temperature, or"
+        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor"
+        f" and its temperature, or"
         f" leave it out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
     )
 
@@ -420,17 +518,24 @@ def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndar
 
 
 def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, View], str]:
-    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that: `warmed`, k_T is
-    fitted; `read`, some log has a temperature."""
+    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that:
+    `warmed`, k_T is fitted; `read`, some log has a temperature."""
     name, k_T = view.trial.log.name, float(view.course.theta[3])
 
     def say(value: np.ndarray, _: View) -> str:
         said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
         off = value[0] / k_T if warmed and k_T else np.inf
         if read and not was_read(view.trial.log):
-            return unread(name, value[0], f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else "")
+            return unread(
+                name,
+                value[0],
+                f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else "",
+            )
         if view.trial.log.temperature is None or abs(off) > OFF:
             return said
-        return f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how far that may be"
+        return (
+            f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how"
+            f" far that may be"
+        )
 
     return say

@@ -1,8 +1,9 @@
 """What the model leaves of a log that is not noise, where no known effect explains it: how much, and where.
 
-Noise of each row's own shares nothing with the row before; what a wrong model leaves does. The root of the mean product of
-neighbouring residuals is the size of that part. Noise that rows share looks alike, but is as large where the response is small,
-and its rows are independent once what each shares with the row before is taken out.
+Noise of each row's own shares nothing with the row before; what a wrong model leaves does. The root of the
+mean product of neighbouring residuals is the size of that part. Noise that rows share looks alike, but is as
+large where the response is small, and its rows are independent once what each shares with the row before is
+taken out.
 """
 
 from typing import NamedTuple
@@ -17,10 +18,14 @@ from sysid.trials.whitening import joined, whitened
 from sysid.verdict.identify import seconds
 from sysid.verdict.wording import SAY_SO, stamps_shared
 
-STRUCTURE = 4.0  # standard deviations of G, tau or f0: of what is left, no more than half would have been taken for one of them
+# standard deviations of G, tau or f0: of what is left, no more than half would have been taken for one of
+# them
+STRUCTURE = 4.0
 AT_MOST = 0.02  # of the response, however wide the intervals are
 SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance makes
-SMOOTH = 0.96  # correlation of neighbouring rows: where a fifth of the residual is noise of its own, the rest is no noise at all
+# correlation of neighbouring rows: where a fifth of the residual is noise of its own, the rest is no noise at
+# all
+SMOOTH = 0.96
 MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
 LAGS = (1, 2, 3)  # rows, and by chance no more than
@@ -29,7 +34,8 @@ SHARED = 0.5  # of the rows that have the time stamp of another, above which the
 
 
 class Left(NamedTuple):
-    """A sentence on what is left; whether it is only noise that may hide as much; whether it is most of the log."""
+    """A sentence on what is left; whether it is only noise that may hide as much; whether it is most of the
+    log."""
 
     said: str
     noise: bool
@@ -37,12 +43,14 @@ class Left(NamedTuple):
 
 
 def left_of(state: State, i: int, sure: bool = False) -> Left | None:
-    """What the model of a minimum leaves of its i-th log, by an amount that could matter; None where that is noise. `sure`:
-    something is known to be left, however small."""
+    """What the model of a minimum leaves of its i-th log, by an amount that could matter; None where that is
+    noise. `sure`: something is known to be left, however small."""
     trial = state.trials[i]
     model = trial.as_recorded(state.models[i])
     residual = trial.residual(model)
-    size = float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
+    size = (
+        float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
+    )
     rows = np.flatnonzero(trial.there)
     if trial.noise.rounded is not None:  # what rows share of it is known
         residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
@@ -51,19 +59,23 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     mostly = part > MOSTLY * float(np.std(trial.log.response))
     if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
-    if not (sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau)):
+    if not (
+        sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau)
+    ):
         return None
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
     if not (sure or smooth) and is_coloured_noise(trial, residual, model):
-        return Left(f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False)
+        return Left(
+            f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False
+        )
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
 
 
 def least_that_matters(state: State) -> float:
-    """Of the response, the part that moves G, tau or f0 out of its 95 % interval: a relative change of G or tau changes the
-    response at resonance by as much, one of f0 by 2 pi tau times itself."""
+    """Of the response, the part that moves G, tau or f0 out of its 95 % interval: a relative change of G or
+    tau changes the response at resonance by as much, one of f0 by 2 pi tau times itself."""
     error = np.sqrt(np.diag(state.spread)[:3]) * (1.0, 1.0, 2 * np.pi * state.tau)
     claimed = error[error > 0]
     return min(AT_MOST, STRUCTURE * float(np.min(claimed))) if len(claimed) else AT_MOST
@@ -74,7 +86,10 @@ def _why(trial: Trial) -> str:
         return f"the phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
     if not trial.steady and stamps_shared(trial) > SHARED * len(trial.whole or trial.log):
         return "rows share their time stamps; record the time with more digits"
-    return "no known effect explains it: check the columns, their units and signs, and what else the bench does to the response"
+    return (
+        "no known effect explains it: check the columns, their units and signs, and what else the bench"
+        " does to the response"
+    )
 
 
 def _where(trial: Trial, rows: np.ndarray, residual: np.ndarray) -> str:
@@ -86,11 +101,15 @@ def _where(trial: Trial, rows: np.ndarray, residual: np.ndarray) -> str:
     if trial.log.time is None:
         return f"in rows {first} to {last} (counted from 0)"
     begin = trial.log.time[0]
-    return f"from {seconds(trial.log.time[first] - begin)} to {seconds(trial.log.time[last] - begin)} after its first row"
+    return (
+        f"from {seconds(trial.log.time[first] - begin)} to {seconds(trial.log.time[last] - begin)} after"
+        f" its first row"
+    )
 
 
 def shared(trial: Trial, model: np.ndarray) -> tuple[float, float]:
-    """Power that neighbouring rows of a log share beside `model` (n,), and its significance in standard deviations of chance."""
+    """Power that neighbouring rows of a log share beside `model` (n,), and its significance in standard
+    deviations of chance."""
     rows = np.flatnonzero(trial.there)
     rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
     part, chance = _structure(trial.residual(trial.as_recorded(model))[rows])
@@ -98,7 +117,8 @@ def shared(trial: Trial, model: np.ndarray) -> tuple[float, float]:
 
 
 def _structure(residual: np.ndarray) -> tuple[float, float]:
-    """Root mean square of what neighbouring rows share, and its significance in standard deviations of chance."""
+    """Root mean square of what neighbouring rows share, and its significance in standard deviations of
+    chance."""
     n = len(residual)
     power = float(np.mean(np.abs(residual) ** 2))
     if n < 8 or power == 0:
@@ -109,8 +129,9 @@ def _structure(residual: np.ndarray) -> tuple[float, float]:
 
 
 def is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> bool:
-    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with the row before is
-    taken out, and as large where the response is small. What a wrong model leaves is smoother, and largest at the resonance."""
+    """Whether the residual is what it was taken for: noise of its own in each row once what rows share with
+    the row before is taken out, and as large where the response is small. What a wrong model leaves is
+    smoother, and largest at the resonance."""
     if not trial.noise.coloured or len(residual) < LEAST_ROWS:
         return False
     own = whitened(residual[trial.noise.used], *trial.noise.whitening())
@@ -123,7 +144,8 @@ def is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> 
 
 
 def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
-    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is everywhere."""
+    """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is
+    everywhere."""
     near = since < 5 * tau
     if near.sum() < 8 or (~near).sum() < 20:
         return True

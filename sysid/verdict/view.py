@@ -1,4 +1,5 @@
-"""One log linearised about the fit, for misfits, comparisons and plans: its rows, and what the bench may have added."""
+"""One log linearised about the fit, for misfits, comparisons and plans: its rows, and what the bench may have
+added."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +18,8 @@ ALIKE = 1e-9  # of a column of the bench, which is a sum of others but for as li
 
 
 class Column(NamedTuple):
-    """What the bench may add to a log: `shape` (n,), the standard deviation of its coefficient's `prior`, its `value` here."""
+    """What the bench may add to a log: `shape` (n,), the standard deviation of its coefficient's `prior`, its
+    `value` here."""
 
     name: str
     shape: np.ndarray
@@ -26,15 +28,24 @@ class Column(NamedTuple):
 
 
 class View:
-    """One log at the fit: its residual and derivatives as real rows, projected off all that its nuisances can adjust.
+    """One log at the fit: its residual and derivatives as real rows, projected off all that its nuisances can
+    adjust.
 
-    `plate` (n,) is the plate's part of the model, not turned by the demodulator, `turn`; `own` the gain of a log whose drive is
-    not recorded, else 1; `late` (s) the lateness of the response; `bench` (n,) what else a d/q log holds. `n` rows are used.
-    `coloured`: rows of correlated noise are made independent. The fitted value of each of the bench's numbers, in
-    standard deviations of its prior, stands in the row of that prior, so that other effects can be tried as its explanation.
+    `plate` (n,) is the plate's part of the model, not turned by the demodulator, `turn`; `own` the gain of a
+    log whose drive is not recorded, else 1; `late` (s) the lateness of the response; `bench` (n,) what else a
+    d/q log holds. `n` rows are used. `coloured`: rows of correlated noise are made independent. The fitted
+    value of each of the bench's numbers, in standard deviations of its prior, stands in the row of that
+    prior, so that other effects can be tried as its explanation.
     """
 
-    def __init__(self, trial: Trial, model: np.ndarray, state: State, reference: tuple[float, float], coloured: bool = False):
+    def __init__(
+        self,
+        trial: Trial,
+        model: np.ndarray,
+        state: State,
+        reference: tuple[float, float],
+        coloured: bool = False,
+    ):
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
@@ -49,7 +60,9 @@ class View:
     @classmethod
     def each(cls, state: State, reference: tuple[float, float], coloured: bool = False) -> list["View"]:
         """Of all logs, at a minimum."""
-        return [cls(t, m, state, reference, coloured) for t, m in zip(state.trials, state.models, strict=True)]
+        return [
+            cls(t, m, state, reference, coloured) for t, m in zip(state.trials, state.models, strict=True)
+        ]
 
     @cached_property
     def basis(self) -> np.ndarray:
@@ -90,10 +103,16 @@ class View:
         self.plate = self.plate if trial.alongside is None else self.plate + trial.alongside
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
-        columns = [Column("start_d", shape, wide, size * start.real), Column("start_q", 1j * shape, wide, size * start.imag)]
+        columns = [
+            Column("start_d", shape, wide, size * start.real),
+            Column("start_q", 1j * shape, wide, size * start.imag),
+        ]
         columns = columns if trial.start_free else []
         parts = (("d", 1.0 + 0j, trial.offset.real), ("q", 1j, trial.offset.imag)) if trial.standing else ()
-        columns += [Column(f"offset_{n}", by * np.ones(len(c.free)), trial.prior("offset"), value) for n, by, value in parts]
+        columns += [
+            Column(f"offset_{n}", by * np.ones(len(c.free)), trial.prior("offset"), value)
+            for n, by, value in parts
+        ]
         columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
@@ -118,7 +137,11 @@ class View:
         shapes |= {"late": -self.turn * c.rate * trial.lateness / loose} if trial.lateness else {}
         shapes |= {name: self.turn * shape for name, shape in trial.extra_columns.items()}
         parts = (("d", 1.0), ("q", 1j))[: trial.channels]
-        columns = [Column(f"{n}_{part}", by * x, trial.prior(n), 0.0) for n, x in shapes.items() for part, by in parts]
+        columns = [
+            Column(f"{n}_{part}", by * x, trial.prior(n), 0.0)
+            for n, x in shapes.items()
+            for part, by in parts
+        ]
         sideways = {"late_q": trial.sideways} | {f"{name}_q": REAL for name in trial.extra_columns}
         columns = [c._replace(prior=c.prior * sideways.get(c.name, 1.0)) for c in columns]
         target = self.rows(trial.log.response - forced, len(columns))
@@ -128,10 +151,15 @@ class View:
             target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
         found = self._fitted(columns, target) + there
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
-        value = dict(zip(shapes, found.reshape(len(shapes), len(parts)) @ [by for _, by in parts], strict=True))
+        value = dict(
+            zip(shapes, found.reshape(len(shapes), len(parts)) @ [by for _, by in parts], strict=True)
+        )
         self.bench = sum((v * shapes[name] for name, v in value.items()), np.zeros_like(forced))
         self.plate = (forced + value.get("start", 0.0) * c.free) / self.turn
-        self.beside = value.get("start", 0j) / self.turn / self.own, 0.0  # where much is wrong, lateness more than all
+        self.beside = (
+            value.get("start", 0j) / self.turn / self.own,
+            0.0,
+        )  # where much is wrong, lateness more than all
         self.late = float(value.get("late", 0j).real) * trial.lateness / loose
         if np.iscomplexobj(trial.log.response) and ("rotation" in trial.nuisances or trial.log.drive is None):
             columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
@@ -164,7 +192,8 @@ class View:
         return np.linalg.lstsq(rows / size, target, rcond=1e-12)[0] / size
 
     def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
-        """Covariance of the columns' coefficients, with the plant's parameters held, or of the covariance `plant` of theta."""
+        """Covariance of the columns' coefficients, with the plant's parameters held, or of the covariance
+        `plant` of theta."""
         a = self.weighted(self.columns)
         size = _sizes(a)
         found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
@@ -174,10 +203,13 @@ class View:
         return found / np.outer(size, size)
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
-        """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns, unless given) are."""
+        """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns,
+        unless given) are."""
         v = whitened(shape[..., self.trial.noise.used], *self._whitening)
         channels = [v.real, v.imag] if np.iscomplexobj(self.residual) else [v.real]
-        return np.concatenate([*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1)
+        return np.concatenate(
+            [*channels, np.zeros((*v.shape[:-1], self.priors if priors is None else priors))], axis=-1
+        )
 
     def off(self, shape: np.ndarray) -> np.ndarray:
         """Rows of shapes (..., n), projected off the bench's columns."""
@@ -185,15 +217,21 @@ class View:
         return rows - (rows @ self.basis) @ self.basis.T
 
     def shared(self, rows: np.ndarray) -> float:
-        """Sum of the products of neighbouring rows, of a sweep in the order of its frequencies: of what is smooth nearly its sum
-        of squares, of noise of each row's own 0, with a standard deviation of its sum of squares over the root of the rows."""
+        """Sum of the products of neighbouring rows, of a sweep in the order of its frequencies: of what is
+        smooth nearly its sum of squares, of noise of each row's own 0, with a standard deviation of its sum
+        of squares over the root of the rows."""
         log, channels = self.trial.log, 2 if np.iscomplexobj(self.residual) else 1
-        order = np.argsort(log.frequency[self.trial.noise.used], kind="stable") if self.trial.swept else slice(None)
+        order = (
+            np.argsort(log.frequency[self.trial.noise.used], kind="stable")
+            if self.trial.swept
+            else slice(None)
+        )
         parts = rows[: channels * self.n].reshape(channels, self.n)[:, order]
         return float(np.sum(parts[:, 1:] * parts[:, :-1]))
 
     def likelihood(self, rows: np.ndarray) -> float:
-        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and of those of the priors."""
+        """Log-likelihood of real rows as this log's noise, at its best level and correlation time, and of
+        those of the priors."""
         there = len(rows) - self.priors
         return self._noisy(rows[:there]) - 0.5 * float(np.sum(rows[there:] ** 2))
 
@@ -209,6 +247,7 @@ class View:
 
 
 def _sizes(columns: np.ndarray) -> np.ndarray:
-    """Of each column; 1 of one that is zero throughout and has no prior, as the turn of a response that vanished."""
+    """Of each column; 1 of one that is zero throughout and has no prior, as the turn of a response that
+    vanished."""
     size = np.linalg.norm(columns, axis=0)
     return np.where(size > 0, size, 1.0)
