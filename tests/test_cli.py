@@ -411,7 +411,14 @@ def test_names_cannot_steer_the_terminal(tmp_path):
         ),
         (
             "-second_mode,-late",
-            ("rotation", "background", "offset", "start", "thermometer", *(e for e in ADOPTED if e != "second_mode")),
+            (
+                "rotation",
+                "background",
+                "offset",
+                "start",
+                "thermometer",
+                *(e for e in ADOPTED if e != "second_mode"),
+            ),
         ),
         ("rotation,drift", ("rotation", "drift")),
     ],
