@@ -34,9 +34,8 @@ from coverage_cases import NAMES, PLANT, Case, bounds, every_case, reference, re
 from sysid import Fit, Log, Parameter, fit, sample  # noqa: E402
 from sysid.precision import keep_programs  # noqa: E402
 
-MOSTLY = (
-    0.9  # of the seeds determine a parameter that the case determines; of fewer, the noise has chosen which
-)
+# of the seeds determine a parameter that the case determines; of fewer, the noise has chosen which
+MOSTLY = 0.9
 CHUNK = 25  # seeds that a process takes at once
 
 

@@ -28,9 +28,8 @@ BAND = 0.05
 RUN = 4
 SMALL = 0.9  # of the amplitude, from which a small step begins
 REGULATE, AMPLITUDE = 0.0, 1.0  # tasks: with and without the tracker
-SWINGS = (
-    0.05  # of the amplitude, peak to peak: it oscillates. Near a margin the image, 0.1 %, is amplified to 3 %
-)
+# of the amplitude, peak to peak: it oscillates. Near a margin the image, 0.1 %, is amplified to 3 %
+SWINGS = 0.05
 NEAR = 0.03  # relative, to which a margin is judged: near it the converter's noise rings for long; searched four times as near
 WITHIN = 0.9  # of a promised margin, within which the loop with its tracker must not swing either
 MOST = 40.0  # gain that is tried at most

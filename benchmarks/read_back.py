@@ -32,9 +32,8 @@ SCENES = HERE.parent / "data" / "synthetic" / "scenes"
 FIRST_SEED = 100
 NAMES = ("G", "tau", "f0", "k_T")
 NOISE = 0.02  # um, of scenes without noise
-FAR = (
-    3.0  # standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
-)
+# standard deviations: a root mean square of scores beyond it is a wrong value with a narrow interval
+FAR = 3.0
 
 
 @dataclass(frozen=True)

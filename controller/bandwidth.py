@@ -25,9 +25,8 @@ from controller.plate import positive
 from controller.promise import LONGEST, samples, settling
 from controller.tracker import SignTracker
 
-CLOSED_LOOP_SHARE = (
-    0.3  # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
-)
+# default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
+CLOSED_LOOP_SHARE = 0.3
 # The same where the delay is predicted: at a headroom of three in the voltage settling takes 8 % longer than
 # at full voltage. The largest K there: with the observer's time constants of `laws`, a disk margin of two
 # thirds on the paper's plate.

@@ -20,9 +20,8 @@ from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
 
 BETA = 0.3  # share of the detuning that one tracker update removes
-PLL_RATE = (
-    0.1  # of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
-)
+# of the sample time and the delay: the PLL's kp at most, a damped loop with one sample of delay
+PLL_RATE = 0.1
 FAULT_AFTER, STUCK_AFTER = 5e-3, 2e-2  # s, for which the guard looks on at least
 # It looks on longer where the plate or the clock is slow. RESTS and ANSWERS, time constants: a plate that is
 # braked has come to where it is held, and one whose voltage moves by 0.1 % of its limit shows 95 % of that.

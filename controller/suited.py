@@ -8,12 +8,10 @@ from controller.limits import Limits
 from controller.plate import Plate
 from controller.rig import Rig
 
-CREST = (
-    1.35  # of the amplitude, up to which a reading may go before it is a fault, and a converter must show it
-)
-FINE = (
-    0.02  # of the amplitude, a count of the converter at most: two tenths of what a loop in lock may be off
-)
+# of the amplitude, up to which a reading may go before it is a fault, and a converter must show it
+CREST = 1.35
+# of the amplitude, a count of the converter at most: two tenths of what a loop in lock may be off
+FINE = 0.02
 OFTEN = 4.0  # updates of the drive in a period of the carrier
 
 

@@ -7,9 +7,8 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-ASKED = (
-    "_ARGCOMPLETE"  # environment variable of a shell that asks: the place of the command in its line, from 1
-)
+# environment variable of a shell that asks: the place of the command in its line, from 1
+ASKED = "_ARGCOMPLETE"
 
 
 def called(name: str) -> str:

@@ -182,9 +182,9 @@ THE_PLATE_IS_ANOTHER = {
     "resonance that softens": Case(lambda b: [duffing(b, 0.5)], "right or refused", "on the amplitude"),
     "resonance that jumps, upwards": Case(lambda b: [duffing(b, 4.0)], "right or refused or open", "amplitude|one resonance"),
     "resonance that jumps, downwards": Case(
-        lambda b: [duffing(b, 4.0, back=True)], "refused or open", "amplitude|one resonance"),
+        lambda b: [duffing(b, 4.0, back=True)], "right or refused or open", "amplitude|one resonance"),
     "sweep too fast, 3 tau": Case(lambda b: [hurried(b, 3.0)], "right or refused", "settled|ring"),
-    "sweep too fast, 0.3 tau": Case(lambda b: [hurried(b, 0.3)], "refused", "second resonance|settled|ring|late"),
+    "sweep too fast, 0.3 tau": Case(lambda b: [hurried(b, 0.3)], "right or refused", "second resonance|settled|ring|late"),
     "finger, not recorded": Case(lambda b: [touched(b, recorded=False)], "refused or open", "no known effect"),
     "two plates, far apart": Case(
         lambda b: [b.sweep(), other(b, f0=PLATE.f0 + 20 * HALF).step()], "refused", "contradicts"),

@@ -52,9 +52,8 @@ class Budget:
 
     def __init__(self, seconds: float | None, begun: float, stages: Stages, record: Path):
         self.seconds, self.begun, self.stages, self.path = seconds, begun, stages, record
-        self.fresh: Path | None = (
-            None  # files on their way, which are of no use to anybody when the run is stopped
-        )
+        # files on their way, which are of no use to anybody when the run is stopped
+        self.fresh: Path | None = None
         self.chains = 0.0  # seconds that the libraries of the chains took to load
         self._leave = threading.Lock()
         self._timer: threading.Timer | None = None

@@ -29,9 +29,8 @@ from sysid.verdict.unexplained import left_of
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
-TAKEN = (
-    0.25  # of the power that neighbouring rows share, which an effect takes beside which there may be another
-)
+# of the power that neighbouring rows share, which an effect takes beside which there may be another
+TAKEN = 0.25
 
 
 @dataclass(frozen=True)

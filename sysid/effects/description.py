@@ -11,9 +11,8 @@ from sysid.trials.trial import Trial
 from sysid.verdict.finding import Finding
 from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
 
-LEFT = (
-    0.01  # of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
-)
+# of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
+LEFT = 0.01
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,8 @@ class Dialect:
     comment: tuple[str, ...] | None = None  # what lines of metadata begin with
     decimal: str | None = None
     header: bool | None = None
-    skip: int | None = (
-        None  # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
-    )
+    # lines at the top to leave out; None: a preamble without a comment mark is seen from the file
+    skip: int | None = None
     table: str | None = None  # of a file of several tables, as of HDF5 groups: which of them
     join: str | int | None = None  # the column that tables one below the other share, side by side
 

@@ -90,16 +90,13 @@ class Log(Shown):
     ] = ()  # what stands above the rows and was probably meant to be metadata; each names the file
     path: str = ""
     sha256: str = ""
-    std: np.ndarray | None = (
-        None  # standard error of each row's response, per channel, but for a factor of all
-    )
+    # standard error of each row's response, per channel, but for a factor of all
+    std: np.ndarray | None = None
     theta: np.ndarray | None = None  # rad, the carrier's phase at each row's time; of raw waveforms
-    temperature_digit: float = (
-        0.0  # degC, one of the last digit that its temperature was written with; 0: not read from text
-    )
-    relative_noise: bool = (
-        False  # read in decibels, or by an impedance analyser: the noise is a fraction of the response
-    )
+    # degC, one of the last digit that its temperature was written with; 0: not read from text
+    temperature_digit: float = 0.0
+    # read in decibels, or by an impedance analyser: the noise is a fraction of the response
+    relative_noise: bool = False
 
     def __post_init__(self) -> None:
         for name in ("response", "time", "drive", "frequency", "temperature", "force", "std", "theta"):

@@ -110,9 +110,8 @@ class Source:
     scale: float = 1.0
     offset: float = 0.0
     dated: bool = False  # the column holds dates, read as seconds since the first
-    spare: bool = (
-        False  # the column does not bear the quantity's name, and is kept out where its dates do not serve
-    )
+    # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    spare: bool = False
     written: str = ""  # the constant, as text
 
 

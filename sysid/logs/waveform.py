@@ -29,9 +29,8 @@ PERIODS = 2  # in a block, at least: in fewer the mean cannot be told from slope
 SAMPLES = 32  # in a block, at least
 ROWS = 1 << 18  # at most, about
 LEAST = 16  # blocks in a waveform
-NYQUIST = (
-    0.45  # of the sample rate: above, the image at |2f - rate| of the carrier comes near a block's bandwidth
-)
+# of the sample rate: above, the image at |2f - rate| of the carrier comes near a block's bandwidth
+NYQUIST = 0.45
 RATE = 1e-3  # by which a stated sample rate may differ from that of the time stamps
 STATED = 1e-3  # by which a stated frequency may differ from the drive's
 

@@ -14,9 +14,8 @@ from sysid.model.likelihood import Residual, linearised
 from sysid.precision import seldom
 
 SHORTEST = 1e-8  # a step that is not shortened any further
-ROUGH = (
-    1e-5  # step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
-)
+# step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
+ROUGH = 1e-5
 NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case

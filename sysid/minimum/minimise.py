@@ -25,9 +25,8 @@ log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
 MOST = 128  # steps of a search
-ROUNDING = (
-    1e-28  # relative to the largest information along a direction: added to all, so that none is singular
-)
+# relative to the largest information along a direction: added to all, so that none is singular
+ROUNDING = 1e-28
 ROUNDED = 1e-12  # change of the noise, and of a sum of squares, that is only rounding
 STARTS = 4
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs

@@ -30,9 +30,8 @@ from sysid.verdict.view import View
 UNKNOWN = 10.0
 KNOWN = 1.0  # of the error of log tau: beyond, no experiment can be laid out in units of tau
 PLATES = 32  # that the logs leave possible, for each of which an experiment is foreseen
-ASIDE = (
-    2.0  # the same of where the resonance is, to foresee what an experiment laid out for another place brings
-)
+# the same of where the resonance is, to foresee what an experiment laid out for another place brings
+ASIDE = 2.0
 BETWEEN = (0.05, 0.5, 0.95)  # quantiles of what it leaves of an error
 SAME = 1.2  # ratio of the outer two below which they are one number
 AWAY = 10.0  # degC, to another temperature

@@ -22,9 +22,8 @@ from sysid.precision import compiled
 from sysid.trials.experiment import group, split
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
-CHECKS = (
-    32  # points at which the polynomial is compared; it is made from twice as many as it has coefficients
-)
+# points at which the polynomial is compared; it is made from twice as many as it has coefficients
+CHECKS = 32
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for

@@ -34,9 +34,8 @@ NEW, WIDER = (
     0.2,
     0.25,
 )  # of the longest, the first after a change; of the time since, by which the others are longer
-FEWEST = (
-    20  # blocks of rows that hold about the same noise: a filter as long as the log is one that was not there
-)
+# blocks of rows that hold about the same noise: a filter as long as the log is one that was not there
+FEWEST = 20
 
 
 def alike(log: Log, hold: Hold) -> np.ndarray | None:

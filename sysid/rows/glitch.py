@@ -13,20 +13,17 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.rows.lost import change, runs
 
-BESIDE = (
-    6  # rows about a window, which say what it should hold: three on each side, or at an end at least one
-)
+# rows about a window, which say what it should hold: three on each side, or at an end at least one
+BESIDE = 6
 LONGEST = 3  # rows of a window; a response that is elsewhere for longer is no single fault
-FAR = (
-    10.0  # times what the rows beside it are off their line: of a step or a decay within a row no more than 7
-)
+# times what the rows beside it are off their line: of a step or a decay within a row no more than 7
+FAR = 10.0
 LARGE = 1.0  # times what the rest of the log is off its median
 FEW = 0.1  # of the rows, of which they are at most
 # of what the rest of the log is off its median, the least by which a spoilt row is off the one before
 JUMP = 0.25
-LIVELY = (
-    0.5  # of what is farthest off the median: rows that are looked at, again until none of them is spoilt
-)
+# of what is farthest off the median: rows that are looked at, again until none of them is spoilt
+LIVELY = 0.5
 LEAST_ROWS = 20  # of a log in which it can be told
 PLACES = 64  # of a sweep in which its resonance is looked for
 WIDTHS = 13  # of it that are tried, from NARROW to all of the sweep
@@ -35,9 +32,8 @@ ENOUGH = 400  # rows of a sweep in which it is looked for
 BETWEEN = np.linspace(-1, 1, 21)  # steps beside the spoilt rows, where a narrow resonance may be
 NARROW = 0.1  # step: half of its width, on which its tails do not depend
 EXPLAINED = 0.5  # of the rest of a sweep, by its own resonance, and
-WORSE = (
-    3.0  # times what that leaves of it, by one of the spoilt rows; of a narrow resonance both leave as little
-)
+# times what that leaves of it, by one of the spoilt rows; of a narrow resonance both leave as little
+WORSE = 3.0
 
 
 def glitches(log: Log) -> np.ndarray:

@@ -23,9 +23,8 @@ ROWS = 100_000  # of a log, at most, in which steps are looked for
 REPEATED = 0.9  # distinct values over rows, above which rows hardly ever read the same, and share nothing
 OFF = 0.1  # of a step, by which a level may be off: printed with few digits, levels are
 NEXT = 1.5  # of the least gap between two values, below which another is of one step as well
-NEAR = (
-    10  # steps from a value to the next, above which an error of the step hides whether they are whole ones
-)
+# steps from a value to the next, above which an error of the step hides whether they are whole ones
+NEAR = 10
 FEW = 6  # of these, which are whole steps by chance in one of 3000 logs
 TERMS = np.arange(1, 33)
 LITTLE = 0.05  # of the rows' information, which is not worth a model of how they share their errors

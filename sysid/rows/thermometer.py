@@ -22,9 +22,8 @@ from sysid.rows.rounding import shared
 
 FEW = 8  # readings, of which no noise is told
 LONG = 16384  # readings that are looked at one by one
-LEVELS = (
-    256  # of a longer log: a temperature that went on changing from row to row would be an input that does
-)
+# of a longer log: a temperature that went on changing from row to row would be an input that does
+LEVELS = 256
 AGAIN = 2.0  # times that each level is come to, on average, by readings that are held
 JUMP, FAR = (
     1.0,

@@ -4,9 +4,8 @@ held after some."""
 import numpy as np
 
 HELD = 10  # rounds after which rows keep their weights, as weights that follow the fit may circle
-WHOLE = (
-    6  # rounds in which a correlation time is taken as found, and mostly stays; later ones go half of the way
-)
+# rounds in which a correlation time is taken as found, and mostly stays; later ones go half of the way
+WHOLE = 6
 SETTLED = 20  # rounds after which the noise keeps its correlation time
 
 

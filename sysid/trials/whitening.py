@@ -49,9 +49,8 @@ class Noise:
     tail: np.ndarray | None = field(
         default=None, repr=False
     )  # weight of each row where the noise has outliers
-    efficiency: float = (
-        1.0  # information of a row over that of one whose noise is as simple as the weights have it
-    )
+    # information of a row over that of one whose noise is as simple as the weights have it
+    efficiency: float = 1.0
     jitter: Jitter | None = None  # of its phase
     scatter: float = 0.0  # s, by which the rows' time stamps do, over its level
 

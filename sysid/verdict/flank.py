@@ -16,9 +16,8 @@ from sysid.rows.dwell import dwells
 from sysid.trials.trial import Trial
 
 BESIDE = 1.0  # half bandwidths, from which it is said: the points show less than half of the peak's power
-TAIL = (
-    3.0  # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
-)
+# half bandwidths, from which settled points alone determine nothing: less than a third of the peak
+TAIL = 3.0
 
 
 class Flank(NamedTuple):

@@ -25,15 +25,12 @@ class Term:
         None  # a parameter that it moves besides, by so much for a coefficient of one
     )
     squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
-    unseen: str = (
-        ""  # what to say, of its size and of what that moves, where it is to be expected and may hide
-    )
-    expected: bool = (
-        False  # what every plate has a little of: not one of many things that chance may look like
-    )
-    between: bool = (
-        False  # what one log would have for itself, of which few are tried beside all that a log may hold
-    )
+    # what to say, of its size and of what that moves, where it is to be expected and may hide
+    unseen: str = ""
+    # what every plate has a little of: not one of many things that chance may look like
+    expected: bool = False
+    # what one log would have for itself, of which few are tried beside all that a log may hold
+    between: bool = False
     parts: tuple["Term", ...] = field(
         default=(), repr=False
     )  # of one log each, in place of shapes of its own

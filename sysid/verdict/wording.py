@@ -13,9 +13,8 @@ from sysid.verdict.identify import FINER, seconds
 
 NEAR_FULL = 0.1  # of a full contact, from 1.0 to 2.5 N
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
-NEARLY_ALL = (
-    0.99999  # share of the noise that goes with the response, beside which the rest is not worth a word
-)
+# share of the noise that goes with the response, beside which the rest is not worth a word
+NEARLY_ALL = 0.99999
 NAMED = 8  # rows that were spoilt
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 LEAST_ROWS = 40  # among which a range that was changed stands out
