@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.effects.effect import About, Effect, Told, number, read_anew
 from sysid.rows.hold import read_at
+from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
@@ -19,6 +20,8 @@ THROUGH = 0.03
 DWELLS = (
     2.0 ** np.arange(-2, 2.5, 0.5)[:, None]
 )  # tau: of less a sweep shows no resonance, of more its points settle
+PLACES = 16  # of a transient, between which the response moves alike, where rows may be missing
+MISSING = np.array([0.5, 3.0])  # rows that are missing
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
 
@@ -102,6 +105,64 @@ def _filter(order: int) -> Effect:
 
 
 FILTERS = tuple(_filter(order) for order in (1, 2, 4))  # as lock-ins have them
+
+
+def _gapped(trial: Trial) -> bool:
+    """A transient of every row of its file."""
+    return not trial.steady and trial.whole is None and trial.spacing > 0 and trial.changes > 0
+
+
+def _lost(share: float) -> Effect:
+    """Rows that are missing, though the times go on, before the row at which the response has made that share
+    of its moves. Its number: how many."""
+
+    def place(trial: Trial, about: About) -> int:
+        plate = Course.of(trial, about.reference, about.theta).forced
+        moved = np.cumsum(np.abs(np.diff(plate, prepend=plate[:1])))
+        return int(np.searchsorted(moved, share * moved[-1]))
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        time = np.array(trial.log.time)
+        time[place(trial, about) :] += max(float(values[0]), 0.0) * trial.spacing
+        return replace(read_anew(trial, time=time), narrow=trial.narrow, sloped=trial.sloped)
+
+    def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+        before = max(place(trial, about) - 1, 0)  # the times behind it are moved
+        begins = trial.log.time[before] + trial.spacing - trial.log.time[0]
+        return {"rows": number(values[0], stds[0], "rows"), "after_s": number(begins, 0.0, "s")}
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        rows, begins = found["rows"], found["after_s"]
+        return Told(
+            f"from about {begins.value:.2g} s after its first row on it is ahead by {rows.value:.2g} ±"
+            f" {rows.std:.1g} rows: rows seem to be missing there, though the times go on",
+            "record it again, or leave it out",
+        )
+
+    return Effect(
+        name="rows_lost",
+        shows=_gapped,
+        stds=lambda trial, about: np.array([ROWS[-1]]),
+        starts=lambda trial, about: MISSING[:, None],
+        applied=applied,
+        numbers=numbers,
+        said=said,
+        known_as=("rows lost",),
+        alike=(
+            "rows lost",
+            "late",
+            "early",
+            "astray",
+            "saturation",
+            "amplitude",
+            "drift",
+            "second resonance",
+        ),
+        makes_sense=lambda values, stds: bool(values[0] > max(MISSING[0], 3 * stds[0])),
+    )
+
+
+ROWS_LOST = tuple(_lost((k + 0.5) / PLACES) for k in range(PLACES))
 
 
 def one_way(trial: Trial) -> bool:

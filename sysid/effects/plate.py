@@ -55,7 +55,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     power = (np.abs(trial.log.response) / about.top) ** 2
     power = power if trial.steady else 0.5 * (power + np.append(power[1:], power[-1]))
     moved = read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * power)
-    return replace(moved, narrow=trial.narrow)
+    return replace(moved, narrow=trial.narrow, sloped=trial.sloped)
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -114,6 +114,14 @@ def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: A
     }
 
 
+def _second_starts(trial: Trial, about: About) -> np.ndarray:
+    """Places to both sides, from no size at all: d and q are linear in a mode of given place and width, so
+    that one step leads to its size. Amplitudes are not: what turns them by a right angle shows only once it
+    is there."""
+    sizes = [0j] if trial.signed else list(0.5 * TURNS)
+    return np.array([[way * x, 0.0, z.real, z.imag] for x in APART for way in (-1, 1) for z in sizes])
+
+
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
     size = (values[2] + 1j * values[3]) * about.top
     more = size * _second(trial, values[0], values[1], about)
@@ -124,9 +132,7 @@ SECOND_MODE = Effect(
     name="second_mode",
     shows=_sweep_or_transient,
     stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0]),
-    starts=lambda trial, about: np.array(
-        [[way * x, 0.0, 0.5 * turn.real, 0.5 * turn.imag] for x in APART for way in (-1, 1) for turn in TURNS]
-    ),
+    starts=_second_starts,
     applied=_second_beside,
     numbers=_second_numbers,
     said=_second_said,

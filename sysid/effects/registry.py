@@ -1,6 +1,6 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
-from sysid.effects.clock import DELAY, DWELL, FILTERS
+from sysid.effects.clock import DELAY, DWELL, FILTERS, ROWS_LOST
 from sysid.effects.effect import Effect
 from sysid.effects.plate import DUFFING, FEEDTHROUGH, OVERSHOOT, SECOND_MODE
 from sysid.effects.sensor import SATURATIONS
@@ -8,6 +8,7 @@ from sysid.trials.trial import NUISANCES
 
 EFFECTS: tuple[Effect, ...] = (
     *SATURATIONS,
+    *ROWS_LOST,
     DELAY,
     *FILTERS,
     OVERSHOOT,

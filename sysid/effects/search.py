@@ -154,7 +154,7 @@ class Search:
         """Where `most` steps from a point, or fewer, lead."""
         for _ in range(most):
             step, covariance, _ = self.looked(point)
-            if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
+            if _ends(step, covariance):
                 break
             step = step / max(1.0, float(np.max(np.abs(step) / self.stds(point.instances))))
             there = (self.at(point.instances, point.numbers + share * step, point.state) for share in SHARES)
@@ -254,7 +254,7 @@ class Search:
         point = self.in_colour(found.instances, found.numbers, found.state)
         step, covariance, dispersion = self.looked(point, True)
         for _ in range(ROUNDS):
-            if not np.all(np.isfinite(step)) or np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < NEAR:
+            if _ends(step, covariance):
                 break
             numbers = point.numbers + step
             anew = zip(self.applied(point.instances, numbers), point.state.trials, strict=True)
@@ -275,3 +275,8 @@ def _likely(tried: Sequence[Instance]) -> list[Instance]:
     each = list(dict.fromkeys(tried))
     first = {x.effect.name: x for x in reversed(each)}
     return [x for k, x in enumerate(each) if k < FOLLOWED or first[x.effect.name] is x]
+
+
+def _ends(step: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether a step is none, or shorter than matters in any direction that the logs know of."""
+    return not np.all(np.isfinite(step)) or bool(np.all(np.abs(step) <= NEAR * np.sqrt(np.diag(covariance))))
