@@ -67,8 +67,8 @@ Wd + jWq = j s when it is a displacement or charge, s / omega when it is a veloc
 s; of a current in A it is a charge in C). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in
 ohm, is read as the current 1/Z that 1 V drives, peak for peak and with the phase of e^{+j omega t}: it wants
 neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.) An admittance is a
-current of so many S: that which the log's voltage drives, or 1 V where none is stated. Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg`
-adds to the phase of Wd + jWq.
+current of so many S: that which the log's voltage drives, or 1 V where none is stated. Of wd and wq
+themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
 """
 
 import math
@@ -208,25 +208,20 @@ class MappingFile:
         return sources | {"voltage": volt}
 
     def _of_its_volts(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of a current, those of an admittance with a drive of 1 V where they have none; one that is
-        no voltage: LogError."""
+        """The sources of a current, those of an admittance with a drive of 1 V where they have none; one that
+        is no voltage: LogError."""
         shown = [name for name in ("x", "y", "magnitude") if name in sources]
         if not any(units.is_of(sources[name].unit, "S") for name in shown):
             return sources
         for name in shown:
-            if sources[name].amplitude != "peak":
-                raise self.fail(
-                    f"[columns] {name}",
-                    f"found amplitude {sources[name].amplitude!r} of an admittance, expected none: it is a ratio",
-                )
-        drives = [name for name in units.DRIVES if name in sources]
-        for name in drives:
-            if not units.same_kind(sources[name].unit, "V"):
-                raise self.fail(
-                    "quantity",
-                    f"found {sources[name].label} in {sources[name].unit} beside an admittance, expected a voltage,"
-                    " or no drive",
-                )
+            if (stated := sources[name].amplitude) != "peak":
+                said = f"found amplitude {stated!r} of an admittance, expected none: it is a ratio"
+                raise self.fail(f"[columns] {name}", said)
+        drives = [sources[name] for name in units.DRIVES if name in sources]
+        for drive in drives:
+            if not units.same_kind(drive.unit, "V"):
+                said = f"found {drive.label} in {drive.unit} beside an admittance"
+                raise self.fail("quantity", f"{said}, expected a voltage, or no drive")
         return sources if drives else sources | {"voltage": Source("[constants] voltage", "V", constant=1.0)}
 
     def beside(self, plan: Plan, head: Head) -> Plan:
