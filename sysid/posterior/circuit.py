@@ -39,14 +39,14 @@ from sysid.verdict.result import Parameter
 from sysid.verdict.view import View
 
 CALIBRATED = 0.1  # rad, up to which an analyser's phase may be off and is taken as calibrated
-SEEN = 3.0  # standard deviations above zero, from which a capacitance is one
+SEEN = 5.0  # standard deviations above zero, from which a capacitance is one: none of its draws is below
 BEHIND = {"one port": 1.0, "in series": 2.0, "across the line": 0.5}  # Zg over the reference impedance
 BOTH_PARTS = "the logs hold amplitudes alone; record both parts of the admittance, or magnitude and phase"
 NO_SWEEP = (
     "no feedthrough of the drive was fitted; record a sweep across the resonance, and fit its background"
 )
 UNTOLD = "the logs say no more about the feedthrough than what was assumed; record a wider sweep"
-UNSEEN = "the feedthrough, {} pF, is within three of its errors; record a wider sweep, or with less noise"
+UNSEEN = "the feedthrough, {} pF, is within five of its errors; record a wider sweep, or with less noise"
 INDUCTIVE = "the feedthrough is no capacitance, {} pF: leads, or a resonance outside of the sweep"
 SEVERAL = "the admittances were driven at several voltages; state the drive as 1 V, as they are per volt"
 
@@ -160,7 +160,8 @@ def circuit(
         name: _summed(values[name], q.unit) if name in values else _open(q, missing)
         for name, q in wanted.items()
     }
-    return Circuit(found, np.atleast_2d(np.corrcoef(list(values.values()))), reference, device)
+    together = np.atleast_2d(np.corrcoef(list(values.values()))) if values else np.zeros((0, 0))
+    return Circuit(found, together, reference, device)
 
 
 def _summed(x: np.ndarray, unit: str) -> Parameter:
@@ -283,4 +284,6 @@ def _no_capacitance(farad: np.ndarray) -> str:
     """Why draws (n,) of C0 are no capacitance; empty where they are one."""
     mean, std = float(np.mean(farad)), float(np.std(farad))
     said = f"{1e12 * mean:.3g} ± {1e12 * std:.2g}"
-    return "" if mean > SEEN * std else UNSEEN.format(said) if mean > -SEEN * std else INDUCTIVE.format(said)
+    if mean > SEEN * std and np.min(farad) > 0:
+        return ""
+    return (UNSEEN if mean > -SEEN * std else INDUCTIVE).format(said)
