@@ -31,7 +31,7 @@ verdict    result finding identify wording unexplained flank fitted determined v
 reading
 effects    effect clock plate sensor registry description search adopt
 fitting
-posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain posterior
+posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            brief frames inference

@@ -259,7 +259,7 @@ def test_one_port_is_the_admittance_that_it_means(save, tmp_path, head, r):
     assert asked(draft) == []
     for (log,) in (read_logs(path), read_logs(path, columns=save(draft, "map.toml"))):
         np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
-        assert log.response_unit == "S*s" and set(log.drive) == {1.0}
+        assert log.response_unit == "C" and set(log.drive) == {1.0}
 
 
 @pytest.mark.parametrize("place", ["series", "across"])

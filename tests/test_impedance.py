@@ -56,11 +56,8 @@ def test_a_draft_reads_it_as_it_stands(save, header):
     path = save(table(header, impedance(FREQUENCY)))
     text = refused(path, "no response").mapping
     (log,) = read_logs(path, columns=save(text, "map.toml"))
-    scale = 1e3 if "mS" in header else 1.0
-    np.testing.assert_allclose(
-        log.response, scale / impedance(FREQUENCY) / (2 * np.pi * FREQUENCY), rtol=1e-10
-    )
-    assert log.response_unit == ("mS*s" if scale > 1 else "S*s")
+    np.testing.assert_allclose(log.response, 1 / impedance(FREQUENCY) / (2 * np.pi * FREQUENCY), rtol=1e-10)
+    assert log.response_unit == "C"
     assert (log.kind, set(log.drive.tolist()), log.drive_unit, log.relative_noise) == (
         "steady",
         {1.0},
@@ -81,7 +78,7 @@ def test_its_resonance_is_found_and_not_the_antiresonance(save, header):
     assert (
         np.sqrt(np.mean(np.square(z))) < 1.6 and np.max(np.abs(z)) < 4.0
     )  # 30 numbers of which thirds are correlated
-    assert fit.parameters["G"].unit == "S*s/V"
+    assert fit.parameters["G"].unit == "C/V"
 
 
 MAP = """quantity = "impedance"
@@ -153,3 +150,57 @@ def test_an_impedance_of_zero_is_refused_by_its_row(save):
 def test_a_thermistor_s_ohms_are_no_impedance(save):
     text = "f_Hz,X (V),Y (V),NTC (ohm)\n" + "".join(f"{100 + k},{k},1,5\n" for k in range(9))
     assert 'quantity = "?"' in refused(save(text)).mapping
+
+
+ADMITTANCE = """quantity = "current"
+phase_sign = 1
+[columns]
+frequency = "Frequency[Hz]"
+x = "G[S]"
+y = "B[S]"
+"""
+
+
+def admittance(save, extra=""):
+    path = save(table("Frequency[Hz],G[S],B[S]", impedance(FREQUENCY)))
+    return read_logs(path, columns=save(ADMITTANCE + extra, "map.toml"))[0]
+
+
+@pytest.mark.parametrize(
+    ("stated", "volts"), [("", 1.0), ("1 V", 1.0), ("0.5 V", 0.5), ("500 mV", 0.5), ("1 V_rms", np.sqrt(2))]
+)
+def test_an_admittance_is_a_current_under_its_own_voltage(save, stated, volts):
+    """The charge per volt is the admittance over omega, at whatever level the analyser was set to."""
+    log = admittance(save, f'[constants]\nvoltage = "{stated}"\n' if stated else "")
+    unit = {"V": 1.0, "mV": 1e-3}[log.drive_unit]
+    np.testing.assert_allclose(log.drive * unit, volts, rtol=1e-12)
+    expected = 1 / impedance(FREQUENCY) / (2 * np.pi * FREQUENCY)
+    np.testing.assert_allclose(log.response / (log.drive * unit), expected, rtol=1e-9)
+    assert log.response_unit == "C"
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        ('[constants]\nduty = "0.5"\n', ["quantity", "beside an admittance", "expected a voltage"]),
+        ('[constants]\ndrive = "1 A"\n', ["quantity", "in A beside an admittance", "or no drive"]),
+    ],
+)
+def test_an_admittance_has_no_other_drive(save, extra, words):
+    path = save(table("Frequency[Hz],G[S],B[S]", impedance(FREQUENCY)))
+    refused(path, *words, columns=save(ADMITTANCE + extra, "map.toml"))
+
+
+def test_an_admittance_has_no_effective_value(save):
+    path = save(table("Frequency[Hz],G[S],B[S]", impedance(FREQUENCY)))
+    mapping = save('amplitude = "rms"\n' + ADMITTANCE, "map.toml")
+    refused(path, "[columns] x", "'rms' of an admittance", "ratio", columns=mapping)
+
+
+def test_standard_errors_of_an_admittance_follow_its_voltage(save):
+    Y = 1 / impedance(FREQUENCY)
+    rows = zip(FREQUENCY, Y.real, Y.imag, 1e-6 * np.abs(Y), strict=True)
+    text = "Frequency[Hz],G[S],B[S],std[S]\n" + "".join(",".join(f"{x:.12g}" for x in r) + "\n" for r in rows)
+    given = ADMITTANCE + 'std = "std[S]"\n[constants]\nvoltage = "0.5 V"\n'
+    (log,) = read_logs(save(text), columns=save(given, "map.toml"))
+    np.testing.assert_allclose(log.std / np.abs(log.response), 1e-6, rtol=1e-9)

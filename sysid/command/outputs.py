@@ -68,7 +68,7 @@ def document(
         "plate": plate,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "parameters": parameters,
-        "derived": {name.replace(" ", "_"): p for name, p in made.items()},
+        "derived": {name.replace(" ", "_"): p for name, p in made.items()} | _circuit(posterior),
         "covariance": {"names": names, "matrix": matrix.tolist()},
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
@@ -88,6 +88,18 @@ def document(
         "cost": {},
     }
     return plain(content)
+
+
+def _circuit(posterior: "Posterior") -> dict[str, Any]:
+    """The equivalent circuit, where the logs show one."""
+    from sysid.posterior.circuit import circuit
+
+    found = circuit(posterior.fit, posterior.draws, posterior.summary(), posterior.seed)
+    if found is None:
+        return {}
+    told: dict[str, Any] = {"parameters": {name: _parameter(p) for name, p in found.parameters.items()}}
+    told |= {"correlation": {"names": list(found.names), "matrix": found.correlation.tolist()}}
+    return {"circuit": told | {"reference_ohm": found.reference, "device": found.device}}
 
 
 def _uncertainty(posterior: "Posterior") -> dict[str, Any]:

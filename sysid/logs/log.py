@@ -311,8 +311,11 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
             refuse_row(head, body, plan.sources["time"], rows, odd, expected)
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
-        fields["response"], fields["response_unit"] = _response(head, plan, arrays, inputs.get("frequency"))
-        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"))
+        driven = drive, drive_unit
+        fields["response"], fields["response_unit"] = _response(
+            head, plan, arrays, inputs.get("frequency"), driven
+        )
+        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"), driven)
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
@@ -385,7 +388,11 @@ def _drive(
 
 
 def _response(
-    head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]], frequency: np.ndarray | None
+    head: Head,
+    plan: Plan,
+    arrays: dict[str, tuple[np.ndarray, str]],
+    frequency: np.ndarray | None,
+    drive: tuple[np.ndarray | None, str],
 ) -> tuple[np.ndarray, str]:
     """Wd + j Wq, or W, and its unit."""
     if "w" in arrays:
@@ -404,7 +411,9 @@ def _response(
             )
         signal = _complex(signal, units.convert(imaginary, other, unit))
     return (
-        (turned(signal, plan), unit) if first == "wd" else lock_in(signal, plan, frequency, unit, head.path)
+        (turned(signal, plan), unit)
+        if first == "wd"
+        else lock_in(signal, plan, frequency, unit, head.path, drive)
     )
 
 

@@ -64,11 +64,11 @@ names do not say it.
 
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times
-s). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V
-drives, peak for peak and with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own
-peak is the antiresonance, and no response.) An admittance is a current of so many S, with `voltage = "1 V"`
-among the constants. Of wd and wq themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg`
-adds to the phase of Wd + jWq.
+s; of a current in A it is a charge in C). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in
+ohm, is read as the current 1/Z that 1 V drives, peak for peak and with the phase of e^{+j omega t}: it wants
+neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.) An admittance is a
+current of so many S: that which the log's voltage drives, or 1 V where none is stated. Of wd and wq
+themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
 """
 
 import math
@@ -177,7 +177,10 @@ class MappingFile:
         sources = {
             name: self._column(name, entry, head) for name, entry in columns.items()
         } | self._constants()
-        sources = self._of_one_volt(sources) if self.options.get("quantity") == "impedance" else sources
+        if self.options.get("quantity") == "impedance":
+            sources = self._of_one_volt(sources)
+        elif self.options.get("quantity") == "current":
+            sources = self._of_its_volts(sources)
         metadata = self.metadata(head)
         notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
         return self._told(Plan(sources, metadata, notes=notes), head)
@@ -203,6 +206,23 @@ class MappingFile:
                 f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V",
             )
         return sources | {"voltage": volt}
+
+    def _of_its_volts(self, sources: dict[str, Source]) -> dict[str, Source]:
+        """The sources of a current, those of an admittance with a drive of 1 V where they have none; one that
+        is no voltage: LogError."""
+        shown = [name for name in ("x", "y", "magnitude") if name in sources]
+        if not any(units.is_of(sources[name].unit, "S") for name in shown):
+            return sources
+        for name in shown:
+            if (stated := sources[name].amplitude) != "peak":
+                said = f"found amplitude {stated!r} of an admittance, expected none: it is a ratio"
+                raise self.fail(f"[columns] {name}", said)
+        drives = [sources[name] for name in units.DRIVES if name in sources]
+        for drive in drives:
+            if not units.same_kind(drive.unit, "V"):
+                said = f"found {drive.label} in {drive.unit} beside an admittance"
+                raise self.fail("quantity", f"{said}, expected a voltage, or no drive")
+        return sources if drives else sources | {"voltage": Source("[constants] voltage", "V", constant=1.0)}
 
     def beside(self, plan: Plan, head: Head) -> Plan:
         """The `plan` of a file by its own names, with all that is said here: a mapping file without
@@ -382,10 +402,15 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
 
 
 def lock_in(
-    signal: np.ndarray, plan: Plan, frequency: np.ndarray | None, unit: str, where: str
+    signal: np.ndarray,
+    plan: Plan,
+    frequency: np.ndarray | None,
+    unit: str,
+    where: str,
+    drive: tuple[np.ndarray | None, str] = (None, "V"),
 ) -> tuple[np.ndarray, str]:
     """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring
-    says."""
+    says. `drive`: its values (n,) and their unit."""
     complete = np.iscomplexobj(signal)
     signal = turned(signal, plan) if complete else signal
     if plan.quantity in ("displacement", "charge"):
@@ -395,8 +420,23 @@ def lock_in(
     if frequency is None:
         what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
         raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
-    time_integral = unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
-    return signal / (2 * np.pi * frequency), time_integral
+    signal, unit = ampere(signal, unit, drive)
+    return signal / (2 * np.pi * frequency), _time_integral(unit)
+
+
+def ampere(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
+    """The current (A) of an admittance under its voltage; any other signal as it is."""
+    volts, its = drive
+    if volts is None or not units.is_of(unit, "S"):
+        return signal, unit
+    return units.convert(signal, unit, "S") * units.convert(volts, its, "V"), "A"
+
+
+def _time_integral(unit: str) -> str:
+    """The unit of the time integral of a signal: C of A, m of m/s."""
+    if current := re.fullmatch(r"([fpnumk]?)A", unit):
+        return f"{current[1]}C"
+    return unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
 
 
 def is_analysed(plan: Plan) -> bool:

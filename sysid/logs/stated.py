@@ -10,7 +10,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import Plan, Source, is_decibel
+from sysid.logs.mapping import Plan, Source, ampere, is_decibel
 from sysid.logs.missing import refuse_row
 
 ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
@@ -44,10 +44,16 @@ def stated_in(
 
 
 def errors(
-    where: str, plan: Plan, arrays: Arrays, stated: Arrays, frequency: np.ndarray | None
+    where: str,
+    plan: Plan,
+    arrays: Arrays,
+    stated: Arrays,
+    frequency: np.ndarray | None,
+    drive: tuple[np.ndarray | None, str],
 ) -> np.ndarray | None:
-    """(n,) standard errors in the unit of the response, which `arrays` hold as it was recorded; None where
-    none are `stated`. Raises LogError where a unit does not fit."""
+    """(n,) standard errors in the unit of the response, which `arrays` hold as it was recorded, under
+    `drive`, its values and their unit; None where none are `stated`. Raises LogError where a unit does not
+    fit."""
     if not stated:
         return None
     first = next(name for name in ("w", "wd", "x", "magnitude") if name in arrays)
@@ -58,7 +64,7 @@ def errors(
         size = np.hypot(signal, units.convert(other, its, unit))
     each = [_in(where, values, its, unit, size) for values, its in stated.values()]
     std = np.sqrt(np.mean(np.square(each), axis=0))
-    return std if first in ("w", "wd") else std * _slope(plan, size, unit, frequency)
+    return std if first in ("w", "wd") else std * _slope(plan, size, unit, frequency, drive)
 
 
 def _in(where: str, values: np.ndarray, unit: str, wanted: str, size: np.ndarray) -> np.ndarray:
@@ -72,13 +78,19 @@ def _in(where: str, values: np.ndarray, unit: str, wanted: str, size: np.ndarray
     raise LogError(f"{where}: found standard errors in {unit}, expected {wanted}, as its response, dB or %")
 
 
-def _slope(plan: Plan, size: np.ndarray, unit: str, frequency: np.ndarray | None) -> np.ndarray | float:
+def _slope(
+    plan: Plan,
+    size: np.ndarray,
+    unit: str,
+    frequency: np.ndarray | None,
+    drive: tuple[np.ndarray | None, str],
+) -> np.ndarray | float:
     """By how much the response moves per unit of the signal that shows it (`mapping.lock_in`)."""
     if plan.quantity in ("displacement", "charge"):
         return 1.0
     omega = 2 * np.pi * frequency
     if plan.quantity != "impedance":
-        return 1 / omega
+        return ampere(np.ones_like(size), unit, drive)[0] / omega
     return units.convert(1.0, unit, "ohm") / (units.convert(size, unit, "ohm") ** 2 * omega)
 
 

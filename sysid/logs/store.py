@@ -32,6 +32,9 @@ class Store:
     constants: dict[str, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    facts: dict[str, dict[str, str]] = field(
+        default_factory=dict
+    )  # constants of one of the tables, by its name
     default: str | None = None  # the table to take where none is asked for
     unclear: str = ""  # why it has to be asked for
     claimed: int = 0
@@ -93,17 +96,18 @@ class Store:
         if len(tables) > 1:
             counts = [len(next(iter(of.values()))) for of in tables.values()]
             columns = {"log": np.repeat(np.array([*tables], object), counts)} | columns
-        return self._head(columns, dialect)
+        return self._head(columns, dialect, next(iter(tables)) if len(tables) == 1 else None)
 
-    def _head(self, columns: Mapping[str, np.ndarray], dialect: Dialect) -> Head:
+    def _head(self, columns: Mapping[str, np.ndarray], dialect: Dialect, table: str | None) -> Head:
         path = self.path
+        constants = self.constants | (self.facts.get(table, {}) if table is not None else {})
         sheet = Sheet(tuple(columns.values()), lambda row, _: f"{path}, row {row + 1}")
         notes = (*self.notes, *([f"left out: {listed(self.left_out)}"] if self.left_out else []))
         plain = Dialect(",", ("#",), ".", True, table=dialect.table)
         sample = sheet.first(SAMPLE)
         return Head(
             path,
-            dict(self.constants),
+            constants,
             frozenset(),
             tuple(columns),
             plain,

@@ -19,7 +19,7 @@ from sysid.logs.store import Store, claim_text, library
 from sysid.logs.textfile import LogError
 
 SAME = 0.1  # of S21 in series, of S11 across the line, by which a device may be off the rule of its place
-_AT = {"series": "in series", "across": "across the line"}
+_AT = {"": "one port", "series": "in series", "across": "across the line"}
 
 
 def read_touchstone(path: str, kind: str) -> Store:
@@ -47,6 +47,7 @@ def read_touchstone(path: str, kind: str) -> Store:
         store.add(table, "Y", admittance, "S")
         for row, column in np.ndindex(ports, ports):
             store.add(table, f"S{row + 1}{column + 1}", s[:, row, column])
+        store.facts[table] = {"device": _AT[table]}
     store.constants["reference_ohm"] = f"{z0[0, 0].real:g}"
     if ports == 2:
         _choose(store, s[:, 0, 0], s[:, 1, 0])

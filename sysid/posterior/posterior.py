@@ -6,6 +6,7 @@ sampling: see `posterior.estimate`.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.posterior.accuracy import Rung, above, up_to
+from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
 from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target
@@ -71,6 +73,12 @@ class Posterior(Shown):
     pace: float
     exact_pace: float
     below: "Posterior | None" = field(repr=False)
+
+    @cached_property
+    def circuit(self) -> Circuit | None:
+        """The equivalent circuit of logs of an impedance, an admittance or a current under a voltage; None of
+        others."""
+        return circuit(self.fit, self.draws, self.summary(), self.seed)
 
     def to_frame(self) -> Any:
         """A pandas DataFrame, a row for each (chain, draw); the units of its columns stand in `attrs`."""

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 from sysid.report.text import (
     advice,
     cell,
+    circuit_reasons,
     clean,
     derived,
     gains,
     gathered,
     grouped,
+    in_words,
     measured,
     mode,
     moved,
@@ -49,6 +51,7 @@ def render(
         failed=document["result"] != "successful",
         remedy=advice(document["result"], len(document["logs"])),
         derived=derived(posterior.draws, document["parameters"]),
+        circuit=document["derived"].get("circuit"),
         warned=gathered(document),
         noted=grouped(document),
         moved=moved(document["change"]) if document["change"] else [],
@@ -66,6 +69,7 @@ def render(
             "bench": _bench(document["logs"]),
             "models": _models(document["models"]),
             "effects": _effects(document["findings"]),
+            "correlation": _correlation(document["derived"].get("circuit")),
         },
     )
 
@@ -114,6 +118,18 @@ def _bench(logs: Sequence[Mapping[str, Any]]) -> Cells:
     return [["log", *(name.replace("_", " ") for name in names)], *(r for r in rows if any(r[1:]))]
 
 
+def _correlation(circuit: Mapping[str, Any] | None) -> Cells:
+    """Correlation of the circuit's determined numbers, below their names."""
+    if circuit is None:
+        return []
+    told = circuit["correlation"]
+    names = [in_words(name) for name in told["names"]]
+    rows = [
+        [name, *(number(x, ".2f") for x in line)] for name, line in zip(names, told["matrix"], strict=True)
+    ]
+    return [["", *names], *rows]
+
+
 def _models(models: Mapping[str, Any] | None) -> Cells:
     """Other descriptions of the logs."""
     return [
@@ -139,6 +155,7 @@ def template(name: str) -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {"plain": in_words, "circuit_reasons": circuit_reasons}
     environment.filters |= {"row": row, "mode": mode, "number": number, "seconds": seconds}
     return environment.get_template(name)
 

@@ -1,6 +1,7 @@
 """The one screen that a run prints."""
 
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import IO, Any
 
@@ -9,7 +10,19 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.report.text import clean, exactness, gains, grouped, mode, moved, number, row, taken_for
+from sysid.report.text import (
+    circuit_reasons,
+    circuit_rows,
+    clean,
+    exactness,
+    gains,
+    grouped,
+    mode,
+    moved,
+    number,
+    row,
+    taken_for,
+)
 
 WIDTH = 80  # columns where the output is no terminal
 ROOMY = 100  # columns, from which on a table of logs has room for their noise
@@ -29,6 +42,8 @@ def show(
     console.print(_verdict(document))
     console.print()
     console.print(_parameters(document, derived), "")
+    if circuit := document["derived"].get("circuit"):
+        console.print(_circuit(circuit), "")
     console.print(_logs(document["logs"], console.width), "")
     console.print(_sentences(document, folder))
 
@@ -96,6 +111,18 @@ def _parameters(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, 
     return table
 
 
+def _circuit(circuit: Mapping[str, Any]) -> Table:
+    """The equivalent circuit, in two halves side by side."""
+    table = table_of("circuit", "value", "unit", "", "value", "unit")
+    cells = [
+        (name, value, unit if unit != "1" else "") for name, (value, _, unit) in circuit_rows(circuit).items()
+    ]
+    half = (len(cells) + 1) // 2
+    for left, right in zip_longest(cells[:half], cells[half:], fillvalue=("", "", "")):
+        table.add_row(*left, *right)
+    return table
+
+
 def _at(name: str, parameter: Mapping[str, Any], document: Mapping[str, Any]) -> str:
     at = document["reference_temperature_degC"]
     return f" at {at:.4g} degC" if name == "f0" and parameter["determined"] and at is not None else ""
@@ -107,6 +134,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     lines = [*_reasons(document), *(("note", note) for note in grouped(document))]
+    if circuit := document["derived"].get("circuit"):
+        lines += [("circuit", line) for line in circuit_reasons(circuit)]
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
     if document["advice"] is not None:

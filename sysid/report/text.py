@@ -8,6 +8,13 @@ from typing import Any
 import numpy as np
 
 PREFIXES = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+SCALED = {  # by unit: those in which it is read, and how many of each it is
+    "s": PREFIXES,
+    "F": (("uF", 1e6), ("nF", 1e9), ("pF", 1e12), ("fF", 1e15)),
+    "H": (("mH", 1e3), ("uH", 1e6), ("nH", 1e9)),
+}
+PLAIN = {"tan_d": "tan d", "figure_of_merit": "figure of merit", "unloaded_Q": "unloaded Q"}
+PLAIN |= {"loaded_Q": "loaded Q"}  # names of a circuit's numbers in words
 ADVICE = {
     "the fit did not converge": "add a sweep across the resonance",
     "the model does not describe the logs": "do what the warnings ask for, or leave out the logs that they"
@@ -117,9 +124,10 @@ def seconds(value: float) -> str:
 
 
 def measured(value: float, std: float, others: Iterable[float] = (), unit: str = "") -> tuple[list[str], str]:
-    """[value, std, *others] to two digits of the error, and their unit; a time comes with a prefix."""
-    if unit == "s":
-        unit, factor = _prefix(max(abs(value), std))
+    """[value, std, *others] to two digits of the error, and their unit; a time, a capacitance and an
+    inductance come with a prefix."""
+    if unit in SCALED:
+        unit, factor = _prefix(max(abs(value), std), unit)
         value, std, others = value * factor, std * factor, [x * factor for x in others]
     size = max(abs(value), std)
     exponent = 3 * math.floor(math.log10(size) / 3) if size > 0 and (size < 1e-3 or std >= 1e6) else 0
@@ -162,6 +170,28 @@ def derived(
             found["Q"] = _summarised(np.pi * draws["f0"] * draws["tau"], "1")
         found["half bandwidth"] = _summarised(1 / (2 * np.pi * draws["tau"]), "Hz")
     return found
+
+
+def in_words(name: str) -> str:
+    """The name of one of a circuit's numbers, as it is read."""
+    return PLAIN.get(name, name)
+
+
+def circuit_rows(circuit: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
+    """Of the numbers of fit.json's circuit, by their names in words: value and error, 95 % interval, unit."""
+    return {
+        in_words(name): row(p) if p["determined"] else ("not determined", "", "")
+        for name, p in circuit["parameters"].items()
+    }
+
+
+def circuit_reasons(circuit: Mapping[str, Any]) -> list[str]:
+    """Why numbers of fit.json's circuit are not determined, each reason once."""
+    names: dict[str, list[str]] = {}
+    for name, p in circuit["parameters"].items():
+        if not p["determined"]:
+            names.setdefault(p["why"], []).append(in_words(name))
+    return [f"{listed(of)}: {why}" for why, of in names.items()]
 
 
 def taken_for(log: Mapping[str, Any]) -> str:
@@ -331,8 +361,9 @@ def promised(controller: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _prefix(value: float) -> tuple[str, float]:
-    return next((p for p in PREFIXES if abs(value) * p[1] >= 1), PREFIXES[0 if value == 0 else -1])
+def _prefix(value: float, unit: str = "s") -> tuple[str, float]:
+    known = SCALED[unit]
+    return next((p for p in known if abs(value) * p[1] >= 1), known[0 if value == 0 else -1])
 
 
 def _summarised(draws: np.ndarray, unit: str) -> dict[str, Any]:

@@ -194,13 +194,25 @@ class View:
     def covariance(self, plant: np.ndarray | None = None) -> np.ndarray:
         """Covariance of the columns' coefficients, with the plant's parameters held, or of the covariance
         `plant` of theta."""
+        found, size, by_theta = self._open()
+        if plant is not None:
+            found = found + by_theta @ plant @ by_theta.T
+        return found / np.outer(size, size)
+
+    def drawn(self, away: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(m, K) coefficients of the columns beside plants that are `away` (m, 6) from the fit's theta: the
+        best ones there, and a draw of what the log leaves open of them."""
+        found, size, by_theta = self._open()
+        left = rng.multivariate_normal(np.zeros(len(size)), found, len(away), method="eigh")
+        return np.array([c.value for c in self.columns]) + (left - away @ by_theta.T) / size
+
+    def _open(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Covariance (K, K) of the columns' coefficients with the plant held, in units of 1/size; the
+        columns' sizes (K,); and by how much the coefficients fall with theta, (K, 6), in the same units."""
         a = self.weighted(self.columns)
         size = _sizes(a)
         found = np.linalg.pinv((a / size).T @ (a / size), rcond=1e-12, hermitian=True)
-        if plant is not None:
-            by_theta = found @ (a / size).T @ self.rows(self.derivatives.T).T
-            found = found + by_theta @ plant @ by_theta.T
-        return found / np.outer(size, size)
+        return found, size, found @ (a / size).T @ self.rows(self.derivatives.T).T
 
     def rows(self, shape: np.ndarray, priors: int | None = None) -> np.ndarray:
         """Real, weighted rows of shapes (..., n), and zeros where the rows of `priors` (of all columns,
