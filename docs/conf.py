@@ -25,9 +25,9 @@ extensions = ["myst_nb", "sphinx.ext.autodoc"]
 html_theme = "furo"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
-html_copy_source = html_show_sourcelink = False
+html_copy_source = html_show_sourcelink = html_show_copyright = html_show_sphinx = False
 nb_execution_mode = "off"  # notebooks are shown as they were run
-myst_heading_anchors = 3
+myst_heading_anchors = 4
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_preserve_defaults = True
@@ -74,7 +74,9 @@ def marked(text: str) -> str:
     return "".join(a + b for a, b in zip(plain, code, strict=True))
 
 
-def restructured(_app: Sphinx, what: str, _name: str, obj: object, _options: object, lines: list[str]) -> None:
+def restructured(
+    _app: Sphinx, what: str, _name: str, obj: object, _options: object, lines: list[str]
+) -> None:
     """Docstrings as reStructuredText: indented paragraphs, as equations are, stand as they were written."""
     paragraphs = re.split(r"\n\s*\n", "\n".join(lines).strip("\n"))
     told = []
