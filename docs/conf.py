@@ -10,6 +10,7 @@ import textwrap
 from pathlib import Path
 
 from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -28,6 +29,9 @@ html_css_files = ["site.css"]
 html_copy_source = html_show_sourcelink = html_show_copyright = html_show_sphinx = False
 nb_execution_mode = "off"  # notebooks are shown as they were run
 myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "mathml"  # of the browser, so that pages ask for nothing
+smartquotes = False  # quotes are part of what is typed
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 autodoc_preserve_defaults = True
@@ -64,6 +68,13 @@ def anchored(_app: Sphinx, page: nodes.document) -> None:
         slug = section.get("slug")
         if slug and slug not in page.ids:
             section["ids"].append(slug)
+
+
+def formula(writer: object, node: nodes.Element) -> None:
+    """TeX as MathML, whose maker takes a degree for text alone."""
+    tex = node.astext().replace("°", r"\text{°}")
+    writer.body.append(tex2mathml(tex, as_block=isinstance(node, nodes.math_block)))
+    raise nodes.SkipNode
 
 
 def marked(text: str) -> str:
@@ -143,6 +154,7 @@ def _told(preset: Preset) -> str:
 def setup(app: Sphinx) -> None:
     """Tell Sphinx of all this."""
     app.add_directive("presets", Presets)
+    app.add_html_math_renderer("mathml", (formula, None), (formula, None))
     app.connect("config-inited", bring)
     app.connect("source-read", beside)
     app.connect("doctree-read", anchored)
