@@ -61,6 +61,7 @@ def trace_figure(trace: "Trace") -> Any:
     from sysid.report.plots import BLUE, GREY, ORANGE, blank, styled, time_axis
 
     def drawn() -> Any:
+        """The figure of matplotlib."""
         figure = blank(8.0, 4.0)
         time, label = time_axis(trace.time)
         unit, drive = trace.response_unit or "1", trace.drive_unit or "1"

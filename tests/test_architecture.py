@@ -174,7 +174,7 @@ def test_what_is_imported_is_declared():
     extras = [
         d
         for name, of in project["optional-dependencies"].items()
-        if name not in ("test", "bench")
+        if name not in ("test", "bench", "docs")
         for d in of
     ]
     declared = {re.split(r"[<>=\[ ]", d)[0].lower() for d in (*project["dependencies"], *extras)}

@@ -3,6 +3,9 @@ and Wq."""
 
 import dataclasses
 import re
+import subprocess
+import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from sysid import Result
+from sysid.verdict.finding import entry
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("sysid", "controller", "stimulator")
@@ -99,3 +103,24 @@ def test_the_examples_of_the_stimulator_run(tmp_path, monkeypatch):
         exec(code, found)
     assert found["plant"].f0 == pytest.approx(32300, abs=1)
     assert 0.02 / 3 < found["plant"].G < 0.02 * 3
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_reference_has_each_public_name_once(package):
+    page = (ROOT / "docs" / f"reference_{package}.md").read_text(encoding="utf-8")
+    named = re.findall(rf"^\.\. auto(?:class|function):: {package}\.(\w+)$", page, re.MULTILINE)
+    assert sorted(named) == sorted(import_module(package).__all__)
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    """And each address that the command names is there."""
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
+    pytest.importorskip("myst_nb", reason="the extra docs is not installed")
+    build = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "-d", str(tmp_path / "read")]
+    done = subprocess.run([*build, "docs", str(tmp_path / "site")], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "site" / "errors.html").read_text(encoding="utf-8")
+    assert all(
+        f'id="{entry(key).partition("#")[2]}"' in page for key in ("second_mode", "rows lost", "delay")
+    )
+    assert 'id="e4990a"' in (tmp_path / "site" / "presets.html").read_text(encoding="utf-8")

@@ -306,9 +306,12 @@ def _advised(fit: Any, wanted: str | None, rig: Any) -> tuple | None:
 
 def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) -> None:
     from sysid.report.text import clean, derived
+    from sysid.verdict.finding import entry
 
     for warning in content["warnings"]:
         print("warning:", *clean(warning).split("\n"), file=sys.stderr)  # one line each
+    if entries := dict.fromkeys(entry(finding["key"]) for finding in content["findings"]):
+        print("see", ", ".join(entries), file=sys.stderr)
     if as_json:
         sys.stdout.write(text)
         return

@@ -69,6 +69,7 @@ def side_by_side(group: dict[str, str], mapping: MappingFile) -> Head:
     owners = [(head, body) for head, body in zip(heads.values(), bodies, strict=True) for _ in head.names]
 
     def where(row: int, column: int) -> str:
+        """The file and line of a cell; rows, and columns of all files together, are counted from 0."""
         head, body = owners[column]
         return f"{head.path}, line {body.line(head, row)}"
 

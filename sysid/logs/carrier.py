@@ -60,6 +60,7 @@ class Line:
     error: float = np.inf
 
     def at(self, t):
+        """The phase (rad) at t (s)."""
         return self.phase + self.omega * (t - self.middle)
 
     def doubt(self, t: float) -> float:

@@ -68,6 +68,7 @@ class Head:
 
     @property
     def name(self) -> str:
+        """The file's name without its folder, on one line."""
         return Path(self.path).name.replace("\n", " ")
 
 

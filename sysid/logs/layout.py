@@ -80,6 +80,8 @@ def across(
     begins = np.cumsum([0, *counts])
 
     def where(row: int, column: int) -> str:
+        """The line and cell of the file in which a cell stands; rows and columns of the turned table are
+        counted from 0."""
         k = int(np.searchsorted(begins, row, side="right")) - 1
         group = list(groups.values())[k]
         at = [*group.values()][max(column - before + 1, 0)][0]

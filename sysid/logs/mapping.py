@@ -141,6 +141,7 @@ class MappingFile:
     finds: bool = False  # whether columns that it does not name are found by their heads (`logs.found`)
 
     def fail(self, key: str, message: str) -> LogError:
+        """The error that names this file and one of its keys, to raise."""
         return LogError(f"{self.path}, {key}: {message}")
 
     def _not_read(self, metadata: Mapping[str, str], sources: Mapping[str, Source]) -> list[str]:
@@ -156,6 +157,7 @@ class MappingFile:
 
     @property
     def names_columns(self) -> bool:
+        """Whether it says which column is which; else the file's own names hold."""
         return "columns" in self.options
 
     @property

@@ -56,6 +56,7 @@ class Columns:
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
+        """What the head of each column says."""
         return tuple(map(parse, self.head.names))
 
     @cached_property

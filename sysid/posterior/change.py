@@ -116,6 +116,7 @@ class Difference:
 
     @property
     def change(self) -> float:
+        """New less old, in `unit`."""
         return self.new - self.old
 
     @property
@@ -125,6 +126,7 @@ class Difference:
 
     @property
     def p(self) -> float:
+        """Probability that chance alone makes a change as large, of either sign."""
         return float(2 * ndtr(-abs(self.sigmas)))
 
 

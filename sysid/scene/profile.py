@@ -47,6 +47,7 @@ class Profile:
 
     @property
     def is_constant(self) -> bool:
+        """Whether it has the same value at all times."""
         return bool(np.all(self.values == self.values[0]))
 
     def at(self, time: np.ndarray) -> np.ndarray:

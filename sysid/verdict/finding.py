@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 OUTCOMES = ("fitted", "refused", "noted")
+PAGE = "docs/errors.md"  # with an entry for each key
 
 
 class Number(NamedTuple):
@@ -35,3 +36,8 @@ class Finding:
     evidence: float | None = None
     moves: dict[str, float] = field(default_factory=dict)
     mostly: bool = False
+
+
+def entry(key: str) -> str:
+    """Where the documentation has the entry of a finding's key."""
+    return f"{PAGE}#{key.replace(' ', '-')}"
