@@ -15,7 +15,7 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.minimum.ridge import unfolded
 from sysid.model.plant import Plant
 from sysid.model.prior import Prior, checked
-from sysid.precision import float64
+from sysid.precision import float64, one_thread
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
@@ -35,6 +35,7 @@ TWICE = 2  # in a first fit the feedthrough of other logs makes up for what poin
 WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that may be a delay
 
 
+@one_thread
 @float64
 def fit(
     logs: Log | Sequence[Log],

@@ -1,4 +1,4 @@
-"""How JAX is used, decided in one place: float64, and programs that are compiled once and kept.
+"""How JAX and BLAS are used, decided in one place: float64, programs that are compiled once and kept, one thread.
 
 Public functions run under `float64` and leave the host program's JAX flags as they were.
 """
@@ -8,11 +8,12 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial, update_wrapper, wraps
+from functools import cache, partial, update_wrapper, wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import jax
+from threadpoolctl import ThreadpoolController
 
 from sysid import kept
 
@@ -29,6 +30,25 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return run
+
+
+def one_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Run `function` with one thread of BLAS, for the whole process while it runs: its matrices are of a few
+    hundred rows and a dozen columns, and threads that wait for one another take twice as long as one, on a busy
+    machine fifty times."""
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _blas().limit(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return run
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The libraries of numpy and scipy, which are loaded when something is first fitted."""
+    return ThreadpoolController()
 
 
 def _options(seldom: bool, largest: int) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import sysid
 from sysid import kept, precision
@@ -249,3 +250,18 @@ def test_a_simulation_is_the_same_bytes_with_kept_programs_and_without(folder, m
     assert count and bits() == first and len(list(folder.iterdir())) == count
     monkeypatch.setenv(kept.SWITCH, "off")
     assert bits() == first
+
+
+def test_a_fit_takes_one_thread_of_blas_and_gives_the_others_back():
+    def threads():
+        return {lib["filepath"]: lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"}
+
+    inside = precision.one_thread(threads)
+    before = threads()
+    with threadpool_limits(2, "blas"):
+        assert set(inside().values()) == {1}
+        assert set(threads().values()) <= {1, 2}
+    assert threads() == before
+    with pytest.raises(ZeroDivisionError):
+        precision.one_thread(lambda: 1 / 0)()
+    assert threads() == before

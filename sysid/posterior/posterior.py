@@ -18,7 +18,7 @@ from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
 from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target
-from sysid.precision import float64
+from sysid.precision import float64, one_thread
 from sysid.shown import Shown
 from sysid.verdict.determined import parameter, usable
 from sysid.verdict.fitted import Fit
@@ -183,9 +183,9 @@ class Posterior(Shown):
 
 
 @float64
-@np.errstate(
-    over="ignore", invalid="ignore"
-)  # tau of logs that the model does not describe may be anything, draws infinite
+@one_thread
+# tau of logs that the model does not describe may be anything, draws infinite
+@np.errstate(over="ignore", invalid="ignore")
 def sample(
     fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0
 ) -> Posterior:
