@@ -1,4 +1,4 @@
-"""How JAX and BLAS are used, decided in one place: float64, programs that are compiled once and kept, one thread.
+"""How JAX and BLAS are used, decided in one place: float64, programs compiled once and kept, one thread.
 
 Public functions run under `float64` and leave the host program's JAX flags as they were.
 """
@@ -34,8 +34,8 @@ def float64(function: Callable[P, R]) -> Callable[P, R]:
 
 def one_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Run `function` with one thread of BLAS, for the whole process while it runs: its matrices are of a few
-    hundred rows and a dozen columns, and threads that wait for one another take twice as long as one, on a busy
-    machine fifty times."""
+    hundred rows and a dozen columns, and threads that wait for one another take twice as long as one, on a
+    busy machine fifty times."""
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
