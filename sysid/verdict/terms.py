@@ -299,49 +299,62 @@ def _under_amplitude(i: int, view: View) -> Iterator[Term]:
 def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
     """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with
     temperature; parameters are reported `away` (degC) from the logs' mean temperature."""
+    yield from _softening(views)
+    yield from _drive(views)
+    yield from _finger(views, free)
+    yield from _curved(views, away, free)
+    yield from _temperature(views, away)
+
+
+def _softening(views: list[View]) -> Iterator[Term]:
+    """A plate whose damping and frequency depend on its amplitude."""
     moving = {
         i: v for i, v in enumerate(views) if not v.trial.steady or (v.trial.resonant and v.trial.driven)
     }
     top = max((float(np.max(np.abs(v.plate))) for v in moving.values()), default=0.0)
-    if top > 0:
-        # Of amplitudes at one frequency, and without any, f0 is not seen to move.
-        turns = any(
-            v.trial.resonant and (v.trial.signed or np.ptp(v.trial.log.frequency) > 0)
-            for v in moving.values()
+    if top == 0:
+        return
+    # Of amplitudes at one frequency, and without any, f0 is not seen to move.
+    turns = any(
+        v.trial.resonant and (v.trial.signed or np.ptp(v.trial.log.frequency) > 0) for v in moving.values()
+    )
+    moved = {i: _either(v, np.abs(v.plate / top) ** 2)[:, : 1 + turns] for i, v in moving.items()}
+    unit = views[0].trial.log.response_unit
+
+    def softer(value: np.ndarray, view: View) -> str | None:
+        if not turns and value[0] > 0 and view.trial.noise.coloured:
+            # without a frequency noise of long memory looks so, and friction seldom falls with the
+            # amplitude
+            return None
+        slower = f"{-100 * value[0] * view.course.tau:+.2g} % in 1/tau at {top:.2g} {unit}"
+        if not turns:
+            return f"damping depends on the amplitude, by about {slower}; record at a smaller drive"
+        about = f"by about {value[1] / (2 * np.pi):+.2g} Hz in f0 and {slower}"
+        return (
+            f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at"
+            f" a smaller drive"
         )
-        moved = {i: _either(v, np.abs(v.plate / top) ** 2)[:, : 1 + turns] for i, v in moving.items()}
-        unit = views[0].trial.log.response_unit
 
-        def softer(value: np.ndarray, view: View) -> str | None:
-            if not turns and value[0] > 0 and view.trial.noise.coloured:
-                # without a frequency noise of long memory looks so, and friction seldom falls with the
-                # amplitude
-                return None
-            slower = f"{-100 * value[0] * view.course.tau:+.2g} % in 1/tau at {top:.2g} {unit}"
-            if not turns:
-                return f"damping depends on the amplitude, by about {slower}; record at a smaller drive"
-            about = f"by about {value[1] / (2 * np.pi):+.2g} Hz in f0 and {slower}"
-            return (
-                f"damping and frequency depend on the amplitude, {about} (hysteresis in a sweep); record at"
-                f" a smaller drive"
-            )
+    def bent(value: np.ndarray, _: View) -> str:
+        about = f"by about {value[0] / (2 * np.pi):+.2g} Hz in f0 at {top:.2g} {unit}"
+        return (
+            f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record"
+            f" at a smaller drive"
+        )
 
-        def bent(value: np.ndarray, _: View) -> str:
-            about = f"by about {value[0] / (2 * np.pi):+.2g} Hz in f0 at {top:.2g} {unit}"
-            return (
-                f"the frequency seems to depend on the amplitude, {about} (hysteresis in a sweep); record"
-                f" at a smaller drive"
-            )
+    yield Term("amplitude", moved, softer, freedom=1 + turns)
+    # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0
+    # by several of its errors. Of settled points in even noise that is all that looks so; of a transient
+    # a drift or a lateness does, elsewhere noise of long memory, or one whose weights follow the
+    # residual.
+    if turns and all(
+        v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()
+    ):
+        yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
 
-        yield Term("amplitude", moved, softer, freedom=1 + turns)
-        # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0
-        # by several of its errors. Of settled points in even noise that is all that looks so; of a transient
-        # a drift or a lateness does, elsewhere noise of long memory, or one whose weights follow the
-        # residual.
-        if turns and all(
-            v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()
-        ):
-            yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
+
+def _drive(views: list[View]) -> Iterator[Term]:
+    """A response that is not in proportion to the drive."""
     levels = np.concatenate(
         [np.abs(v.trial.inputs.drive) for v in views if v.trial.log.drive is not None] or [np.zeros(1)]
     )
@@ -352,6 +365,10 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
             for i, (v, drive) in driven.items()
         }
         yield Term("drive", cubed, _out_of_proportion)
+
+
+def _finger(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+    """A finger that damps by another law of its force."""
     touched = {i: v for i, v in enumerate(views) if v.trial.touched}
     if touched and FINGER[0] in free:
         power = {
@@ -360,7 +377,10 @@ def _of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Ter
         }
         grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
         yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
-    yield from _curved(views, away, free)
+
+
+def _temperature(views: list[View], away: float) -> Iterator[Term]:
+    """G and tau that change with the temperature."""
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
         for k, symbol in enumerate(("G", "tau")):
