@@ -64,6 +64,7 @@ WITHIN = {
     "verdict.fitted": {"posterior.posterior", "posterior.prediction", "command.sets", *SHOWN},
     "verdict.comparison": SHOWN,
     "posterior.change": SHOWN,
+    "posterior.circuit": SHOWN,
     "posterior.foreseen": SHOWN,
     "posterior.planning": SHOWN,
     "posterior.prediction": SHOWN,

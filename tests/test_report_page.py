@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import standin
+import test_circuit as circuits
 from test_report import HOSTILE, rendered
 
 import sysid
@@ -48,6 +49,16 @@ def reports(bench, tmp_path_factory):
     folder = tmp_path_factory.mktemp("reports")
     fit = sysid.fit([bench.sweep(seed=1), bench.sweep(seed=2, temperature=30.0), bench.transient(seed=3)])
     sets.report(fit.posterior, folder / "fit.html")
+    f = circuits.LANGEVIN.sweep()
+    analysed = sysid.Log.from_arrays(
+        circuits.LANGEVIN.admittance(f, np.random.default_rng(0)) / (2 * np.pi * f),
+        drive=1.0,
+        frequency=f,
+        response_unit="C",
+        metadata={"reference_ohm": "50", "device": "one port"},
+        relative_noise=True,
+    )
+    sets.report(sysid.fit(analysed).posterior, folder / "circuit.html")
     many = [
         standin.fitted(f"run_{k}_of_the_second_batch.csv", "steady" if k % 2 else "transient", rows=60)
         for k in range(60)
@@ -98,7 +109,7 @@ def look(browser):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("name", ["fit", "controller", "failed", "open", "hostile", "sixty"])
+@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "open", "hostile", "sixty"])
 def test_nothing_is_cut_asked_for_or_complained_of(reports, look, name, view):
     seen = look(reports[name], view)
     seen.page.evaluate(OPEN)
@@ -176,7 +187,7 @@ def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, brow
 
 
 @pytest.mark.parametrize("view", ["desk", "phone", "dark"])
-@pytest.mark.parametrize("name", ["fit", "controller", "failed", "sixty"])
+@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty"])
 def test_everyone_can_use_it(reports, look, name, view):
     """The rules of axe-core."""
     axe = pytest.importorskip(

@@ -12,7 +12,10 @@ volt, at w0, with its slope) is the second:
     f_s = f0             f_p = f_s sqrt(1 + C1/C0)         k_eff^2 = (f_p^2 - f_s^2)/f_p^2 = C1/(C0 + C1)
 
 The figure of merit is M = Q C1/C0 = 1/(w0 C0 R1) (IEEE Std 177-1966). f_p is that of the circuit without
-losses, as is k_eff (IEEE Std 176-1987). Of a log in A or S itself, which is no charge, W = Y V and R1 = 1/G.
+losses, as is k_eff (IEEE Std 176-1987). Of a log in A or S itself, which is no charge, W = Y V and R1 =
+1/G; the plant's factor w0/w is none of such a log's. To first order in 1/Q it turns the branch by 1/(w0
+tau) and adds w0 C1/2 beside it, both of which are taken out. Amplitudes show C0 where the fit has found a
+feedthrough under them.
 
 A network analyser is a source of impedance Zg across the plate: its reference R at one port, 2 R where the
 plate is in series between two, R/2 where it is across them. The motional branch sees Zs = 1/(1/Zg + Y0), and
@@ -25,15 +28,18 @@ feedthrough drawn beside it (`View.drawn`): errors and correlations are those of
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sysid.logs import units
 from sysid.logs.log import Log
+from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, POSITIVE, carried
 from sysid.posterior.estimate import Estimate
+from sysid.shown import Shown
 from sysid.verdict.bench import TOLD
+from sysid.verdict.finding import Number
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter
 from sysid.verdict.view import View
@@ -48,6 +54,8 @@ NO_SWEEP = (
 UNTOLD = "the logs say no more about the feedthrough than what was assumed; record a wider sweep"
 UNSEEN = "the feedthrough, {} pF, is within five of its errors; record a wider sweep, or with less noise"
 INDUCTIVE = "the feedthrough is no capacitance, {} pF: leads, or a resonance outside of the sweep"
+LOSSY = 1.0  # of tan d: beyond, what is beside the branch is rather a resistance
+UNTOLD_LOSS = "the logs allow tan d from {:.2g} to {:.2g}; record both parts of the admittance"
 SEVERAL = "the admittances were driven at several voltages; state the drive as 1 V, as they are per volt"
 
 
@@ -92,11 +100,12 @@ class Quantity(NamedTuple):
 
 PLATE = ("G", "tau", "f0")
 QUANTITIES = {
+    "G_s": Quantity("S", ("G", "f0"), lambda d: d.peak),
     "R1": Quantity("ohm", ("G", "f0"), lambda d: 1 / d.peak),
     "L1": Quantity("H", PLATE, lambda d: 0.5 * d.tau / d.peak),
     "C1": Quantity("F", PLATE, lambda d: d.C1),
     "C0": Quantity("F", ("f0", "C0"), lambda d: d.C0),
-    "tan_d": Quantity("1", ("f0", "C0"), lambda d: d.beside.real / d.beside.imag),
+    "tan_d": Quantity("1", ("f0", "loss"), lambda d: d.beside.real / d.beside.imag),
     "f_s": Quantity("Hz", ("f0",), lambda d: d.omega / (2 * np.pi)),
     "f_p": Quantity("Hz", (*PLATE, "C0"), lambda d: d.omega / (2 * np.pi) * np.sqrt(1 + d.C1 / d.C0)),
     "k_eff": Quantity("1", (*PLATE, "C0"), lambda d: np.sqrt(d.C1 / (d.C0 + d.C1))),
@@ -109,8 +118,8 @@ PORTS = {
 }
 
 
-@dataclass(frozen=True)
-class Circuit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Circuit(Shown):
     """The equivalent circuit: its numbers by name, and the `correlation` (k, k) of those that are determined,
     in their order. `reference` (ohm) and `device`, the plate's place, are those of a network analyser's
     ports."""
@@ -124,6 +133,17 @@ class Circuit:
     def names(self) -> tuple[str, ...]:
         """Of the determined numbers."""
         return tuple(name for name, p in self.parameters.items() if p.determined)
+
+    def to_frame(self) -> Any:
+        """A pandas DataFrame, a row for each number, as a fit's `to_frame` has its parameters."""
+        from sysid.report.frames import of_parameters
+
+        return of_parameters(self.parameters)
+
+    def _brief(self) -> Any:
+        from sysid.report.brief import of_circuit
+
+        return of_circuit(self)
 
 
 def circuit(
@@ -143,17 +163,23 @@ def circuit(
         missing["feedthrough"] = missing["f0"]
         beside = nothing + 0j
     else:
-        through, why = _feedthrough(fit, draws, seed)
+        extra = 1 / (omega * known["tau"]) if power == 0 and "tau" in known else np.zeros(count)
+        through, why = _feedthrough(fit, draws, seed, extra)
         beside = siemens * omega**power * through
         missing |= {"feedthrough": why} if why else {}
+    tau, peak = known.get("tau", nothing), siemens * omega**power * known.get("G", nothing)
+    if power == 0:
+        beside = beside + 1j * peak / (omega * tau)  # w0 C1/2
+        missing |= next(({"feedthrough": missing[n]} for n in ("G", "tau") if n in missing), {})
     if why := _volts_why(fit):
         missing |= dict.fromkeys(("G", "feedthrough"), why)
     if why := missing.get("feedthrough") or _no_capacitance(beside.imag / omega):
-        missing["C0"] = why
+        missing |= {"C0": why, "loss": why}
+    elif why := _no_loss(beside.real / beside.imag):
+        missing["loss"] = why
     reference, device = _ports(fit)
-    peak = siemens * omega**power * known.get("G", nothing)
     behind = np.nan if reference is None or device is None else reference * BEHIND[device]
-    drawn = Drawn(omega, known.get("tau", nothing), peak, beside, behind)
+    drawn = Drawn(omega, tau, peak, beside, behind)
     wanted = QUANTITIES | (PORTS if device else {})
     values = {name: q.of(drawn) for name, q in wanted.items() if not any(need in missing for need in q.needs)}
     found = {
@@ -188,6 +214,20 @@ def _admittance(log: Log) -> tuple[float, int] | None:
     return None
 
 
+def admittance(log: Log) -> np.ndarray | None:
+    """(n,) by which the response of an impedance analyser's log is its admittance in S; None of another
+    log."""
+    if (
+        not log.relative_noise
+        or log.drive is None
+        or not log.drive.all()
+        or (scale := _admittance(log)) is None
+    ):
+        return None
+    siemens, power = scale
+    return siemens * (2 * np.pi * log.frequency) ** power / log.drive
+
+
 def _is_of(unit: str, kind: str) -> bool:
     """Whether a unit is a multiple of V, A, S or C; of others without loading the library of units."""
     return unit.endswith(kind) and units.same_kind(unit, kind)
@@ -210,19 +250,24 @@ def _ports(fit: Fit) -> tuple[float | None, str | None]:
     return float(ohm), device
 
 
-def _feedthrough(fit: Fit, draws: Mapping[str, np.ndarray], seed: int) -> tuple[np.ndarray, str]:
+def _feedthrough(
+    fit: Fit, draws: Mapping[str, np.ndarray], seed: int, extra: np.ndarray
+) -> tuple[np.ndarray, str]:
     """(n,) draws of the feedthrough per unit of the drive at f0, in the frame of the admittance; or why there
-    are none."""
+    are none. `extra` (n,) rad: by what the model turns the plate without a demodulator."""
     state, rng, told = fit.modes[0], np.random.default_rng(seed), []
     away, resonance = _away(fit, draws), draws["f0"].ravel()
     views = View.each(state, fit.reference, coloured=True)
     views = [v for v in views if any(c.name == "feedthrough_d" for c in v.columns) and v.trial.resonant]
     views = [v for v in views if np.iscomplexobj(v.trial.log.response) and v.trial.log.drive is not None]
+    under = ((f.log, _fed(fit, f.log)) for f in fit.logs)
+    turn = np.exp(1j * extra)
+    told += [turn * _under(log, numbers, state, rng, len(away)) for log, numbers in under if numbers]
     for view in views:
         covariance = view.covariance(state.spread)
         errors = zip(view.columns, np.sqrt(np.diag(covariance)), strict=True)
         if all(e <= TOLD * c.prior for c, e in errors if c.name.startswith("feedthrough")):
-            told.append(_of_log(view, away, resonance, covariance, rng))
+            told.append(_of_log(view, away, resonance, covariance, rng, extra))
     if not told:
         lost = all(f.log.amplitude_only for f in fit.logs)
         return np.full(len(away), np.nan + 0j), UNTOLD if views else BOTH_PARTS if lost else NO_SWEEP
@@ -230,7 +275,12 @@ def _feedthrough(fit: Fit, draws: Mapping[str, np.ndarray], seed: int) -> tuple[
 
 
 def _of_log(
-    view: View, away: np.ndarray, resonance: np.ndarray, covariance: np.ndarray, rng: np.random.Generator
+    view: View,
+    away: np.ndarray,
+    resonance: np.ndarray,
+    covariance: np.ndarray,
+    rng: np.random.Generator,
+    extra: np.ndarray,
 ) -> np.ndarray:
     """(n,) draws of a log's feedthrough per unit of the drive at the `resonance` (n,).
 
@@ -240,9 +290,10 @@ def _of_log(
     trial, names = view.trial, [c.name for c in view.columns]
     drawn, beyond = view.drawn(away, rng), 0.0
     k = names.index("rotation") if "rotation" in names else None
-    turned = k is not None and not (trial.log.relative_noise and abs(view.columns[k].value) < CALIBRATED)
+    rotation = 0.0 if k is None else view.columns[k].value - float(np.mean(extra))
+    turned = k is not None and not (trial.log.relative_noise and abs(rotation) < CALIBRATED)
     if k is not None and not turned:
-        beyond = np.sqrt(max(view.columns[k].value ** 2 - covariance[k, k], 0.0))
+        beyond = np.sqrt(max(rotation**2 - covariance[k, k], 0.0))
         drawn = drawn + beyond * rng.standard_normal((len(drawn), 1)) * covariance[k] / covariance[k, k]
 
     def part(name: str) -> np.ndarray:
@@ -254,8 +305,27 @@ def _of_log(
     if "slope_d" in names:
         found = found + part("slope") * (resonance - np.mean(trial.log.frequency))
     if turned:
-        return found * np.exp(-1j * drawn[:, k])
+        return found * np.exp(-1j * (drawn[:, k] - extra))
     return found + beyond * rng.standard_normal(len(found)) * found.imag
+
+
+def _fed(fit: Fit, log: Log) -> Mapping[str, Number] | None:
+    """The feedthrough that the fit has found under a log's amplitudes, where it has an error."""
+    found = (f for f in fit.findings if f.key == "feedthrough" and f.outcome == "fitted")
+    numbers = next((f.numbers for f in found if not f.logs or log.name in f.logs), None)
+    shown = log.amplitude_only and log.drive is not None and numbers is not None
+    return numbers if shown and all(n.std for n in numbers.values()) else None
+
+
+def _under(
+    log: Log, numbers: Mapping[str, Number], state: State, rng: np.random.Generator, count: int
+) -> np.ndarray:
+    """(n,) draws of the feedthrough under a log's amplitudes, per unit of the drive, by the errors that the
+    fit has of it: in the plate's frame, in units of the largest response of all logs."""
+    assert log.drive is not None
+    top = max(trial.scale for trial in state.trials) / np.max(np.abs(log.drive))
+    d, q = (rng.normal(numbers[n].value, numbers[n].std, count) for n in ("in_phase", "in_quadrature"))
+    return top * (d + 1j * q)
 
 
 def _joined(draws: np.ndarray) -> np.ndarray:
@@ -278,6 +348,12 @@ def _away(fit: Fit, draws: Mapping[str, np.ndarray]) -> np.ndarray:
         value = np.log(x) if name in POSITIVE else x - (fit.reference[0] if name == "f0" else 0.0)
         found[:, NAMES.index(name)] = value.ravel()
     return found @ carried(-fit.warming).T - theta
+
+
+def _no_loss(tangent: np.ndarray) -> str:
+    """Why draws (n,) of tan d tell none; empty where they do."""
+    e = Estimate.of(tangent, np.full(tangent.size, 1 / tangent.size))
+    return UNTOLD_LOSS.format(e.low, e.high) if max(-e.low, e.high) > LOSSY else ""
 
 
 def _no_capacitance(farad: np.ndarray) -> str:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.report.text import clean, measured, row, verdict
+from sysid.report.text import clean, in_words, measured, row, verdict
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
     from sysid.posterior.change import Change
+    from sysid.posterior.circuit import Circuit
     from sysid.posterior.foreseen import Raised
     from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
@@ -140,6 +141,13 @@ def of_change(change: "Change") -> Brief:
     left = [f"{name}: {why}" for name, why in change.left_out.items()]
     names = ("parameter", "old", "new", "change", "in standard deviations")
     return Brief(f"Change: {change}", names, tuple(rows), (*left, *change.notes), headed=True)
+
+
+def of_circuit(circuit: "Circuit") -> Brief:
+    """Of an equivalent circuit."""
+    told = [(in_words(name), *row(p)) for name, p in circuit.parameters.items() if p.determined]
+    place = f", {circuit.reference:g} ohm, {circuit.device}" if circuit.reference else ""
+    return Brief(f"Circuit{place}", PARAMETERS, tuple(told), tuple(_open(circuit.parameters)))
 
 
 def of_advice(advice: "Advice | Raised") -> Brief:

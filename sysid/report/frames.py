@@ -1,5 +1,6 @@
 """Results as tables of pandas: a log's rows, a fit's parameters, a posterior's draws, a prediction's band."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from sysid.posterior.posterior import Posterior
     from sysid.posterior.prediction import Prediction
     from sysid.verdict.fitted import Fit
+    from sysid.verdict.result import Parameter
 
 
 def of_log(log: "Log") -> pd.DataFrame:
@@ -26,10 +28,15 @@ def of_log(log: "Log") -> pd.DataFrame:
 def of_fit(fit: "Fit") -> pd.DataFrame:
     """A row for each parameter, as fit.json has it: value, std, ends of the 95 % interval, unit,
     determined, why."""
-    rows = {name: _parameter(p) for name, p in fit.parameters.items()}
-    frame = pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+    frame = of_parameters(fit.parameters)
     frame.attrs = {"result": fit.result.value, "reference_temperature_degC": fit.reference_temperature}
     return frame
+
+
+def of_parameters(parameters: "Mapping[str, Parameter]") -> pd.DataFrame:
+    """A row for each, as fit.json has it."""
+    rows = {name: _parameter(p) for name, p in parameters.items()}
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
 def of_posterior(posterior: "Posterior") -> pd.DataFrame:

@@ -23,6 +23,7 @@ from sysid.report.text import (
     row,
     seconds,
     sentence,
+    shown,
     taken_for,
 )
 
@@ -51,6 +52,7 @@ def render(
         failed=document["result"] != "successful",
         remedy=advice(document["result"], len(document["logs"])),
         derived=derived(posterior.draws, document["parameters"]),
+        shown=shown(document),
         circuit=document["derived"].get("circuit"),
         warned=gathered(document),
         noted=grouped(document),
@@ -123,11 +125,13 @@ def _correlation(circuit: Mapping[str, Any] | None) -> Cells:
     if circuit is None:
         return []
     told = circuit["correlation"]
-    names = [in_words(name) for name in told["names"]]
+    kept = [k for k, name in enumerate(told["names"]) if name != "G_s"]  # which is 1/R1
+    names = [in_words(told["names"][k]) for k in kept]
     rows = [
-        [name, *(number(x, ".2f") for x in line)] for name, line in zip(names, told["matrix"], strict=True)
+        [name, *(number(told["matrix"][k][m], ".2f") for m in kept)]
+        for k, name in zip(kept, names, strict=True)
     ]
-    return [["", *names], *rows]
+    return [["of", *names], *rows]
 
 
 def _models(models: Mapping[str, Any] | None) -> Cells:

@@ -16,8 +16,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 
+from sysid.posterior.circuit import admittance
 from sysid.report.canvas import BLUE, DOTS, GREY, ORANGE, PALETTE, WIDE, Picture, blank, thin, time_axis
-from sysid.report.text import clean, listed
+from sysid.report.text import clean, listed, prefixed
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
@@ -169,6 +170,34 @@ def _left(fitted: "FittedLog") -> str:
 # --- over frequency ---
 
 
+class Plane(NamedTuple):
+    """How sweeps are drawn: their responses as they are, or where all are of an impedance analyser as
+    conductance G and susceptance B. `names` of Wd, Wq and W, the `unit`, and the `factor` of a log's rows."""
+
+    names: Mapping[str, str]
+    unit: str
+    factor: Callable[["Log"], Any]
+
+    @classmethod
+    def of(cls, logs: Sequence["Log"]) -> "Plane":
+        """Of all that are drawn together."""
+        found = [admittance(log) for log in logs]
+        tops = [np.max(np.abs(y * log.response)) for y, log in zip(found, logs, strict=True) if y is not None]
+        if len(tops) < len(logs):
+            return cls({"Wd": "Wd", "Wq": "Wq", "W": "W"}, clean(logs[0].response_unit), lambda log: 1.0)
+        unit, scale = prefixed(float(max(tops)), "S")
+
+        def factor(log: "Log") -> Any:
+            siemens = admittance(log)
+            return 1.0 if siemens is None else scale * siemens
+
+        return cls({"Wd": "G", "Wq": "B", "W": "|Y|"}, unit, factor)
+
+    def label(self, of: str) -> str:
+        """Of an axis."""
+        return f"{self.names[of]} ({self.unit})"
+
+
 def _sweeps(logs: Sequence[Numbered], circle: bool = False) -> Figure:
     """Wd and Wq (or W) against frequency, one colour for each log; with a `circle` of both beside them."""
     kinds = [
@@ -185,18 +214,17 @@ def _sweeps(logs: Sequence[Numbered], circle: bool = False) -> Figure:
             len(kinds), 2 if circle else 1, (1 + circle) * k + 1, sharex=stack.get(kinds[0])
         )
     beside = figure.add_subplot(1, 2, 2) if circle else None
-    unit, colours = clean(logs[0][1].log.response_unit), Colours.of(logs)
+    plane, colours = Plane.of([f.log for _, f in logs]), Colours.of(logs)
     for number, fitted in logs:
-        _one_sweep(
-            stack, beside, fitted, shift, colours.by_number[number], named(number, fitted.log.name, 30)
-        )
+        style = {"color": colours.by_number[number], "label": named(number, fitted.log.name, 30)}
+        _one_sweep(stack, beside, fitted, shift, plane.factor(fitted.log), style)
     for name, axes in stack.items():
-        axes.set_ylabel(f"{name} ({unit})")
+        axes.set_ylabel(plane.label(name))
         axes.tick_params(labelbottom=name == kinds[-1])
         axes.locator_params(nbins=4)
     stack[kinds[-1]].set_xlabel(f"frequency - {shift:.0f} Hz (Hz)" if shift else "frequency (Hz)")
     if beside:
-        beside.set(aspect="equal", xlabel=f"Wd ({unit})", ylabel=f"Wq ({unit})", adjustable="datalim")
+        beside.set(aspect="equal", xlabel=plane.label("Wd"), ylabel=plane.label("Wq"), adjustable="datalim")
     figure.subplots_adjust(
         0.125 / (1 + circle),
         0.4 / figure.get_figheight(),
@@ -210,16 +238,23 @@ def _sweeps(logs: Sequence[Numbered], circle: bool = False) -> Figure:
 
 
 def _one_sweep(
-    stack: Mapping[str, Axes], circle: Axes | None, fitted: "FittedLog", shift: float, colour: Any, name: str
+    stack: Mapping[str, Axes],
+    circle: Axes | None,
+    fitted: "FittedLog",
+    shift: float,
+    factor: Any,
+    named_as: Mapping[str, Any],
 ) -> None:
-    log = fitted.log
+    log, colour, name = fitted.log, named_as["color"], named_as["label"]
     assert log.frequency is not None
     order = np.argsort(log.frequency, kind="stable")[thin(len(log))]
-    x, recorded = log.frequency[order] - shift, log.response[order]
+    x, recorded = log.frequency[order] - shift, (factor * log.response)[order]
     lines: list[tuple[np.ndarray, Any]] = [
         (recorded, DOTS | ({"label": name} if fitted.response is None else {}))
     ]
-    lines += [] if fitted.response is None else [(fitted.response[order], {"lw": 1.0, "label": name})]
+    lines += (
+        [] if fitted.response is None else [((factor * fitted.response)[order], {"lw": 1.0, "label": name})]
+    )
     for values, style in lines:
         for part, _, which in parts(log):
             stack[which].plot(x, part(values), color=colour, **style)
@@ -285,11 +320,13 @@ def _seen_sweeps(logs: Sequence[Numbered]) -> str:
     low = min(float(np.min(f.log.frequency)) for _, f in logs)
     high = max(float(np.max(f.log.frequency)) for _, f in logs)
     names = ", ".join(named(number, f.log.name) for number, f in logs)
-    size = max(logs, key=lambda log: float(np.max(np.abs(log[1].log.response))))
+    plane = Plane.of([f.log for _, f in logs])
+    top = max(float(np.max(np.abs(plane.factor(f.log) * f.log.response))) for _, f in logs)
+    size = "|Y|" if plane.names["W"] == "|Y|" else "|W|"
     number, worst = max(logs, key=lambda log: np.nan_to_num(log[1].nrmse_percent or 0.0))
     left = f"; most is left of {named(number, worst.log.name)}{_left(worst)}" if _left(worst) else ""
     of = f"{len(logs)} sweeps" if len(logs) > 1 else "One sweep"
-    span = f"{of} from {low:.8g} to {high:.8g} Hz, |W| up to {_top(size[1].log)}"
+    span = f"{of} from {low:.8g} to {high:.8g} Hz, {size} up to {top:.3g} {plane.unit}"
     return f"{span}, recorded dots and the lines of the fit: {names}{left}."
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from sysid.posterior.each import OWN, Own
 from sysid.report.canvas import BAND, BLACK, BLUE, DOTS, ORANGE, WIDE, Picture, blank, thin
-from sysid.report.logplots import Colours, Numbered, named
+from sysid.report.logplots import Colours, Numbered, Plane, named
 from sysid.report.text import clean, listed, measured
 
 if TYPE_CHECKING:
@@ -182,17 +182,16 @@ def _circles(fit: "Fit", logs: Sequence[Own]) -> Figure:
     numbered: Any = [(own.number, fit.logs[own.number - 1]) for own in logs]
     colours = Colours.of(numbered)
     figure = blank(WIDE, 3.6 + colours.room)
-    axes = figure.add_subplot()
+    axes, plane = figure.add_subplot(), _plane(fit, logs)
     for own in logs:
-        recorded, model = own.circle or (np.zeros(0), np.zeros(0))
+        recorded, model = _round(fit, own, plane)
         order = np.argsort(_frequency(numbered, own), kind="stable")[thin(len(model))]
         label = named(own.number, own.name, 30)
         axes.plot(recorded[order].real, recorded[order].imag, color=colours.by_number[own.number], **DOTS)
         axes.plot(
             model[order].real, model[order].imag, color=colours.by_number[own.number], lw=1.0, label=label
         )
-    unit = clean(fit.units["G"])
-    axes.set(aspect="equal", xlabel=f"Wd / V ({unit})", ylabel=f"Wq / V ({unit})", adjustable="datalim")
+    axes.set(aspect="equal", xlabel=plane.label("Wd"), ylabel=plane.label("Wq"), adjustable="datalim")
     axes.locator_params(nbins=6)
     high = figure.get_figheight()
     figure.subplots_adjust(0.14, 0.42 / high, 0.985, 1 - colours.room / high)
@@ -200,16 +199,33 @@ def _circles(fit: "Fit", logs: Sequence[Own]) -> Figure:
     return figure
 
 
+def _plane(fit: "Fit", logs: Sequence[Own]) -> Plane:
+    """The responses over their drives."""
+    plane = Plane.of([fit.logs[own.number - 1].log for own in logs])
+    if plane.names["W"] == "|Y|":
+        return plane
+    return Plane({"Wd": "Wd / V", "Wq": "Wq / V", "W": "W / V"}, clean(fit.units["G"]), plane.factor)
+
+
+def _round(fit: "Fit", own: Own, plane: Plane) -> tuple[np.ndarray, np.ndarray]:
+    """The circle (n,) of a log, recorded and modelled, which is over the drive already."""
+    recorded, model = own.circle or (np.zeros(0), np.zeros(0))
+    log = fit.logs[own.number - 1].log
+    factor = plane.factor(log) * (log.drive if plane.names["W"] == "|Y|" else 1.0)
+    return factor * recorded, factor * model
+
+
 def _frequency(logs: Sequence[Numbered], own: Own) -> np.ndarray:
     return next(f.log.frequency for number, f in logs if number == own.number)
 
 
 def _seen_circles(fit: "Fit", logs: Sequence[Own]) -> str:
-    off = [float(np.sqrt(np.mean(np.abs(own.circle[0] - own.circle[1]) ** 2))) for own in logs if own.circle]
-    size = max(float(np.max(np.abs(own.circle[1]))) for own in logs if own.circle)
+    plane = _plane(fit, logs)
+    circles = [_round(fit, own, plane) for own in logs if own.circle]
+    off = [float(np.sqrt(np.mean(np.abs(recorded - model) ** 2))) for recorded, model in circles]
+    size = max(float(np.max(np.abs(model))) for _, model in circles)
     of = f"{len(logs)} sweeps" if len(logs) > 1 else "The sweep"
-    unit = clean(fit.units["G"])
-    beside = f"{of} beside the fit's circle of diameter {size:.4g} {unit} through zero"
+    beside = f"{of} beside the fit's circle of diameter {size:.4g} {plane.unit} through zero"
     return f"{beside}, off it by {100 * max(off) / size:.2g} % (rms) at most."
 
 

@@ -12,8 +12,15 @@ SCALED = {  # by unit: those in which it is read, and how many of each it is
     "s": PREFIXES,
     "F": (("uF", 1e6), ("nF", 1e9), ("pF", 1e12), ("fF", 1e15)),
     "H": (("mH", 1e3), ("uH", 1e6), ("nH", 1e9)),
+    "S": (("S", 1.0), ("mS", 1e3), ("uS", 1e6), ("nS", 1e9)),
+    "C/V": (("uC/V", 1e6), ("nC/V", 1e9), ("pC/V", 1e12), ("fC/V", 1e15)),
 }
-PLAIN = {"tan_d": "tan d", "figure_of_merit": "figure of merit", "unloaded_Q": "unloaded Q"}
+PLAIN = {
+    "G_s": "G at resonance",
+    "tan_d": "tan d",
+    "figure_of_merit": "figure of merit",
+    "unloaded_Q": "unloaded Q",
+}
 PLAIN |= {"loaded_Q": "loaded Q"}  # names of a circuit's numbers in words
 ADVICE = {
     "the fit did not converge": "add a sweep across the resonance",
@@ -119,15 +126,15 @@ def number(value: float | None, form: str = ".2g") -> str:
 
 def seconds(value: float) -> str:
     """A time to three digits."""
-    unit, factor = _prefix(value)
+    unit, factor = prefixed(value)
     return f"{value * factor:.3g} {unit}"
 
 
 def measured(value: float, std: float, others: Iterable[float] = (), unit: str = "") -> tuple[list[str], str]:
-    """[value, std, *others] to two digits of the error, and their unit; a time, a capacitance and an
-    inductance come with a prefix."""
+    """[value, std, *others] to two digits of the error, and their unit; a time, a capacitance and the
+    like come with a prefix."""
     if unit in SCALED:
-        unit, factor = _prefix(max(abs(value), std), unit)
+        unit, factor = prefixed(max(abs(value), std), unit)
         value, std, others = value * factor, std * factor, [x * factor for x in others]
     size = max(abs(value), std)
     exponent = 3 * math.floor(math.log10(size) / 3) if size > 0 and (size < 1e-3 or std >= 1e6) else 0
@@ -172,6 +179,19 @@ def derived(
     return found
 
 
+def shown(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The parameters of fit.json by the names under which they are shown: where the logs have an equivalent
+    circuit, its conductance at resonance stands for G, which is a charge per volt or as its log has it."""
+    circuit, told = document["derived"].get("circuit"), {}
+    for name, p in document["parameters"].items():
+        if name == "G" and circuit is not None:
+            conductance = circuit["parameters"]["G_s"]
+            told[in_words("G_s")] = conductance if p["determined"] else p | {"unit": conductance["unit"]}
+        else:
+            told[name] = p
+    return told
+
+
 def in_words(name: str) -> str:
     """The name of one of a circuit's numbers, as it is read."""
     return PLAIN.get(name, name)
@@ -182,6 +202,7 @@ def circuit_rows(circuit: Mapping[str, Any]) -> dict[str, tuple[str, str, str]]:
     return {
         in_words(name): row(p) if p["determined"] else ("not determined", "", "")
         for name, p in circuit["parameters"].items()
+        if name != "G_s"  # which stands among the parameters
     }
 
 
@@ -189,7 +210,7 @@ def circuit_reasons(circuit: Mapping[str, Any]) -> list[str]:
     """Why numbers of fit.json's circuit are not determined, each reason once."""
     names: dict[str, list[str]] = {}
     for name, p in circuit["parameters"].items():
-        if not p["determined"]:
+        if not p["determined"] and name != "G_s":
             names.setdefault(p["why"], []).append(in_words(name))
     return [f"{listed(of)}: {why}" for why, of in names.items()]
 
@@ -361,7 +382,8 @@ def promised(controller: Mapping[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _prefix(value: float, unit: str = "s") -> tuple[str, float]:
+def prefixed(value: float, unit: str = "s") -> tuple[str, float]:
+    """The unit with the prefix that suits a value, and the factor that takes the value to it."""
     known = SCALED[unit]
     return next((p for p in known if abs(value) * p[1] >= 1), known[0 if value == 0 else -1])
 
