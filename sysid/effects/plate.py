@@ -17,6 +17,7 @@ APART = 2.0 ** np.arange(
     0, 5
 )  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
+DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as much as each of them drifts
 LEAST_ROWS = 8
 LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
@@ -87,10 +88,12 @@ DUFFING = Effect(
 )
 
 
-def _second(trial: Trial, place: float, width: float, about: About) -> np.ndarray:
-    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, from rest,
-    of size one where the largest drive of the logs holds it at its resonance."""
-    theta = about.theta + np.array([0.0, width, place * about.half_bandwidth, 0.0, 0.0, 0.0])
+def _second(trial: Trial, place: float, width: float, drift: float, about: About) -> np.ndarray:
+    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, which each
+    degC takes `drift` half bandwidths farther above it; from rest, of size one where the largest drive of the
+    logs holds it at its resonance."""
+    place, drift = place * about.half_bandwidth, drift * about.half_bandwidth
+    theta = about.theta + np.array([0.0, width, place, drift, 0.0, 0.0])
     theta[0] = -np.log(about.drive)
     return Course.of(trial, about.reference, theta).forced
 
@@ -106,12 +109,16 @@ def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 
 def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-    time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:]))
+    time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:4]))
     return {
         "apart_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
         "tau_s": number(time, time * stds[1], "s"),
-        "size": number(size, np.max(stds[2:]), "of the largest response"),
-    }
+        "size": number(size, np.max(stds[2:4]), "of the largest response"),
+    } | (
+        {"drift": number(values[4], stds[4], "Hz/degC", about.half_bandwidth)}
+        if stds[4] < 0.5 * DRIFTS
+        else {}
+    )
 
 
 def _second_starts(trial: Trial, about: About) -> np.ndarray:
@@ -119,19 +126,24 @@ def _second_starts(trial: Trial, about: About) -> np.ndarray:
     that one step leads to its size. Amplitudes are not: what turns them by a right angle shows only once it
     is there."""
     sizes = [0j] if trial.signed else list(0.5 * TURNS)
-    return np.array([[way * x, 0.0, z.real, z.imag] for x in APART for way in (-1, 1) for z in sizes])
+    return np.array([[way * x, 0.0, z.real, z.imag, 0.0] for x in APART for way in (-1, 1) for z in sizes])
+
+
+def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
+    """Whether it stands where another mode can, and has a size."""
+    return bool(abs(values[0]) >= APART[0] > stds[0] and np.hypot(*values[2:4]) > SEEN * np.max(stds[2:4]))
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
     size = (values[2] + 1j * values[3]) * about.top
-    more = size * _second(trial, values[0], values[1], about)
+    more = size * _second(trial, values[0], values[1], values[4], about)
     return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
 
 
 SECOND_MODE = Effect(
     name="second_mode",
     shows=_sweep_or_transient,
-    stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0]),
+    stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0, DRIFTS]),
     starts=_second_starts,
     applied=_second_beside,
     numbers=_second_numbers,
@@ -140,7 +152,7 @@ SECOND_MODE = Effect(
     scope="bench",
     known_as=("second resonance",),
     alike=("second resonance", "background", "amplitude", "drift", "swept too fast"),
-    makes_sense=lambda values, stds: bool(abs(values[0]) >= APART[0] > stds[0]),
+    makes_sense=_seems_a_mode,
 )
 
 
