@@ -16,8 +16,8 @@ import kinds
 CASES = {
     ("half of the step settles at once", "fast 1 ms"): ("told", "is there within a row"),
     ("half of the step settles at once", "at once"): ("told", "is there within a row"),
-    ("a second-order step", "zeta 0.3"): ("told", "no known effect explains it"),
-    ("a second-order step", "zeta 0.6"): ("told", "no known effect explains it"),
+    ("a second-order step", "zeta 0.3"): ("told", "of second order: it overshoots"),
+    ("a second-order step", "zeta 0.6"): ("told", "of second order: it overshoots"),
     ("ring-down of amplitudes on an offset", "below"): ("right", "successful"),
     ("sweep, set, wait, read", "own"): ("right", "the logs do not tell"),
     ("sweep, set, wait, read", "own, back"): ("right", "sampling: settled, as the logs show"),

@@ -124,7 +124,7 @@ def _lost(share: float) -> Effect:
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = np.array(trial.log.time)
         time[place(trial, about) :] += max(float(values[0]), 0.0) * trial.spacing
-        return replace(read_anew(trial, time=time), narrow=trial.narrow, sloped=trial.sloped)
+        return replace(read_anew(trial, time=time), narrow=trial.narrow)
 
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         before = max(place(trial, about) - 1, 0)  # the times behind it are moved

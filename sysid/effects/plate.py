@@ -56,7 +56,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     power = (np.abs(trial.log.response) / about.top) ** 2
     power = power if trial.steady else 0.5 * (power + np.append(power[1:], power[-1]))
     moved = read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * power)
-    return replace(moved, narrow=trial.narrow, sloped=trial.sloped)
+    return replace(moved, narrow=trial.narrow)
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:

@@ -3,7 +3,7 @@
 from sysid.effects.clock import DELAY, DWELL, FILTERS, ROWS_LOST
 from sysid.effects.effect import Effect
 from sysid.effects.plate import DUFFING, FEEDTHROUGH, OVERSHOOT, SECOND_MODE
-from sysid.effects.sensor import SATURATIONS
+from sysid.effects.sensor import SATURATIONS, SLOPE
 from sysid.trials.trial import NUISANCES
 
 EFFECTS: tuple[Effect, ...] = (
@@ -15,6 +15,7 @@ EFFECTS: tuple[Effect, ...] = (
     DUFFING,
     SECOND_MODE,
     FEEDTHROUGH,
+    SLOPE,
     DWELL,
 )
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for

@@ -1,11 +1,11 @@
-"""What a recorder makes of a response: it is compressed at its largest."""
+"""What a recorder makes of a response: it is compressed at its largest, or lies on a sloping background."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from sysid.effects.effect import SEEN, About, Effect, Told, number
-from sysid.trials.trial import Trial
+from sysid.trials.trial import SLOPED, Trial
 from sysid.verdict.finding import Number
 
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
@@ -72,3 +72,42 @@ def _compressed(power: int, each: bool) -> Effect:
 SATURATIONS = tuple(
     _compressed(power, each) for power in (2, 6) for each in (False, True)
 )  # softly, and as a clip does
+
+
+def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    place = 2 * (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
+    more = (values[0] + 1j * values[1]) * about.top * place
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+
+
+def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
+    parts = found["in_phase"], found["in_quadrature"]
+    size, error = (100 * float(np.hypot(*x)) for x in ((p.value for p in parts), (p.std for p in parts)))
+    return Told(
+        f"its background changes by {2 * size:.2g} ± {2 * error:.1g} % of the largest response from one end of"
+        " its frequencies to the other",
+        "of what else the drive reaches, or of an output offset that drifts; sweep back as well",
+    )
+
+
+# Of settled points a slope is one of the bench's columns. What is in the plate's frame is turned with it.
+SLOPE = Effect(
+    name="slope",
+    shows=lambda trial: (
+        not trial.steady
+        and trial.signed
+        and trial.resonant
+        and trial.driven
+        and "background" in trial.nuisances
+        and len(np.unique(trial.log.frequency)) >= SLOPED
+    ),
+    stds=lambda trial, about: np.array([TAKEN[-1], TAKEN[-1]]),
+    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    applied=_sloped,
+    numbers=lambda trial, values, stds, about: {
+        "in_phase": number(values[0], stds[0], "of the largest response"),
+        "in_quadrature": number(values[1], stds[1], "of the largest response"),
+    },
+    said=_sloped_said,
+    alike=("offset", "background", "drift", "second resonance", "amplitude", "late", "early", "astray"),
+)

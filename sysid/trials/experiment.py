@@ -66,8 +66,8 @@ def _pad(values: Iterable, n: int, fill: complex = 0.0) -> np.ndarray:
     return np.concatenate([values, np.full(n - len(values), fill, values.dtype)])
 
 
-# offset, feedthrough, slope, baseline, and one more for each pole of a filter: absent ones are zero
-COLUMNS = 4
+# offset, feedthrough, slope or baseline, and one more for each pole of a filter: absent ones are zero
+COLUMNS = 3
 SPARE = COLUMNS + OWN  # rows of the priors
 # degrees of freedom of a level that is known: sums of squares S of a log beside it make exp(-S/2)
 KNOWN = 1e6

@@ -50,7 +50,6 @@ class Trial:
     nuisances: tuple[str, ...] = NUISANCES
     spacing: float = 0.0  # s, from row to row of the file
     gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
-    sloped: bool = False  # a transient over so many frequencies that the feedthrough's slope matters
     dark: int = 0  # rows of the file that hold no signal
     spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
     most: int = 0  # rows, if condensed no more than a filter asks for
@@ -107,7 +106,6 @@ class Trial:
             nuisances,
             spacing,
             gap=read.gap,
-            sloped=kind != "steady" and log.frequency is not None and len(np.unique(log.frequency)) >= SLOPED,
             dark=read.dark,
             spoilt=read.spoilt,
             most=read.most,
@@ -302,9 +300,6 @@ class Trial:
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._filtered()
-            if background and self.sloped:
-                felt = -self.inputs.offset[self.inputs.interval]
-                shapes["slope"] = self._filtered() * (felt - np.mean(felt))
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
             if self.start_free and drive[0]:
