@@ -81,11 +81,11 @@ def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 
 def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
-    parts = found["in_phase"], found["in_quadrature"]
-    size, error = (100 * float(np.hypot(*x)) for x in ((p.value for p in parts), (p.std for p in parts)))
+    d, q = found["in_phase"], found["in_quadrature"]
+    change, error = 200 * float(np.hypot(d.value, q.value)), 200 * float(np.hypot(d.std, q.std))
     return Told(
-        f"its background changes by {2 * size:.2g} ± {2 * error:.1g} % of the largest response from one end of"
-        " its frequencies to the other",
+        f"its background changes by {change:.2g} ± {error:.1g} % of the largest response from one end of its"
+        " frequencies to the other",
         "of what else the drive reaches, or of an output offset that drifts; sweep back as well",
     )
 
