@@ -200,6 +200,7 @@ def _baseband(trial: Trial) -> bool:
         and not np.iscomplexobj(trial.log.response)
         and trial.log.theta is None
         and trial.smoothing[1] == 0
+        and _lasted(trial) > 0
     )
 
 

@@ -158,7 +158,10 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         ]
     if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]
-    return Judged(wrong, doubts, found, not described)
+    spoilt = any(
+        f.key == "rows" for f in wrong
+    )  # which are to be recorded again before anything is told of them
+    return Judged(wrong, doubts, found, not described and not spoilt)
 
 
 def retold(
@@ -189,6 +192,9 @@ def _likeliest(found: Sequence[Found]) -> list[Found]:
 def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[list[Finding], list[Finding]]:
     """What the model does not describe: what makes the fit a misfit; and what is only a warning. `found`: all
     that the logs hold; `fingered`: what a finger does is fitted."""
+    spoilt = {i: what for i, t in enumerate(state.trials) if not t.silent and (what := _spoilt(t, fingered))}
+    if spoilt:  # what all logs may hold is seen in these as well
+        found = [f for f in found if f.log is not None and f.log not in spoilt]
     likely = _likeliest(found)
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
@@ -198,8 +204,8 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         if trial.silent:
             continue
         name = (trial.log.name,)
-        if what := (None if fingered else wording.touched(trial)) or wording.clipped(trial):
-            wrong.append(Finding("rows", "refused", f"{name[0]}: {what}", name))
+        if i in spoilt:
+            wrong.append(Finding("rows", "refused", f"{name[0]}: {spoilt[i]}", name))
             continue
         known = harmful and (i in named or None in named)
         left = None if known else left_of(state, i, not harmful and i in shown)
@@ -218,6 +224,11 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         every = next(f for f in found if f.log is None and f.harmful and f.certain)
         wrong = [_told(every, state, "refused", every.sentence)]
     return wrong, [*doubts, *(_told(f, state, "noted", f"{f.sentence} ({_unharmed(f)})") for f in likely[:1])]
+
+
+def _spoilt(trial: Trial, fingered: bool) -> str | None:
+    """What rows of a log show by themselves, without which nothing else is told of it."""
+    return (None if fingered else wording.touched(trial)) or wording.clipped(trial)
 
 
 def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:
