@@ -96,11 +96,10 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful:
             return again, anew
-    if found.result is not Result.misfit:
-        return question, found
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
-    if (most := outcome.named) is not None:  # values beside it are nearer to the plate's than those without
+    most = outcome.named if found.result is Result.misfit else None
+    if most is not None:  # values beside it are nearer to the plate's than those without
         named, wider = (
             most.findings("refused", "which explains most of it"),
             question.dispersion + most.dispersion,

@@ -60,7 +60,7 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
         if ahead and best.white and best.state.converged and not wrong:
             rough = any(x.effect.rough for x in best.instances)
             return Outcome(None, best, adoption.refuted(best)) if rough else Outcome(best)
-        named = best if not before and ahead and best.explains(state) else named
+        named = best if not before and ahead and adoption.cause(best) else named
         if not best.explains(state, 1 - TAKEN):
             break
         before, numbers = best.instances, best.numbers
@@ -86,10 +86,15 @@ class _Adoption:
         for best in (d for d in ends if d.sense and d.evidence >= least):
             done = self.search.finished(best) if self.ahead(best) else best
             if done.sense:
-                alike = [d for d in ends if d is not best and d.evidence > best.evidence - NEARLY]
-                others = (d.instances[-1].effect for d in alike)
-                nearly = dict.fromkeys(e.name for e in others if e is not best.instances[-1].effect)
-                return done._replace(dispersion=done.dispersion + _between(done, alike), nearly=tuple(nearly))
+                near = best.evidence - NEARLY
+                alike = [d for d in ends if d is not best and d.evidence > near]
+                others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
+                del others[best.instances[-1].effect.name]
+                return done._replace(
+                    dispersion=done.dispersion + _between(done, alike),
+                    nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
+                    rival=max(others.values(), default=-np.inf),
+                )
         return None
 
     def ahead(self, best: Description) -> bool:
@@ -98,6 +103,12 @@ class _Adoption:
         others = [f for f in self.found if not any(f.name in x.effect.alike for x in best.instances)]
         others = [f for f in others if not any(f.name == n and f.log in (None, i) for n, i in full)]
         return best.evidence > max([SURE, *map(_most_evidence, others)])
+
+    def cause(self, best: Description) -> bool:
+        """Whether it is what the plant alone leaves: next to nothing is left, or little of what nothing else
+        explains."""
+        known = any(f.explains for f in self.found)
+        return best.explains(self.search.alone) or (not known and best.most(self.search.alone))
 
     def refuted(self, named: Description | None) -> frozenset[tuple[str, int]]:
         """First order's names of effects that were tried by themselves and explain nothing."""

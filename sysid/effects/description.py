@@ -13,6 +13,8 @@ from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
 
 # of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
 LEFT = 0.01
+MUCH = 0.25  # of that power, which may be left by the only cause that there is
+RIVAL = 0.25  # of the evidence, with which another effect is a cause as well
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Description(NamedTuple):
     """A description with effects: their `numbers` one after another, its state, each one's in its `parts`,
     and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of
     the plant alone; what is known of the logs beforehand; whether its numbers are those of the effects; the
-    names of others that are nearly as likely."""
+    names of others that are nearly as likely, and the evidence of the likeliest other."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
@@ -39,6 +41,7 @@ class Description(NamedTuple):
     about: About
     sense: bool
     nearly: tuple[str, ...] = ()
+    rival: float = -np.inf
 
     @property
     def where(self) -> set[int]:
@@ -59,6 +62,10 @@ class Description(NamedTuple):
             if chance > SIGNIFICANT and power > left * shared(before.trials[i], before.models[i])[0]:
                 return False
         return True
+
+    def most(self, before: State) -> bool:
+        """Whether it takes most of what the plant alone leaves, and no other effect does."""
+        return self.rival < RIVAL * self.evidence and self.explains(before, MUCH)
 
     def findings(self, outcome: str, beside: str) -> tuple[Finding, ...]:
         """Each effect, in words and numbers; `beside`: what the words say between what there is and what to

@@ -25,7 +25,7 @@ import numpy as np
 
 from sysid.effects.description import Description, Instance
 from sysid.effects.effect import About, plain
-from sysid.minimum.minimise import Minimiser, State
+from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
@@ -38,6 +38,7 @@ CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, up to its optimum
 STEPS = 15
+ROUGH = 8  # steps of the plant at a start: most are taken by half of them, the others go astray
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 APART = 0.05  # prior standard deviations, by which optima differ
@@ -54,6 +55,16 @@ class Point(NamedTuple):
     state: State
     cost: float
     hoped: float = np.inf
+
+
+class Looked(NamedTuple):
+    """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
+    (6, 6), and what the step of numbers and plant gains, to second order."""
+
+    step: np.ndarray
+    covariance: np.ndarray
+    dispersion: np.ndarray
+    gain: float
 
 
 class Search:
@@ -99,16 +110,15 @@ class Search:
         for start in instance.effect.starts(self.trials[i], self.about):
             u = np.append(numbers, start)
             afresh = all(instance.effect.afresh(self.trials[k]) for k in instance.where)
-            near = self.anew(every, u) if afresh else self.alone
-            point = self.at(every, u, near)
-            step, covariance, _ = self.looked(point)
-            gain = 0.5 * float(step @ np.linalg.pinv(covariance, hermitian=True) @ step)
-            found.append(point._replace(hoped=point.cost - gain))
+            point = self.at(every, u, self.anew(every, u) if afresh else self.alone, ROUGH)
+            found.append(point._replace(hoped=point.cost - self.looked(point).gain))
         return found
 
-    def at(self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State) -> Point:
-        """With these effects, near another minimum."""
-        state = self.refined(instances, numbers, near)
+    def at(
+        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, steps: int = MOST
+    ) -> Point:
+        """With these effects, at the minimum near another, or at most so many steps on the way to it."""
+        state = self.refined(instances, numbers, near, steps)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
     def applied(self, instances: Sequence[Instance], numbers: np.ndarray) -> tuple[Trial, ...]:
@@ -129,12 +139,12 @@ class Search:
         each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
         return np.concatenate(each) if each else np.zeros(0)
 
-    def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> State:
+    def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
         read = zip(self.applied(instances, numbers), near.trials, strict=True)
         return self.minimiser.refine(
-            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1
+            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps
         )
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
@@ -153,7 +163,7 @@ class Search:
     def followed(self, point: Point, most: int) -> Point:
         """Where `most` steps from a point, or fewer, lead."""
         for _ in range(most):
-            step, covariance, _ = self.looked(point)
+            step, covariance, *_ = self.looked(point)
             if _ends(step, covariance):
                 break
             step = step / max(1.0, float(np.max(np.abs(step) / self.stds(point.instances))))
@@ -177,9 +187,9 @@ class Search:
                 kept.append(p)
         return kept
 
-    def looked(self, point: Point, coloured: bool = False) -> tuple[np.ndarray, ...]:
-        """At a minimum: the step to the numbers' optimum, their covariance, and what they leave open of the
-        plant (6, 6). `coloured`: by the noise as it is found there, else as if it were white."""
+    def looked(self, point: Point, coloured: bool = False) -> Looked:
+        """What is seen from a point. `coloured`: by the noise as it is found there, else as if it were
+        white."""
         instances, numbers, state = point[:3]
         views = View.each(state, self.minimiser.reference, coloured)
         linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
@@ -194,7 +204,9 @@ class Search:
         index = [NAMES.index(n) for n in self.names]
         dispersion = np.zeros((len(NAMES), len(NAMES)))
         dispersion[np.ix_(index, index)] = by @ covariance @ by.T
-        return covariance @ (score - by.T @ linear.slope), covariance, dispersion
+        score = score - by.T @ linear.slope
+        gain = 0.5 * float(score @ covariance @ score + linear.slope @ linear.inverse @ linear.slope)
+        return Looked(covariance @ score, covariance, dispersion, gain)
 
     def columns(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[View]
@@ -224,7 +236,7 @@ class Search:
     def ended(self, point: Point, count: int) -> Description:
         """The description at an optimum. Its evidence is that in white noise of one level, as that of the
         plant alone is: tails and colour make up for what a wrong description leaves."""
-        _, covariance, dispersion = self.looked(point)
+        _, covariance, dispersion, *_ = self.looked(point)
         stds, parts = self.stds(point.instances), self.parts(point.instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
         evidence = self.base - point.cost + volume - len(point.instances) * np.log(count)
@@ -252,7 +264,7 @@ class Search:
     def finished(self, found: Description) -> Description:
         """The description with the noise that it leaves, whatever its colour."""
         point = self.in_colour(found.instances, found.numbers, found.state)
-        step, covariance, dispersion = self.looked(point, True)
+        step, covariance, dispersion, *_ = self.looked(point, True)
         for _ in range(ROUNDS):
             if _ends(step, covariance):
                 break
@@ -263,7 +275,7 @@ class Search:
             if not new.cost < point.cost:
                 break
             point = new
-            step, covariance, dispersion = self.looked(point, True)
+            step, covariance, dispersion, *_ = self.looked(point, True)
         done = found._replace(
             state=point.state, numbers=point.numbers, covariance=covariance, dispersion=dispersion
         )

@@ -167,23 +167,31 @@ class Minimiser:
             lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0)
         )
 
-    def refine(self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: int = 30, known: int = 0) -> State:
+    def refine(
+        self,
+        trials: tuple[Trial, ...],
+        theta: np.ndarray,
+        rounds: int = 30,
+        known: int = 0,
+        steps: int = MOST,
+    ) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with
         and without.
 
-        `known`: rounds in which the noise of the trials has been estimated already; 0: none.
+        `known`: rounds in which the noise of the trials has been estimated already; 0: none. `steps`: at most
+        in a search; with 0 of them and one round, what is seen at theta itself.
         """
         if not any(t.resonant and not t.steady for t in trials):
-            return self._descend(trials, theta, False, rounds, known)
-        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known)
+            return self._descend(trials, theta, False, rounds, known, steps)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known, steps)
         q = self._q(state.theta)
         if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
             return state
-        other = self._descend(trials, state.theta, not state.low_q, rounds, known)
+        other = self._descend(trials, state.theta, not state.low_q, rounds, known, steps)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
     def _descend(
-        self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int
+        self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int, most: int
     ) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
@@ -196,10 +204,10 @@ class Minimiser:
         k = known
         for _ in range(2 * rounds):
             before, directions = (theta, trials), self._directions(theta)
-            first, most = (theta, MOST) if steps.next is None else (theta + steps.next, 0)
+            first, far = (theta, most) if steps.next is None else (theta + steps.next, 0)
             if not unmoved:  # else what was seen stands
                 groups, members = group(trials, self.reference, low_q=low_q)
-                theta, grams, gradients, found = self._seen(groups, first, directions, most)
+                theta, grams, gradients, found = self._seen(groups, first, directions, far)
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
             gradient, inverse = (

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -172,7 +173,13 @@ def retold(
     fingered: bool,
 ) -> Judged:
     """The same after effects were tried in full: those `named` explain most of their logs, and what is
-    `refuted` explains nothing. `fingered`: what a finger does is fitted."""
+    `refuted` explains nothing, nor is it there where it harms nothing. `fingered`: what a finger does is
+    fitted."""
+    if not judged.wrong:
+        out = {(name, state.trials[i].log.name) for name, i in refuted}
+        return judged._replace(
+            doubts=[d for d in judged.doubts if not out.intersection(product((d.key,), d.logs))]
+        )
     found = [replace(f, explains=False) if (f.name, f.log) in refuted else f for f in judged.found]
     wrong, doubts = _described(state, found, fingered)
     if named:
