@@ -18,7 +18,8 @@ from controller.pi import PI
 from controller.rig import Rig, RigError, Sensor
 from controller.tracker import PLL, SignTracker, Tracker
 
-_LATER = {name: "controller.loop" for name in ("Trace", "closed_loop", "closed_loops", "settling_time")}
+_LATER = {name: "controller.loop" for name in ("closed_loop", "closed_loops")}
+_LATER |= {name: "controller.trace" for name in ("Trace", "settling_time")}
 _LATER |= {name: "controller.interop" for name in ("loop_systems", "plant_system")}
 __all__ = [
     "DQ", "PI", "PLL", "Adaptive", "Command", "Demodulator", "Guard", "Loop", "Machine", "Rig", "RigError",

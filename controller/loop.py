@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from controller.dq import Command
+from controller.trace import Trace
 from sysid.precision import jitted
 from sysid.scene import engine
 from sysid.scene.effects import (
@@ -33,51 +34,10 @@ from sysid.scene.effects import (
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 from sysid.scene.timeline import inputs_at
-from sysid.shown import Shown
 
 LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
 RECORDER = (Saturation, Quantisation)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Trace(Shown):
-    """A closed-loop run, one row for each sample (n,): `time` s; the plate's own motion `Wd`, `Wq`, `W` and
-    what the controller was told, `measured`, in the `response_unit`; the command V (`drive_unit`) and f (Hz);
-    the `reference` that was asked for. Units are None when nobody stated them."""
-
-    time: np.ndarray
-    Wd: np.ndarray
-    Wq: np.ndarray
-    V: np.ndarray
-    f: np.ndarray
-    reference: np.ndarray
-    measured: np.ndarray
-    response_unit: str | None = None
-    drive_unit: str | None = None
-
-    @property
-    def W(self) -> np.ndarray:
-        """Peak amplitude |Wd + j Wq|."""
-        return np.hypot(self.Wd, self.Wq)
-
-    def to_frame(self) -> Any:
-        """A pandas DataFrame, one row for each sample; names end in their units."""
-        from controller.shown import trace_frame
-
-        return trace_frame(self)
-
-    def plot(self) -> Any:
-        """A figure of matplotlib: the amplitude beside what was asked for, Wd and Wq, the voltage, the
-        frequency."""
-        from controller.shown import trace_figure
-
-        return trace_figure(self)
-
-    def _brief(self) -> Any:
-        from controller.shown import of_trace
-
-        return of_trace(self)
 
 
 def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
@@ -442,12 +402,3 @@ def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple
     turn = jnp.where(changed, jnp.exp(2j * jnp.pi * carry.cycles), 1.0)
     since = jnp.where(changed, 0.0, carry.cycles) + inputs.omega / (2 * jnp.pi) * duration
     return turn, since - jnp.floor(since)
-
-
-def settling_time(time: np.ndarray, W: np.ndarray, target: float, tolerance: float = 0.05) -> float:
-    """The first time, s from `time[0]`, after which W stays within `tolerance` of `target`; inf when the last
-    row is not."""
-    outside = np.flatnonzero(~(np.abs(W - target) <= tolerance * abs(target)))
-    if not len(outside):
-        return 0.0
-    return float(time[outside[-1] + 1] - time[0]) if outside[-1] + 1 < len(time) else float("inf")

@@ -9,7 +9,7 @@ from sysid.report.text import seconds
 
 if TYPE_CHECKING:
     from controller.design import Loop
-    from controller.loop import Trace
+    from controller.trace import Trace
 
 
 def of_loop(loop: "Loop") -> Brief:

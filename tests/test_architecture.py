@@ -23,10 +23,10 @@ logs       units textfile cells stamps pieces preamble sheet layout csvfile csvb
            jsonlines uff touchstone files preset mapping mapfile capture opening missing stated timed labels
            roles draft found header lockin switched carrier waveform benchwords together log taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
-model      plant span rice likelihood prior
+model      carry plant span rice likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
-verdict    result finding identify wording unexplained flank fitted determined view lone coincidence immediate through
+verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
            standing differing term moments terms misfit odd mirrored conclusion ownership decay bench comparison
 reading
 effects    effect clock plate sensor registry description search adopt
@@ -35,7 +35,7 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
            prediction change each
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            brief frames inference
-scene      profile effects engine scene timeline auto carrier simulation toml cli
+scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
 fleet      groups settings plate parts engine table robust tails halves lot odd words pictures page run
 command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__

@@ -10,7 +10,7 @@ import reference
 import sysid
 from sysid import Result
 from sysid.trials.trial import Trial
-from sysid.verdict import wording
+from sysid.verdict import recorder
 
 PLANT = reference.Plant(G=1.0, tau=1.67e-3, f0=32300.0, k_T=0.0)
 N, EARLY, DT = 220, 20, 1e-4
@@ -56,7 +56,7 @@ def test_no_range_changes_in_what_goes_on():
             grid = 10 ** -rng.uniform(1, 3)
             coarse = grid * (np.round(log.response.real / grid) + 1j * np.round(log.response.imag / grid))
             log = replace(log, response=coarse)
-        assert wording.ranged(Trial.of(log, "transient")) is None
+        assert recorder.ranged(Trial.of(log, "transient")) is None
 
 
 def decay(seed, softening):

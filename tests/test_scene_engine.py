@@ -504,7 +504,7 @@ def bare_envelope(plant, chunk, mode, reference):
     detuning = 2 * jnp.pi * (plant.f0 - reference) + chunk.inputs.offset
     pole = -1 / plant.tau + 1j * detuning
     target = plant.G / plant.tau * chunk.inputs.drive / (pole.real**2 + pole.imag**2) * pole.conj()
-    rows, last = engine._gathered(expm1(pole * chunk.duration), target, mode.response)
+    rows, last = engine.gathered(expm1(pole * chunk.duration), target, mode.response)
     return (0 + rows).ravel()[chunk.take], last
 
 

@@ -10,7 +10,7 @@ from scipy.special import i0e, i1e
 
 from sysid import Log
 from sysid.minimum.search import SEARCH_ROWS, Search
-from sysid.model.plant import ONE_LANE
+from sysid.model.carry import ONE_LANE
 from sysid.trials.trial import Trial
 
 ROWS = 120

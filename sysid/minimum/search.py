@@ -19,7 +19,8 @@ from itertools import pairwise
 import numpy as np
 
 from sysid.model import rice
-from sysid.model.plant import ONE_LANE, respond, steady
+from sysid.model.carry import ONE_LANE
+from sysid.model.plant import respond, steady
 from sysid.trials.experiment import bucket, padded
 from sysid.trials.trial import Trial, freedom
 

@@ -21,7 +21,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from sysid.model.plant import Plant, carried
+from sysid.model.carry import carried
+from sysid.model.plant import Plant
 from sysid.rows.hold import Leaf, contact
 
 T = TypeVar("T")

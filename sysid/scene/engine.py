@@ -24,6 +24,7 @@ from sysid.model.plant import Plant, expm1, phis, poles, steady
 from sysid.precision import jitted
 from sysid.rows.hold import Leaf
 from sysid.scene.effects import Inputs, LockIn, Motion, SecondMode, TwoCeramics
+from sysid.scene.lanes import Interval, Mode, gathered, gathered_modes, split
 
 RUNGS = ("steady", "amplitude", "envelope", "exact")  # from cheap to true
 
@@ -34,14 +35,6 @@ class Felt(NamedTuple):
 
     power: Array
     heat: Array
-
-
-class Mode(NamedTuple):
-    """State of one resonance: the response Z in the frame of the drive, its velocity U in the frame of the
-    plate."""
-
-    response: Array
-    velocity: Array
 
 
 class State(NamedTuple):
@@ -290,87 +283,9 @@ def _lanes(steps: Step, mode: Mode, chunk: Chunk) -> tuple[tuple[Array, ...], Mo
     if len(steps.poles) == 1:
         if chunk.turn is not None:
             raise ValueError("a phase that is reset needs the exact envelope")
-        alone, end = _gathered(growths[0], steps.targets[0], mode.response)
+        alone, end = gathered(growths[0], steps.targets[0], mode.response)
         return (alone,), Mode(end, mode.velocity)
-    return _gathered_modes(Interval(growths, steps.targets, steps.still, chunk.turn), mode)
-
-
-def _split(response: Array, velocity: Array, still: tuple[Array, ...]) -> tuple[Array, Array]:
-    """(Z1, Z2) of (Z, U). The poles of the plate differ by 2j wd, without a real part."""
-    slow, fast = still
-    turned = (velocity - fast * response) * (1 / (slow.imag - fast.imag))
-    first = jax.lax.complex(turned.imag, -turned.real)
-    return first, response - first
-
-
-def _gathered(growth: Array, target: Array, state: Array) -> tuple[Array, Array]:
-    """z before each interval (steps, lanes) of z+ = z + growth (z + target), and after the last: what each
-    lane does as a whole, then the lanes joined, then each lane from where it begins. |1 + growth| <= 1 keeps
-    that stable."""
-
-    if growth.shape == (1, 1):
-        return jnp.reshape(state, (1, 1)), state + growth[0, 0] * (state + target[0, 0])
-
-    def whole(done, now):
-        share, offset = done
-        growth, target = now
-        return (share + growth * share, offset + growth * (offset + target)), None
-
-    def along(z, now):
-        growth, target = now
-        return z + growth * (z + target), z
-
-    def join(z, lane):
-        share, offset = lane
-        return share * z + offset, z
-
-    one, zero = jnp.ones(growth.shape[1], complex), jnp.zeros(growth.shape[1], complex)
-    lanes, _ = jax.lax.scan(whole, (one, zero), (growth, target))
-    last, begins = jax.lax.scan(join, state, lanes)
-    return jax.lax.scan(along, begins, (growth, target))[1], last
-
-
-class Interval(NamedTuple):
-    """What both modes do over an interval: growth e^{s t} - 1, the response they settle at, negated (None:
-    not driven), poles of the plate, and the turn of the frame as it begins."""
-
-    growths: tuple[Array, ...]
-    targets: tuple[Array, ...] | None
-    still: tuple[Array, ...]
-    turn: Array | None
-
-    def over(self, mode: Mode) -> tuple[Mode, tuple[Array, ...]]:
-        """The state after the interval, and each mode's response as it begins."""
-        mode = mode if self.turn is None else Mode(*(v * self.turn for v in mode))
-        parts = _split(*mode, self.still)
-        away = parts if self.targets is None else [z + t for z, t in zip(parts, self.targets, strict=True)]
-        first, second = (g * z for g, z in zip(self.growths, away, strict=True))
-        slow, fast = self.still
-        return Mode(mode.response + (first + second), mode.velocity + (slow * first + fast * second)), parts
-
-
-def _gathered_modes(interval: Interval, mode: Mode) -> tuple[tuple[Array, ...], Mode]:
-    """As `_gathered`, of both modes, which change into one another where the resonance itself changes: (Z1,
-    Z2)."""
-    if interval.growths[0].shape == (1, 1):
-        last, parts = jax.tree.map(lambda v: v[0, 0], interval).over(mode)
-        return tuple(jnp.reshape(z, (1, 1)) for z in parts), last
-
-    def whole(done, now):
-        by_response, by_velocity, offset = done
-        free = now._replace(targets=None)
-        return (free.over(by_response)[0], free.over(by_velocity)[0], now.over(offset)[0]), None
-
-    def join(mode, lane):
-        (a, c), (b, d), (p, q) = lane
-        return Mode(
-            a * mode.response + b * mode.velocity + p, c * mode.response + d * mode.velocity + q
-        ), mode
-
-    one, zero = (fill(interval.growths[0].shape[1], complex) for fill in (jnp.ones, jnp.zeros))
-    lanes, _ = jax.lax.scan(whole, (Mode(one, zero), Mode(zero, one), Mode(zero, zero)), interval)
-    last, begins = jax.lax.scan(join, mode, lanes)
-    return jax.lax.scan(lambda mode, now: now.over(mode), begins, interval)[1], last
+    return gathered_modes(Interval(growths, steps.targets, steps.still, chunk.turn), mode)
 
 
 def _one_by_one(
@@ -393,7 +308,7 @@ def _one_by_one(
 
     def over(mode: Mode, felt: Felt, inputs: Inputs, duration: Array) -> tuple[Step, Mode]:
         steps = step(plant.G, motion(plant, inputs, effects, reference, felt), inputs, rung)
-        parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
+        parts = (mode.response,) if rung != "exact" else split(mode.response, mode.velocity, steps.still)
         after = [
             z + expm1(p * duration) * (z + t)
             for z, p, t in zip(parts, steps.poles, steps.targets, strict=True)
@@ -414,7 +329,7 @@ def _one_by_one(
             middle = middle._replace(heat=heating.warmed(heat, felt.power, inputs.omega, 0.5 * duration))
             heat = heating.warmed(heat, middle.power, inputs.omega, duration)
         steps, after = over(mode, middle, inputs, duration)
-        parts = (mode.response,) if rung != "exact" else _split(mode.response, mode.velocity, steps.still)
+        parts = (mode.response,) if rung != "exact" else split(mode.response, mode.velocity, steps.still)
         return (after, heat), (parts, steps, (felt.heat, middle.heat))
 
     now = jax.tree.map(lambda v: v.T.ravel(), (chunk.inputs, chunk.duration, chunk.turn))
@@ -451,7 +366,7 @@ def _filtered(
         push = decay * known + x**j * sum(c * phi[j - 1] for c, phi in terms)
         # y+ = push + decay y: as growth (y + target) with growth = decay - 1
         target = jnp.where(lost == 0, 0.0, push) / jnp.where(lost == 0, -1.0, lost)
-        stage, last = _gathered(lost.astype(complex), target, stages[j - 1])
+        stage, last = gathered(lost.astype(complex), target, stages[j - 1])
         passed.append(stage)
         after.append(last)
     return passed[-1], tuple(after)

@@ -15,7 +15,7 @@ Econometrica 50, 1, 1982)
 
 import numpy as np
 
-from sysid.model.plant import accumulated
+from sysid.model.carry import accumulated
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import whitened

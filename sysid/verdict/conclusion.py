@@ -12,7 +12,7 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.plant import Plant
 from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
 from sysid.trials.trial import Trial
-from sysid.verdict import identify, lone, wording
+from sysid.verdict import identify, lone, recorder, wording
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
@@ -64,7 +64,7 @@ def conclude(
     fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
     judged = judged or _judged(question, best, fit.reference_temperature, "late" in hung)
     wrong, doubts = judged.wrong, judged.doubts
-    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := wording.coarse(t))]
+    coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := recorder.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
     believed = _believed(fit, question.reference_temperature)
     parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
@@ -131,7 +131,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     odd = (
         best.trials if wrong or doubts else [t for t in best.trials if not t.steady]
     )  # a sweep's other range shows in its fit
-    if ranges := [(t.log.name, said) for t in odd if (said := wording.ranged(t))]:
+    if ranges := [(t.log.name, said) for t in odd if (said := recorder.ranged(t))]:
         return Judged(
             [Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], []
         )
@@ -157,7 +157,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
             *doubts,
             Finding("late", "noted", wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))),
         ]
-    if FINGER[0] in free and (carried := wording.extrapolated(best.trials)):
+    if FINGER[0] in free and (carried := recorder.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]
     spoilt = any(
         f.key == "rows" for f in wrong
@@ -235,7 +235,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
 
 def _spoilt(trial: Trial, fingered: bool) -> str | None:
     """What rows of a log show by themselves, without which nothing else is told of it."""
-    return (None if fingered else wording.touched(trial)) or wording.clipped(trial)
+    return (None if fingered else recorder.touched(trial)) or recorder.clipped(trial)
 
 
 def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:

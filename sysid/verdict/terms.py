@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 
 from sysid.logs.log import Log
-from sysid.model.plant import accumulated
+from sysid.model.carry import accumulated
 from sysid.model.prior import FINGER
 from sysid.rows.hold import contact, force_of
 from sysid.trials.extra import possible
