@@ -35,7 +35,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.logs.log import Log, LogError, read_logs
+from sysid.logs.log import Log, LogError
+from sysid.logs.read import read_logs
 
 HERE = Path(__file__).parent
 CORPUS = HERE / "fuzz_corpus.txt"

@@ -21,7 +21,8 @@ import test_files  # noqa: E402
 import test_layouts  # noqa: E402
 
 import sysid  # noqa: E402
-from sysid.logs.log import LogError, read_logs  # noqa: E402
+from sysid.logs.log import LogError  # noqa: E402
+from sysid.logs.read import read_logs  # noqa: E402
 
 SEEDS = 6
 F0, TAU = test_layouts.F0, test_layouts.TAU

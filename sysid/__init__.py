@@ -28,7 +28,7 @@ _HOME = {
     "fit_fleet": "sysid.fleet.run",
     "load": "sysid.command.sets",
     "nuisances": "sysid.verdict.bench",
-    "read_logs": "sysid.logs.log",
+    "read_logs": "sysid.logs.read",
     "sample": "sysid.posterior.posterior",
     "write_log": "sysid.logs.written",
 }

@@ -4,8 +4,9 @@ import pytest
 
 from sysid.logs.cells import Dialect
 from sysid.logs.files import open_head
-from sysid.logs.header import drafted
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
+from sysid.logs.unknown import drafted
 
 
 def refused(paths, *words, **options):

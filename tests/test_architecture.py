@@ -20,10 +20,10 @@ precision
 shell
 shown
 logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           jsonlines uff touchstone files preset mapping mapfile capture opening missing stated timed labels
-           roles draft found header lockin switched carrier waveform benchwords together log taken written made
+           jsonlines uff touchstone files preset plan signal mapping mapfile capture opening missing stated timed labels
+           roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together log read taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
-model      carry plant span rice likelihood prior
+model      carry plant span rice experiment likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through

@@ -338,13 +338,13 @@ def test_an_interrupt_exits_130_and_leaves_files_alone(monkeypatch, tmp_path, ca
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("sysid.logs.log.read_logs", interrupted)
+    monkeypatch.setattr("sysid.logs.read.read_logs", interrupted)
     assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) == 130
     assert not list(tmp_path.iterdir()) and "interrupted" in capsys.readouterr().err
 
 
 def test_a_defect_is_no_result(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr("sysid.logs.log.read_logs", lambda *_: 1 / 0)
+    monkeypatch.setattr("sysid.logs.read.read_logs", lambda *_: 1 / 0)
     assert cli.main([str(LOGS[0]), "-o", str(tmp_path / "identified")]) not in (0, 1, 2)
     assert "ZeroDivisionError" in capsys.readouterr().err
 

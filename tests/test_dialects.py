@@ -12,7 +12,7 @@ from refusal import refused
 from sysid.fitting import fit
 from sysid.logs import csvbody
 from sysid.logs.cells import to_number
-from sysid.logs.log import read_logs
+from sysid.logs.read import read_logs
 from sysid.logs.stamps import seconds_since
 from sysid.verdict.result import Result
 

@@ -13,7 +13,7 @@ import pytest
 from refusal import draft_of, refused
 
 from sysid.logs.labels import parse
-from sysid.logs.log import read_logs
+from sysid.logs.read import read_logs
 
 F = np.arange(31800.0, 32801.0, 20.0)
 S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)  # a lock-in's X + jY

@@ -17,7 +17,8 @@ from refusal import draft_of, refused
 from test_drafts import answered, asked
 
 from sysid.logs import csvbody, store
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 
 F = np.arange(31800.0, 32801.0, 20.0)
 S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)
@@ -416,7 +417,7 @@ def test_numbers_that_are_claimed_and_not_there(tmp_path, monkeypatch):
 
 def peak(path):
     """Megabytes that a process of its own takes at most to read a file, and what it says."""
-    script = "from sysid.logs.log import LogError, read_logs\n"
+    script = "from sysid import LogError, read_logs\n"
     script += f"try: read_logs({str(path)!r})\nexcept LogError as error: print(error)\n"
     # not getrusage, which begins with what the process had that started this one
     script += "print(next(int(line.split()[1]) // 1024 for line in open('/proc/self/status') if line.startswith('VmHWM')))"

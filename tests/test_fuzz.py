@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sysid.logs.log import read_logs
+from sysid.logs.read import read_logs
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "fuzz_reader.py"
 FOUND = [

@@ -15,7 +15,8 @@ import standin
 import controller
 from controller.export import texts
 from sysid.command import outputs
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 from sysid.logs.written import write_log
 from sysid.report import html, screen, text
 

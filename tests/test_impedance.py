@@ -10,7 +10,7 @@ import pytest
 from refusal import changed, refused
 
 import sysid
-from sysid.logs.log import read_logs
+from sysid.logs.read import read_logs
 
 R, L, C, C0 = (
     20.0,

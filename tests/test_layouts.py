@@ -12,7 +12,8 @@ from refusal import draft_of, refused
 from test_drafts import answered, asked
 
 import sysid
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 
 R1, L1, C0, F0 = 2000.0, 1.669041, 2e-9, 32300.0
 TAU = 2 * L1 / R1  # s

@@ -18,7 +18,8 @@ from scipy.stats import chi2
 import sysid
 from sysid.logs.carrier import strongest
 from sysid.logs.lockin import blocks, lock_in, low_pass
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 from sysid.logs.waveform import demodulate
 from sysid.scene import EFFECTS
 from sysid.scene.carrier import waveform, write_waveform

@@ -16,7 +16,8 @@ from refusal import refused
 
 from sysid import fit
 from sysid.logs import csvbody, units
-from sysid.logs.log import Log, LogError, read_logs
+from sysid.logs.log import Log, LogError
+from sysid.logs.read import read_logs
 from sysid.logs.written import write_log
 
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"

@@ -12,7 +12,8 @@ import refusal
 from refusal import changed
 
 from sysid.logs import mapfile, mapping
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 
 ROOT = Path(__file__).resolve().parents[1]
 MAPS = Path(__file__).parent / "mappings"

@@ -5,8 +5,8 @@ import pytest
 from refusal import refused
 
 import sysid
-from sysid.logs.log import read_logs
 from sysid.logs.missing import LOST
+from sysid.logs.read import read_logs
 
 TAU, F0 = 1.67e-3, 32300.0
 F = np.arange(31800.0, 32801.0, 5.0)

@@ -17,8 +17,8 @@ from test_layouts import blocks_e4990a, labone, named_4294a, one_table, raw_4294
 import sysid
 from sysid.command import presets as command
 from sysid.logs import preset
-from sysid.logs.log import read_logs
 from sysid.logs.mapfile import load_mapping
+from sysid.logs.read import read_logs
 
 F0, TAU = 32300.0, 1.67e-3
 F = np.arange(31800.0, 32801.0, 20.0)

@@ -9,7 +9,7 @@ from refusal import refused
 from scipy.optimize import least_squares
 
 import sysid
-from sysid.logs.log import read_logs
+from sysid.logs.read import read_logs
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 FREQUENCY = PLANT.f0 + np.linspace(-600, 600, 121)

@@ -6,7 +6,8 @@ import pytest
 import reference
 
 import sysid
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 RATE = 1e4

@@ -19,7 +19,8 @@ import numpy as np
 import pytest
 
 from sysid.logs import csvbody, csvfile, textfile
-from sysid.logs.log import LogError, read_logs
+from sysid.logs.log import LogError
+from sysid.logs.read import read_logs
 
 NAMES = ("time", "voltage", "frequency", "wd", "wq")
 UNITS = ("s", "V", "Hz", "um", "um")
@@ -418,7 +419,7 @@ def test_a_file_that_changes_while_it_is_read(path, monkeypatch, meanwhile, word
         meanwhile(path)
         return read_body(*arguments)
 
-    monkeypatch.setattr("sysid.logs.log.read_body", changed)
+    monkeypatch.setattr("sysid.logs.read.read_body", changed)
     with pytest.raises(LogError) as error:
         read_logs([path])
     assert str(path) in str(error.value) and word in str(error.value)

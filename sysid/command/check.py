@@ -25,7 +25,8 @@ def judge(record: str, folder: str, columns: str | None, as_json: bool, command:
     exit code of the `command`."""
     from controller.check import check
     from sysid.command import outputs
-    from sysid.logs.log import LogError, read_logs
+    from sysid.logs.log import LogError
+    from sysid.logs.read import read_logs
     from sysid.report.screen import findings
 
     path = Path(folder) / outputs.CONTROLLER

@@ -85,7 +85,7 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         return refuse(f"{folder}: cannot be written: {error}")
     try:
         with stages("read", "reading the logs"):
-            from sysid.logs.log import read_logs
+            from sysid.logs.read import read_logs
 
             logs = read_logs(arguments.logs, arguments.columns)
     except LogError as error:
@@ -150,7 +150,8 @@ def _cost_curve(arguments: argparse.Namespace) -> int:
     they cannot be read."""
     from sysid.command import outputs
     from sysid.command.costcurve import CostCurve, measure, table
-    from sysid.logs.log import LogError, read_logs
+    from sysid.logs.log import LogError
+    from sysid.logs.read import read_logs
     from sysid.report.text import advice
 
     folder = Path(arguments.folder)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sysid.logs.header import stated
 from sysid.logs.log import Log
 from sysid.logs.mapping import MappingFile
+from sysid.logs.metadata import stated
 from sysid.logs.opening import expanded, opened
 from sysid.logs.textfile import LogError
 

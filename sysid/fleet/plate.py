@@ -97,7 +97,8 @@ def _name(item: Given) -> str:
 
 def _read(given: Sequence[Given], columns: str | None) -> "list[Log]":
     """The logs of one plate, in common units."""
-    from sysid.logs.log import Log, read_logs
+    from sysid.logs.log import Log
+    from sysid.logs.read import read_logs
     from sysid.logs.together import in_common_units, of_one_plate
 
     made = [item for item in given if isinstance(item, Log)]

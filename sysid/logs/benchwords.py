@@ -12,8 +12,10 @@ from difflib import SequenceMatcher
 from sysid.logs import units
 from sysid.logs.cells import amount, is_number
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.header import LETTERS, SYNONYMS, metadata_number, stated
-from sysid.logs.mapping import WORDS, Plan, is_absent
+from sysid.logs.mapping import WORDS, is_absent
+from sysid.logs.metadata import metadata_number, stated
+from sysid.logs.plan import Plan
+from sysid.logs.synonyms import LETTERS, SYNONYMS
 
 BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "settle_s", *units.BENCH_NUMBERS)
 NEAR = 0.85  # likeness of a misspelt key: `samplng` has 0.93, and `place` 0.8 of a plate

@@ -13,7 +13,7 @@ from sysid.logs import units
 from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
 from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
-from sysid.logs.mapping import ANGLES, is_decibel
+from sysid.logs.plan import ANGLES, is_decibel
 from sysid.logs.preset import named, recognised
 from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
 

@@ -9,7 +9,8 @@ import re
 from dataclasses import dataclass
 
 from sysid.logs import units
-from sysid.logs.mapping import ANGLES, is_decibel, split_ending
+from sysid.logs.mapping import split_ending
+from sysid.logs.plan import ANGLES, is_decibel
 
 INPUTS: dict[str, tuple[str, ...]] = {
     "time": (

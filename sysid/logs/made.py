@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from sysid.logs.cells import Dialect
-from sysid.logs.log import Log, LogError, logs_of
+from sysid.logs.log import Log, LogError
+from sysid.logs.read import logs_of
 from sysid.logs.store import Store
 from sysid.logs.together import doubted
 from sysid.logs.written import label

@@ -82,12 +82,12 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
+from sysid.logs.plan import ANGLES, Plan, Source, is_decibel
 from sysid.logs.stamps import is_long
 
 _PLAIN_UNIT = re.compile(
     r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?"
 )
-ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
@@ -96,38 +96,6 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a quantity comes from: (column's number or constant) * scale + offset, in `unit`."""
-
-    label: str
-    unit: str
-    amplitude: str = "peak"
-    column: int | None = None
-    constant: float = 0.0
-    scale: float = 1.0
-    offset: float = 0.0
-    dated: bool = False  # the column holds dates, read as seconds since the first
-    # the column does not bear the quantity's name, and is kept out where its dates do not serve
-    spare: bool = False
-    written: str = ""  # the constant, as text
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How one file becomes logs: the sources of the quantities, and what was said about the whole."""
-
-    sources: dict[str, Source]
-    metadata: dict[str, str]
-    split: int | None = None
-    rows: Any = None
-    quantity: str = "displacement"
-    phase_sign: int = 1
-    phase_offset: float = 0.0  # rad
-    notes: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -401,87 +369,6 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
         if not 0 <= edges[0] < edges[1] <= count:
             raise LogError(f"{where}: found rows = {edges!r}, expected [first, last] within 0 to {count}")
     return np.unique(np.concatenate([np.arange(*edges) for edges in ranges]))
-
-
-def lock_in(
-    signal: np.ndarray,
-    plan: Plan,
-    frequency: np.ndarray | None,
-    unit: str,
-    where: str,
-    drive: tuple[np.ndarray | None, str] = (None, "V"),
-) -> tuple[np.ndarray, str]:
-    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring
-    says. `drive`: its values (n,) and their unit."""
-    complete = np.iscomplexobj(signal)
-    signal = turned(signal, plan) if complete else signal
-    if plan.quantity in ("displacement", "charge"):
-        return (1j * signal if complete else signal), unit
-    if plan.quantity == "impedance":
-        signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
-    if frequency is None:
-        what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
-        raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
-    signal, unit = ampere(signal, unit, drive)
-    return signal / (2 * np.pi * frequency), _time_integral(unit)
-
-
-def ampere(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
-    """The current (A) of an admittance under its voltage; any other signal as it is."""
-    volts, its = drive
-    if volts is None or not units.is_of(unit, "S"):
-        return signal, unit
-    return units.convert(signal, unit, "S") * units.convert(volts, its, "V"), "A"
-
-
-def _time_integral(unit: str) -> str:
-    """The unit of the time integral of a signal: C of A, m of m/s."""
-    if current := re.fullmatch(r"([fpnumk]?)A", unit):
-        return f"{current[1]}C"
-    return unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
-
-
-def is_analysed(plan: Plan) -> bool:
-    """Whether a response is a ratio as impedance analysers measure it, an impedance or an admittance."""
-    admittance = any(
-        units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources
-    )
-    return plan.quantity == "impedance" or (plan.quantity == "current" and admittance)
-
-
-def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
-    """1/Z in S of an impedance in ohm."""
-    if not impedance.all():
-        row = int(np.argmin(impedance != 0))
-        raise LogError(
-            f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be"
-            f" inverted"
-        )
-    return 1 / impedance
-
-
-def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
-    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file
-    says."""
-    signal = np.conj(signal) if plan.phase_sign < 0 else signal
-    return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
-
-
-def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
-    """Numbers of a source, as peak values in the returned unit; phases in rad."""
-    if source.scale != 1.0 or source.offset:
-        values = values * source.scale + source.offset
-    unit = source.unit
-    if is_decibel(unit):
-        values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
-    if unit in ANGLES and ANGLES[unit] != 1.0:
-        values, unit = values * ANGLES[unit], "rad"
-    return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit
-
-
-def is_decibel(unit: str) -> bool:
-    """Whether a column in this unit is 20 log10 of an amplitude."""
-    return unit in ("dB", "dBm", "dBV")
 
 
 def split_ending(text: str, is_unit: bool) -> tuple[str, str]:

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.logs.cells import listed, means_none, split_line
 from sysid.logs.csvbody import Body, refuse_cell
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import Plan, Source
+from sysid.logs.plan import Plan, Source
 from sysid.logs.textfile import open_text
 
 # of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most

@@ -13,7 +13,7 @@ from sysid.logs import units
 from sysid.logs.cells import to_number
 from sysid.logs.csvfile import Head
 from sysid.logs.labels import INPUTS, NOT_DATA, RATIOS, Label, parse
-from sysid.logs.mapping import ANGLES, is_decibel
+from sysid.logs.plan import ANGLES, is_decibel
 
 QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 TURN = 360.0  # degrees, beyond which a principal angle does not go

@@ -10,8 +10,9 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import Plan, Source, ampere, is_decibel
 from sysid.logs.missing import refuse_row
+from sysid.logs.plan import Plan, Source, is_decibel
+from sysid.logs.signal import ampere
 
 ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
 NEPER = math.log(10) / 20  # of a decibel
@@ -85,7 +86,7 @@ def _slope(
     frequency: np.ndarray | None,
     drive: tuple[np.ndarray | None, str],
 ) -> np.ndarray | float:
-    """By how much the response moves per unit of the signal that shows it (`mapping.lock_in`)."""
+    """By how much the response moves per unit of the signal that shows it (`signal.lock_in`)."""
     if plan.quantity in ("displacement", "charge"):
         return 1.0
     omega = 2 * np.pi * frequency

@@ -6,10 +6,11 @@ from pathlib import Path
 
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.header import planned
-from sysid.logs.log import Log, logs_of, of_one_bench
+from sysid.logs.log import Log
 from sysid.logs.mapfile import load_mapping
-from sysid.logs.mapping import Plan
 from sysid.logs.opening import groups, opened
+from sysid.logs.plan import Plan
+from sysid.logs.read import logs_of, of_one_bench
 
 
 @dataclass(frozen=True)

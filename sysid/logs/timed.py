@@ -8,8 +8,8 @@ import numpy as np
 
 from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head
-from sysid.logs.mapping import Plan
 from sysid.logs.missing import refuse_row
+from sysid.logs.plan import Plan
 from sysid.logs.stamps import coarse
 
 FINER = (

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.header import stated
+from sysid.logs.metadata import stated
 from sysid.logs.textfile import LogError
 
 if TYPE_CHECKING:

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.logs import mapping
+from sysid.logs import signal as signals
 from sysid.logs.carrier import SURE, Stretches, filling, follow, strongest
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.header import rate_key, sample_rate
 from sysid.logs.lockin import blocks, low_pass
-from sysid.logs.mapping import Plan
+from sysid.logs.metadata import rate_key, sample_rate
+from sysid.logs.plan import Plan
 
 PERIODS = 2  # in a block, at least: in fewer the mean cannot be told from slope and curvature
 SAMPLES = 32  # in a block, at least
@@ -237,7 +237,7 @@ def from_samples(
     except LogError as error:
         raise LogError(f"{head.path}: {error}") from None
     signal = rows.response * (2 * np.pi * rows.frequency if derivative else -1j)
-    response, unit = mapping.lock_in(signal, plan, rows.frequency, raw[1], head.path)
+    response, unit = signals.lock_in(signal, plan, rows.frequency, raw[1], head.path)
     lit = rows.frequency[rows.drive != 0]
     span = f"{np.min(lit):.3f}" + (f" to {np.max(lit):.3f}" if np.ptp(lit) > 0 else "")
     said = f"demodulated at {span} Hz, boxcar of {rows.periods} periods, {len(response)} rows"

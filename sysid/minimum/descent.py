@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from sysid.model.likelihood import Residual, linearised
+from sysid.model.experiment import Residual
+from sysid.model.likelihood import linearised
 from sysid.precision import seldom
 
 SHORTEST = 1e-8  # a step that is not shortened any further

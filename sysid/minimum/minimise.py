@@ -12,7 +12,7 @@ from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt
 from sysid.minimum.images import images
 from sysid.minimum.search import Search
 from sysid.minimum.start import joint, local
-from sysid.model.likelihood import Groups, Residual
+from sysid.model.experiment import Groups, Residual
 from sysid.model.plant import LOW_Q, Plant
 from sysid.model.prior import FINGER, FLAT, NAMES, Prior
 from sysid.trials import jitter
@@ -45,7 +45,7 @@ class State:
     trials: tuple[Trial, ...]
     models: tuple[np.ndarray, ...] = field(repr=False)  # modelled rows of each trial
     cost: float
-    volume: float  # of the logs' nuisances, as `model.likelihood.Residual` has it
+    volume: float  # of the logs' nuisances, as `model.experiment.Residual` has it
     converged: bool
     low_q: bool  # with the ripple of the fast mode
     alone: np.ndarray = field(repr=False)  # the covariance of the logs alone, without the prior

@@ -33,120 +33,22 @@ of their coefficients, log p = - 1/2 log det B, which depends on the plant where
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from sysid.model import rice
-from sysid.model.plant import Response, respond, steady
+from sysid.model.experiment import Experiment, Layout, Residual, basis
+from sysid.model.plant import Response
 from sysid.model.span import REAL, Span, best_turn, times, turn_towards
-from sysid.rows.hold import Hold, Leaf
+from sysid.rows.hold import Leaf
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
 # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of
 # `extra`
 OWN = 8
-
-
-class Layout(NamedTuple):
-    """What decides which program evaluates an experiment; experiments of one layout are stacked and share
-    one."""
-
-    amplitude: bool  # amplitude only: |W|
-    own_gain: bool  # a sweep of which no drive is recorded: a gain of its own
-    both_modes: bool  # low Q
-    carrier: bool  # its phase is known where the inputs change
-    late: bool  # a transient, by an unknown time
-    touched: bool  # a finger's force is recorded
-    apart: bool  # the noise of d and q differs
-    # real and imaginary parts of coefficients are apart: where the noise is, a swept log may be late, or
-    # `extra`
-    split: bool
-    order: int  # poles of the lock-in's filter
-    extra: int  # shapes of the log's own
-    steady: bool  # settled points
-    rows: int
-    intervals: int
-    alongside: bool = False  # a sweep in which something else moves as well, `offset` (N,)
-
-
-class Experiment(NamedTuple):
-    """One log as arrays, padded to its layout; in a group each has a leading axis of logs.
-
-    `hold`: inputs. `response` (N,): complex d/q or real amplitude, whitened, off the span of `basis`. `now`,
-    `before` (N,) of the whitening a_k v_k - b_k v_(k-1) in units of the noise, 0 for padding. `basis` (K, N):
-    orthonormal, of the whitened columns that do not depend on the plant, with a row for each one's prior.
-    Where the noise of d and q differs, these three are complex: real parts act on d, imaginary ones on q.
-    `tightness`: one over the standard deviation of the nuisances' prior; `freedom` degrees of freedom of the
-    residual; `rounding` square of float64's noise over the log's; `rotated` 1 when the demodulator's phase is
-    unknown; `lateness` s, the standard deviation of how late the response is, over that of the other
-    nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each
-    may have; `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4
-    (complex), or (N,) what moves alongside the plate; `start_free` and `offset_free` the priors of start and
-    offset over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes
-    of the log's own, held at a plate. `tied` (3,): its own resonance where its thermometer's error is fitted,
-    Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
-    """
-
-    hold: Hold
-    response: Leaf
-    now: Leaf
-    before: Leaf
-    basis: Leaf
-    tightness: Leaf
-    freedom: Leaf
-    rounding: Leaf
-    rotated: Leaf
-    lateness: Leaf
-    toward: Leaf
-    start: Leaf
-    floor: Leaf
-    late: Leaf
-    offset: Leaf
-    start_free: Leaf
-    floor_free: Leaf
-    offset_free: Leaf
-    extra: Leaf
-    tied: Leaf
-
-
-class Residual(NamedTuple):
-    """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the
-    nuisances' values: `late` in units of `lateness`, `offset` as `Experiment` has it, `extra` (E,) of the
-    columns, `turn` the demodulator's rotation times the gain where that is the log's own. `volume` is half
-    the log determinant of the nuisances' information, as far as it depends on the plant."""
-
-    rows: Array
-    driven: Array
-    start: Array
-    floor: Array
-    late: Array
-    offset: Array
-    turn: Array
-    volume: Array
-    extra: Array
-
-
-def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
-    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex
-    arrays.
-
-    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the
-    added damping in units of the plate's own, and the shift of f0 in Hz). A finger divides tau and G by one
-    factor, and with G the drive.
-    """
-    tau = jnp.exp(theta[1])
-    detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
-    if layout.touched:
-        damped = 1.0 + theta[4] * hold.contact
-        detuning = detuning + 2 * jnp.pi * theta[5] * hold.contact
-        tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
-    if layout.steady:
-        forced = hold.drive * steady(tau, detuning, hold.omega)
-        return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))
-    return respond(tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order)
 
 
 @partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it
@@ -427,9 +329,6 @@ def _off(v: Array, x: Experiment) -> Array:
     )  # a sum, not a matrix product: several times faster for a handful of columns
     made = times(x.basis, along[:, None]) if jnp.iscomplexobj(x.basis) else along[:, None] * x.basis
     return v - jnp.sum(made, axis=0)
-
-
-Groups = tuple[tuple[Layout, Experiment], ...]
 
 
 def density(

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from sysid.logs.csvfile import LogError
 from sysid.logs.log import Log
-from sysid.logs.mapping import Source
+from sysid.logs.plan import Source
 from sysid.logs.taken import Taken
 from sysid.report.screen import console_of, table_of
 from sysid.report.text import clean

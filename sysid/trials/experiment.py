@@ -4,7 +4,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sysid.model.likelihood import OWN, Experiment, Groups, Layout
+from sysid.model.experiment import Experiment, Groups, Layout
+from sysid.model.likelihood import OWN
 from sysid.rows.hold import Hold
 from sysid.trials.trial import Trial, freedom
 from sysid.trials.whitening import joined, whitened

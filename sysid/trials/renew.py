@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.model.likelihood import Residual
+from sysid.model.experiment import Residual
 from sysid.rows import rounding
 from sysid.trials.extra import renewed
 from sysid.trials.perturbed import Course

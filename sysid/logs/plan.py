@@ -1,0 +1,44 @@
+"""What is read from a file: a source for each quantity, and the plan of all."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a quantity comes from: (column's number or constant) * scale + offset, in `unit`."""
+
+    label: str
+    unit: str
+    amplitude: str = "peak"
+    column: int | None = None
+    constant: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+    dated: bool = False  # the column holds dates, read as seconds since the first
+    # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    spare: bool = False
+    written: str = ""  # the constant, as text
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one file becomes logs: the sources of the quantities, and what was said about the whole."""
+
+    sources: dict[str, Source]
+    metadata: dict[str, str]
+    split: int | None = None
+    rows: Any = None
+    quantity: str = "displacement"
+    phase_sign: int = 1
+    phase_offset: float = 0.0  # rad
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def is_decibel(unit: str) -> bool:
+    """Whether a column in this unit is 20 log10 of an amplitude."""
+    return unit in ("dB", "dBm", "dBV")

@@ -1,0 +1,265 @@
+"""Logs of files: what is planned of a head is read, and made a log."""
+
+import dataclasses
+import logging
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sysid.logs import units
+from sysid.logs.benchwords import bench_of, misread
+from sysid.logs.cells import decimals, listed
+from sysid.logs.csvbody import Body, read_body
+from sysid.logs.csvfile import Head, LogError
+from sysid.logs.header import INPUTS, counted, planned, table_plan
+from sysid.logs.log import KINDS, SAMPLINGS, Log, either
+from sysid.logs.mapfile import load_mapping
+from sysid.logs.mapping import MappingFile, select_rows
+from sysid.logs.metadata import metadata_number, stated
+from sysid.logs.missing import refuse_row, rows_to_keep
+from sysid.logs.opening import groups, opened
+from sysid.logs.plan import Plan, Source, is_decibel
+from sysid.logs.signal import decode, is_analysed, lock_in, turned
+from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
+from sysid.logs.timed import timed
+from sysid.logs.together import doubted, in_common_units, of_one_plate
+from sysid.logs.unknown import not_understood
+from sysid.logs.waveform import from_samples, sample_times, uneven
+
+logger = logging.getLogger(__name__)
+# What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
+POSSIBLE = {
+    "temperature": (-273.15, np.inf, "a temperature above absolute zero"),
+    "frequency": (0.0, np.inf, "a frequency of 0 or more"),
+    "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
+}
+DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
+WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
+
+
+def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | None = None) -> list[Log]:
+    """Logs of one plate from CSV files, in the order given; `columns` is a mapping file for other
+    instruments' files.
+
+    Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A
+    file whose bytes were read already counts once. Raises LogError, with `.mapping` to start from when one
+    was not understood.
+    """
+    mapping = None if columns is None else load_mapping(columns)
+    logs: dict[str, list[Log]] = {}
+    for group in groups(paths, mapping):
+        logger.info("%s", next(iter(group.values())))
+        with opened(group, mapping) as head:
+            read = logs_of(head, mapping)
+        if known := logs.get(read[0].sha256):
+            note = f"{next(iter(group.values()))} holds the same bytes: counted once"
+            logs[read[0].sha256] = [dataclasses.replace(log, notes=(*log.notes, note)) for log in known]
+        else:
+            logs[read[0].sha256] = read
+    return of_one_bench([log for read in logs.values() for log in read])
+
+
+def of_one_bench(logs: list[Log]) -> list[Log]:
+    """Logs of one plate, in the first one's units. Raises LogError where they are not."""
+    return [doubted(log) for log in in_common_units(of_one_plate(logs))]
+
+
+def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
+    """The logs of a file's table. Raises LogError."""
+    head, mapping, plan = planned(head, mapping)
+    wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
+    dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
+    body = read_body(head, wanted, plan.split, dated)
+    notes = (*counted(head, dated), *body.notes)
+    values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
+    if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
+        raise LogError(
+            f"{head.path}: found rows of an experiment {unknown[0]!r}, expected one of {listed(values)}"
+        )
+    rows = [None if value is None else np.flatnonzero(body.keys == value) for value in values]
+    tables = [None if body.tables is None else body.tables[int(value) - 1] for value in values]
+    plans = [table_plan(head, metadata, plan, mapping) for metadata in tables]
+    doubts = [misread(head, plan, mapping.options if mapping else ()) for plan in plans]
+    plans = [
+        dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
+        for plan, doubt in zip(plans, doubts, strict=True)
+    ]
+    return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
+
+
+def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
+    """The log of a file, or of its part in `rows` where the split column holds `value`."""
+    name = head.name if value is None else f"{head.name}[{value}]"
+    count = len(rows) if rows is not None else len(body)
+    chosen = select_rows(plan.rows, value, count, head.path)
+    if chosen is not None:
+        rows = chosen if rows is None else rows[chosen]
+        count = len(rows)
+    arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
+    kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
+    if keep is not None:
+        arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
+        rows = np.flatnonzero(keep) if rows is None else rows[keep]
+        plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
+    plan = timed(head, body, plan, rows, arrays, kind)
+    _refuse_impossible(head, body, plan, rows, arrays)
+    digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
+    inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
+    if "carrier" in arrays:
+        inputs["theta"] = _internal("carrier", *arrays.pop("carrier"))
+    drive, drive_unit = _drive(head, plan, arrays)
+    stated_errors = stated_in(head, body, plan, rows, arrays)
+    fields: dict[str, Any] = {
+        "drive": drive,
+        **inputs,
+        "bench": bench_of(head, plan.metadata),
+        "notes": plan.notes,
+    }
+    fields["warnings"] = plan.warnings
+    fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
+    if kind == "waveform":
+        fields["time"] = _sample_times(head, body, plan, rows, inputs.get("time"), count)
+        fields |= from_samples(head, plan, fields, arrays.get("response"))
+    else:
+        driven = drive, drive_unit
+        fields["response"], fields["response_unit"] = _response(
+            head, plan, arrays, inputs.get("frequency"), driven
+        )
+        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"), driven)
+    for array in fields.values():
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False  # it is ours alone, so that the log need not copy it
+    log = Log(
+        name,
+        **fields,
+        drive_unit=drive_unit,
+        metadata=plan.metadata,
+        path=head.path,
+        sha256=body.sha256,
+        temperature_digit=digit,
+        relative_noise=not stated_errors
+        and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
+    )
+    if log.kind == "steady" and log.frequency is None and log.drive is None:
+        raise not_understood(
+            head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
+        )
+    return log
+
+
+def _refuse_impossible(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: Mapping[str, tuple[np.ndarray, str]]
+) -> None:
+    """A value that cannot be, such as a temperature below absolute zero: LogError with its row."""
+    for key, (low, high, expected) in POSSIBLE.items():
+        values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
+        if (beyond := (values < low) | (values > high)).any():
+            refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+
+
+def _sample_times(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, stamps: np.ndarray | None, count: int
+) -> np.ndarray:
+    """Times (s) of raw samples, which stand in even steps: LogError with the row of the first that does
+    not."""
+    times = sample_times(head, plan.metadata, stamps, count)
+    if (odd := uneven(times)) is not None:
+        expected = "even steps: samples are missing, or the stamps are too coarse"
+        refuse_row(head, body, plan.sources["time"], rows, odd, expected)
+    return times
+
+
+def _values(
+    name: str, body: Body, source: Source, rows: np.ndarray | None, count: int
+) -> tuple[np.ndarray, str]:
+    """Peak values of one source, NaN where a cell holds no number, and their unit."""
+    read = read_errors if name in ERRORS else decode
+    if source.column is None:
+        return read(np.full(count, source.constant), source)
+    numbers = body.numbers[source.column]
+    return read(numbers if rows is None else numbers[rows], source)
+
+
+def _temperature_digit(head: Head, source: Source, body: Body) -> float:
+    """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as
+    numbers show it."""
+    if source.column is None:
+        texts, numbers = [source.written], np.array([source.constant])
+    else:
+        texts, numbers = (
+            [row[source.column] for row in head.sample if source.column < len(row)],
+            body.numbers[source.column],
+        )
+    mark, places = str(head.dialect.decimal), range(DIGITS)
+    written = max(decimals(text, mark) for text in texts)
+    numbers = np.unique(numbers[np.isfinite(numbers)])
+    shown = next(
+        (k for k in places if np.all(np.abs(numbers * 10.0**k - np.rint(numbers * 10.0**k)) < WHOLE)), DIGITS
+    )
+    zero, one = (float(decode(np.array([x]), source)[0][0]) for x in (0.0, 10.0 ** -max(written, shown)))
+    return abs(
+        float(_internal("temperature", one, source.unit) - _internal("temperature", zero, source.unit))
+    )
+
+
+def _internal(quantity: str, values: Any, unit: str) -> Any:
+    return units.convert(values, unit, units.INTERNAL[quantity])
+
+
+def _drive(
+    head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]
+) -> tuple[np.ndarray | None, str]:
+    """Drive and its unit; a duty cycle becomes volts when `volts_per_duty` is known."""
+    if "duty" not in arrays:
+        drive = next((key for key in units.DRIVES if key in arrays), None)
+        return arrays.pop(drive) if drive else (None, "V")
+    duty = _internal("duty", *arrays.pop("duty"))
+    if (text := stated(plan.metadata, "volts_per_duty")) is None:
+        return duty, "duty"
+    return duty * metadata_number(head, "volts_per_duty", text), "V"
+
+
+def _response(
+    head: Head,
+    plan: Plan,
+    arrays: dict[str, tuple[np.ndarray, str]],
+    frequency: np.ndarray | None,
+    drive: tuple[np.ndarray | None, str],
+) -> tuple[np.ndarray, str]:
+    """Wd + j Wq, or W, and its unit."""
+    if "w" in arrays:
+        return arrays["w"]
+    first, second = (
+        ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
+    )
+    signal, unit = arrays[first]
+    if first == "magnitude" and "phase" in arrays:
+        signal = signal * np.exp(1j * arrays["phase"][0])
+    elif first != "magnitude":
+        imaginary, other = arrays[second]
+        if not units.same_kind(other, unit):
+            raise LogError(
+                f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind"
+            )
+        signal = _complex(signal, units.convert(imaginary, other, unit))
+    return (
+        (turned(signal, plan), unit)
+        if first == "wd"
+        else lock_in(signal, plan, frequency, unit, head.path, drive)
+    )
+
+
+def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:
+    result = np.empty(len(real), np.complex128)  # real + 1j * imaginary would lose the sign of a zero
+    result.real, result.imag = real, imaginary
+    return result
+
+
+def _word(head: Head, metadata: Mapping[str, str], key: str, words: tuple[str, ...]) -> str | None:
+    word = stated(metadata, key)
+    if word is None or word.casefold() in words:
+        return word and word.casefold()
+    raise LogError(f"{head.path}, metadata {key!r}: found {word!r}, expected {either(word, words)}")
