@@ -91,11 +91,8 @@ def demodulate(
     held = follow(drive, omega, n)
     spans = [filling(a, b, n) for a, b in pairwise(held.start)]
     own = np.repeat(np.arange(len(spans)), [len(k) for k in spans])  # stretch of each block
-    begin, phase = np.concatenate(spans), held.theta + ahead * held.omega
-    phase = phase[own] + held.omega[own] * (begin - held.start[own])
-    curve = blocks(response, begin, n, phase, held.omega[own], derivative)
-    x = (1 - n) / (2 * n)  # of a block's first sample
-    found = np.append(curve[0] @ [1.0, x, x**2 - (n**2 - 1) / (12 * n**2)], curve[:, 0])
+    begin = np.concatenate(spans)
+    found = _in_blocks(response, held, own, begin, n, ahead, derivative)
     if tau > 0:
         spin = 1j * held.omega[own] if derivative else np.ones(len(own))
         found[1:] = (
@@ -123,6 +120,24 @@ def demodulate(
         delay=((n + 1) / 2 - ahead) * step,
         notes=notes,
     )
+
+
+def _in_blocks(
+    response: np.ndarray,
+    held: Stretches,
+    own: np.ndarray,
+    begin: np.ndarray,
+    n: int,
+    ahead: float,
+    derivative: bool,
+) -> np.ndarray:
+    """Means of the response over blocks of `n` samples from `begin`, turned by the phase of each one's
+    stretch `own`; before them what it is at the first sample, by the curve of the first block."""
+    omega = held.omega[own]
+    phase = (held.theta + ahead * held.omega)[own] + omega * (begin - held.start[own])
+    curve = blocks(response, begin, n, phase, omega, derivative)
+    x = (1 - n) / (2 * n)  # of a block's first sample
+    return np.append(curve[0] @ [1.0, x, x**2 - (n**2 - 1) / (12 * n**2)], curve[:, 0])
 
 
 def _measure(drive: np.ndarray, step: float, stated: np.ndarray | None, count: int) -> tuple[float, int]:

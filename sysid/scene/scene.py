@@ -145,6 +145,23 @@ def _contradictions(scene: Scene) -> Iterator[str]:
     for name in ("drive", "frequency"):
         if name not in scene.inputs:
             yield f"found no profile of the {name}, expected one"
+    if find(SelfHeating) and plant.k_T is None:
+        yield "found effects.self_heating and a plant without k_T, expected k_T: heat moves nothing else"
+    if scene.fidelity not in FIDELITIES:
+        yield f"found fidelity {scene.fidelity!r}, expected one of {', '.join(FIDELITIES)}"
+    if scene.kind not in ("transient", "steady"):
+        yield f"found kind {scene.kind!r}, expected 'transient' or 'steady'"
+    if not (scene.rows >= 1 and np.isfinite(scene.rate) and scene.rate > 0):
+        yield f"found {scene.rows} rows at {scene.rate:g} Hz, expected one row or more and a rate above zero"
+    if scene.substeps < 1 or scene.substeps > MOST_STEPS:
+        yield f"found {scene.substeps} steps between rows, expected 1 to {MOST_STEPS}"
+    yield from _of_fingers(scene)
+    yield from _of_what_moves(scene)
+
+
+def _of_fingers(scene: Scene) -> Iterator[str]:
+    """What a finger lacks."""
+    find = scene.find
     if find(FingerDamping) and "force" not in scene.inputs:
         yield (
             "found effects.finger_damping and no force, expected inputs.force_N: a finger damps by its force"
@@ -165,8 +182,11 @@ def _contradictions(scene: Scene) -> Iterator[str]:
             "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a"
             " share of the damping"
         )
-    if find(SelfHeating) and plant.k_T is None:
-        yield "found effects.self_heating and a plant without k_T, expected k_T: heat moves nothing else"
+
+
+def _of_what_moves(scene: Scene) -> Iterator[str]:
+    """Effects on what moves, in scenes that do not show it."""
+    find = scene.find
     for kind in (EFFECTS["duffing"], EFFECTS["self_heating"]):
         if find(kind) and (scene.kind == "steady" or scene.fidelity == "steady"):
             yield (
@@ -189,11 +209,3 @@ def _contradictions(scene: Scene) -> Iterator[str]:
             "found effects.phase_reset and a frequency that ramps, expected steps: a reset at every instant"
             " is no drive"
         )
-    if scene.fidelity not in FIDELITIES:
-        yield f"found fidelity {scene.fidelity!r}, expected one of {', '.join(FIDELITIES)}"
-    if scene.kind not in ("transient", "steady"):
-        yield f"found kind {scene.kind!r}, expected 'transient' or 'steady'"
-    if not (scene.rows >= 1 and np.isfinite(scene.rate) and scene.rate > 0):
-        yield f"found {scene.rows} rows at {scene.rate:g} Hz, expected one row or more and a rate above zero"
-    if scene.substeps < 1 or scene.substeps > MOST_STEPS:
-        yield f"found {scene.substeps} steps between rows, expected 1 to {MOST_STEPS}"
