@@ -121,6 +121,6 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     page = (tmp_path / "site" / "errors.html").read_text(encoding="utf-8")
     assert all(
-        f'id="{entry(key).partition("#")[2]}"' in page for key in ("second_mode", "rows lost", "delay")
+        f'id="{entry(key).partition("#")[2]}"' in page for key in ("second_mode", "rows_lost", "delay")
     )
     assert 'id="e4990a"' in (tmp_path / "site" / "presets.html").read_text(encoding="utf-8")

@@ -78,11 +78,11 @@ def test_the_address_is_that_of_the_heading(key):
 
 
 def test_the_command_names_the_entries_once_below_the_warnings(capsys):
-    keys = ["rows lost", "delay", "rows lost"]
+    keys = ["rows_lost", "delay", "rows_lost"]
     content = {"warnings": ["one", "two"], "findings": [{"key": key} for key in keys]}
     cli._say(content, "{}", None, ROOT, as_json=True)
     said = capsys.readouterr()
-    last = "see docs/errors.md#rows-lost, docs/errors.md#delay"
+    last = "see docs/errors.md#rows_lost, docs/errors.md#delay"
     assert (said.out, said.err.splitlines()) == ("{}", ["warning: one", "warning: two", last])
 
 

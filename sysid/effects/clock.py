@@ -63,7 +63,7 @@ DELAY = Effect(
     said=_delay_said,
     scope="bench",
     known_as=("late", "early"),
-    alike=("late", "early", "rows lost", "astray"),
+    alike=("late", "early", "rows_lost", "astray"),
 )
 
 
@@ -99,7 +99,7 @@ def _filter(order: int) -> Effect:
         said=said,
         scope="bench",
         known_as=("late",),
-        alike=("late", "early", "rows lost", "astray"),
+        alike=("late", "early", "rows_lost", "astray"),
         makes_sense=lambda values, stds: bool(values[0] > 3 * stds[0]),
     )
 
@@ -147,16 +147,15 @@ def _lost(share: float) -> Effect:
         applied=applied,
         numbers=numbers,
         said=said,
-        known_as=("rows lost",),
         alike=(
-            "rows lost",
+            "rows_lost",
             "late",
             "early",
             "astray",
             "saturation",
-            "amplitude",
+            "duffing",
             "drift",
-            "second resonance",
+            "second_mode",
         ),
         makes_sense=lambda values, stds: bool(values[0] > max(MISSING[0], 3 * stds[0])),
     )
@@ -198,6 +197,5 @@ DWELL = Effect(
     applied=_hurried,
     numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
     said=_hurried_said,
-    known_as=("swept too fast",),
-    alike=("swept too fast", "second resonance"),
+    alike=("dwell", "second_mode"),
 )

@@ -89,7 +89,9 @@ class Description(NamedTuple):
 
     def names(self) -> set[tuple[str, int]]:
         """First order's names of its effects, in each of their logs."""
-        return {(name, i) for x in self.instances for name in x.effect.known_as for i in x.where}
+        return {
+            (name, i) for x in self.instances for name in (x.effect.name, *x.effect.known_as) for i in x.where
+        }
 
 
 def _white(trial: Trial, model: np.ndarray) -> bool:

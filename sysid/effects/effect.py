@@ -69,10 +69,10 @@ class Effect:
     errors that the fit states, so that it is named and not adopted. `another`: with it the plant is not of
     first order, and G and tau are none of it. `afresh`: with it the plant of that log may be far from what it
     seems without, and is looked for anew from each start. `stretched`: of one that changes what was recorded,
-    the log of by how much it stretches that. `known_as`: names that the first order gives to it
-    (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those given
-    to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the effect;
-    unless stated, whether one of them is seen at all."""
+    the log of by how much it stretches that. `known_as`: names besides its own that the first order gives to
+    it (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those
+    given to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the
+    effect; unless stated, whether one of them is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]

@@ -83,8 +83,7 @@ DUFFING = Effect(
     said=_softened_said,
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
-    known_as=("amplitude",),
-    alike=("amplitude", "saturation", "second resonance", "drift", "background", "swept too fast"),
+    alike=("duffing", "saturation", "second_mode", "drift", "background", "dwell"),
 )
 
 
@@ -150,8 +149,7 @@ SECOND_MODE = Effect(
     said=_second_said,
     many=True,
     scope="bench",
-    known_as=("second resonance",),
-    alike=("second resonance", "background", "amplitude", "drift", "swept too fast"),
+    alike=("second_mode", "background", "duffing", "drift", "dwell"),
     makes_sense=_seems_a_mode,
 )
 
@@ -188,7 +186,7 @@ FEEDTHROUGH = Effect(
         "in_quadrature": number(values[1], stds[1], "of the largest response"),
     },
     said=_fed_said,
-    alike=("second resonance", "background", "amplitude", "drift", "offset", "saturation"),
+    alike=("second_mode", "background", "duffing", "drift", "offset", "saturation"),
 )
 
 
@@ -261,6 +259,6 @@ OVERSHOOT = Effect(
     rough=True,
     another=True,
     afresh=lambda trial: not trial.driven,
-    alike=("late", "early", "rows lost", "astray", "saturation", "amplitude", "drift", "offset", "drive"),
+    alike=("late", "early", "rows_lost", "astray", "saturation", "duffing", "drift", "offset", "drive"),
     makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
 )

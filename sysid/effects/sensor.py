@@ -63,8 +63,7 @@ def _compressed(power: int, each: bool) -> Effect:
             "taken": number(values[0], stds[0], "of the largest row")
         },
         said=said,
-        known_as=("saturation",),
-        alike=("saturation", "amplitude"),
+        alike=("saturation", "duffing"),
         makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
     )
 
@@ -109,5 +108,5 @@ SLOPE = Effect(
         "in_quadrature": number(values[1], stds[1], "of the largest response"),
     },
     said=_sloped_said,
-    alike=("offset", "background", "drift", "second resonance", "amplitude", "late", "early", "astray"),
+    alike=("offset", "background", "drift", "second_mode", "duffing", "late", "early", "astray"),
 )

@@ -40,9 +40,9 @@ ALIKE = (
     "lag",
     "late",
     "early",
-    "phase delay",
+    "phase_delay",
     "background",
-    "swept too fast",
+    "dwell",
     "saturation",
 )  # in several logs
 # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves

@@ -32,7 +32,7 @@ RUNNING = (
     " {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
-CURVED = "f0 curved over temperature"
+CURVED = "curved"
 PLACES = 8  # in a transient, at which rows may be missing
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
@@ -89,7 +89,7 @@ def _rows_lost(i: int, view: View) -> Iterator[Term]:
                 " be missing there, though the times go on; record it again, or leave it out"
             )
 
-        yield Term("rows lost", {i: (ahead * (np.arange(len(ahead)) >= row))[:, None]}, say, i, freedom=2)
+        yield Term("rows_lost", {i: (ahead * (np.arange(len(ahead)) >= row))[:, None]}, say, i, freedom=2)
 
 
 def _second_resonance(i: int, view: View) -> Iterator[Term]:
@@ -115,7 +115,7 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
                 f" {'above' if beside > 0 else 'below'} the first and of {share:.2g} % of its response; {out}"
             )
 
-        yield Term("second resonance", {i: shapes}, say, i, freedom=3)
+        yield Term("second_mode", {i: shapes}, say, i, freedom=3)
 
 
 def _off_resonance(i: int, view: View) -> Term:
@@ -132,7 +132,7 @@ def _off_resonance(i: int, view: View) -> Term:
         )
 
     return Term(
-        "off resonance",
+        "off_resonance",
         {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T},
         say,
         i,
@@ -220,7 +220,7 @@ def _too_fast(i: int, view: View) -> Iterator[Term]:
             f" {6 * c.tau:.2g} s or longer at"
             " each frequency, or record the time of every row and say kind: transient"
         )
-        yield of_one(i, "swept too fast", view.observed(np.append(0.0, left)[None])[0], said, 1)
+        yield of_one(i, "dwell", view.observed(np.append(0.0, left)[None])[0], said, 1)
 
 
 def _background(i: int, view: View) -> Iterator[Term]:
@@ -246,7 +246,7 @@ def _background(i: int, view: View) -> Iterator[Term]:
             f" about the peak"
         )
 
-    yield Term("phase delay", {i: (1j * x * view.model)[:, None]}, late, i)
+    yield Term("phase_delay", {i: (1j * x * view.model)[:, None]}, late, i)
     shape = (x**2 * view.trial.inputs.drive[view.trial.inputs.interval] + 0j)[:, None]
     yield Term("background", {i: np.concatenate([shape, 1j * shape], axis=1)}, bent, i, freedom=2)
 
@@ -342,7 +342,7 @@ def _softening(views: list[View]) -> Iterator[Term]:
             f" at a smaller drive"
         )
 
-    yield Term("amplitude", moved, softer, freedom=1 + turns)
+    yield Term("duffing", moved, softer, freedom=1 + turns)
     # Every plate softens or hardens a little, and a peak that leans by 1 % of a half bandwidth moves f0
     # by several of its errors. Of settled points in even noise that is all that looks so; of a transient
     # a drift or a lateness does, elsewhere noise of long memory, or one whose weights follow the
@@ -350,7 +350,7 @@ def _softening(views: list[View]) -> Iterator[Term]:
     if turns and all(
         v.trial.steady and not (v.trial.noise.coloured or v.trial.noise.share) for v in moving.values()
     ):
-        yield Term("amplitude", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
+        yield Term("duffing", {i: shapes[:, 1:] for i, shapes in moved.items()}, bent, expected=True)
 
 
 def _drive(views: list[View]) -> Iterator[Term]:
@@ -376,7 +376,7 @@ def _finger(views: list[View], free: Sequence[str]) -> Iterator[Term]:
             for i, v in touched.items()
         }
         grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
-        yield Term("law of the finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
+        yield Term("law_of_the_finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
 
 
 def _temperature(views: list[View], away: float) -> Iterator[Term]:
