@@ -36,7 +36,8 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            brief frames inference
 scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
-fleet      groups settings plate parts engine table robust tails halves lot odd words pictures page run
+fleet      groups settings plate closed batch template screen differ lane parts engine table robust tails halves
+           lot odd words pictures page run
 command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__
 """
@@ -70,6 +71,7 @@ WITHIN = {
     "posterior.prediction": SHOWN,
     "posterior.posterior": {"command.sets", "report.inference", *SHOWN},
     "fleet.plate": {"command.outputs", "command.sets"},  # each plate's own files
+    "fleet.lane": {"command.outputs"},
     "fleet.run": {"command.outputs"},
 }
 PACKAGES = ("sysid", "controller", "stimulator")

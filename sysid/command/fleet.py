@@ -70,6 +70,12 @@ def parser() -> argparse.ArgumentParser:
         "--scheduler", metavar="ADDRESS", help="of a Dask scheduler, whose workers fit (extra dask)"
     )
     command.add_argument(
+        "--lane",
+        choices=("on", "off"),
+        default="on",
+        help="off: fit each plate by itself, not those together that are recorded alike (%(default)s)",
+    )
+    command.add_argument(
         "--accuracy",
         choices=NAMES,
         default=NAMES[0],
@@ -121,6 +127,7 @@ def _run(arguments: argparse.Namespace) -> int:
     names = (*told, "reference_temperature")
     given = {name: getattr(arguments, name) for name in names}
     given |= {"nuisances": arguments.effects, "priors": dict(arguments.prior or ())}
+    given |= {"lane": arguments.lane == "on"}
     try:
         with _progress() as meanwhile:
             frame = fit_fleet(arguments.logs, **given, meanwhile=meanwhile)

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from sysid.fleet.groups import Group
-from sysid.fleet.plate import Row, dead, row_of
+from sysid.fleet.lane import rows_of
+from sysid.fleet.plate import Row, dead
 from sysid.fleet.settings import Settings
 
 LARGEST = 250  # plates in a batch, a part of the table each
@@ -57,7 +58,7 @@ class Here:
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
         """As `Engine.rows`."""
         for batch in batches(groups, 1):
-            yield [row_of(group, settings) for group in batch]
+            yield list(rows_of(batch, settings))
 
 
 class Processes:
@@ -206,12 +207,14 @@ def _end_with(sentinel: Any) -> None:
 
 
 def _fitted(batch: Batch, settings: Settings) -> list[Row]:
-    """The rows of a batch; while a plate is fitted in a pool, a file names it."""
-    rows = []
-    for group in batch:
+    """The rows of a batch; while a plate is fitted in a pool, a file names it, or the first of those that are
+    fitted together."""
+
+    def begin(group: Group) -> None:
         for path in _place:
             path.write_text(group.plate, encoding="utf-8")
-        rows.append(row_of(group, settings))
+
+    rows = list(rows_of(batch, settings, begin))
     for path in _place:
         path.unlink()
     return rows

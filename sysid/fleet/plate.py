@@ -19,27 +19,28 @@ from sysid.logs.textfile import LogError
 if TYPE_CHECKING:
     from sysid.logs.log import Log
     from sysid.posterior.posterior import Posterior
-    from sysid.verdict.fitted import FittedLog
 
 # How a plate's row may end beside the results of a fit.
 UNREADABLE, FAILED, DIED = "the logs cannot be read", "the program failed", "the fit ended its process twice"
-BY_FIT = "fit"  # the way of a plate that `sysid.fit` fitted by itself
+# the ways of a plate: fitted by `sysid.fit` by itself, or with those that are recorded alike
+BY_FIT, BY_BATCH = "fit", "batch"
 TRACED, POINTS = 3, 40  # logs of a plate, and rows of each, that its small picture shows
 Row = dict[str, Any]
 
 
-def row_of(group: Group, settings: Settings) -> Row:
-    """The row of one plate. Whatever is wrong with its logs, or with the program, is told in the row; OSError
-    where its own folder cannot be written."""
+def row_of(group: Group, settings: Settings, logs: "Sequence[Log] | None" = None, why: str = "") -> Row:
+    """The row of one plate by `sysid.fit`, which it goes through for the reason `why`; `logs`: as they are
+    read, if they are. Whatever is wrong with its logs, or with the program, is told in the row; OSError where
+    its own folder cannot be written."""
     begun = time.perf_counter()
-    row = blank(group, settings)
+    row = blank(group, settings, why=why)
     try:
         if group.refused:
             raise LogError(group.refused)
         from sysid.fitting import fit
         from sysid.posterior.posterior import sample
 
-        logs = _read(group.logs, settings.columns)
+        logs = logs or read(group.logs, settings.columns)
         posterior = sample(fit(logs, **settings.given), settings.seed, settings.accuracy)
         row |= _told(posterior)
         if settings.full is not None:
@@ -57,10 +58,11 @@ def row_of(group: Group, settings: Settings) -> Row:
     return row | {"seconds": round(time.perf_counter() - begun, 4)}
 
 
-def blank(group: Group, settings: Settings) -> Row:
-    """The row of a plate of which nothing is known yet but its logs."""
+def blank(group: Group, settings: Settings, way: str = BY_FIT, why: str = "") -> Row:
+    """The row of a plate of which nothing is known yet but its logs, and the way that it goes."""
     logs = [{"name": _name(item), "sha256": digest(item)} for item in group.logs]
-    return {"plate": group.plate, "settings": settings.digest, "logs": logs, "way": BY_FIT, "seconds": 0.0}
+    known = {"plate": group.plate, "settings": settings.digest, "logs": logs}
+    return known | {"way": way, "way_why": why, "seconds": 0.0}
 
 
 def dead(group: Group, settings: Settings) -> Row:
@@ -95,7 +97,7 @@ def _name(item: Given) -> str:
     return str(getattr(item, "path", "") or getattr(item, "name", "")) if not isinstance(item, str) else item
 
 
-def _read(given: Sequence[Given], columns: str | None) -> "list[Log]":
+def read(given: Sequence[Given], columns: str | None) -> "list[Log]":
     """The logs of one plate, in common units."""
     from sysid.logs.log import Log
     from sysid.logs.read import read_logs
@@ -116,7 +118,6 @@ def _told(posterior: "Posterior") -> Row:
 
     fit, parameters = posterior.fit, posterior.summary()
     names, matrix = covariance(fit, parameters)
-    stated = {key.casefold(): value for f in reversed(fit.logs) for key, value in f.log.metadata.items()}
     return {
         "result": posterior.result.value,
         "parameters": {name: _parameter(p) for name, p in parameters.items()},
@@ -127,26 +128,40 @@ def _told(posterior: "Posterior") -> Row:
         "warnings": list(fit.warnings),
         "findings": [plain(finding(f)) for f in fit.findings],
         "notes": list(fit.notes),
-        "traces": [_trace(f) for f in fit.logs[:TRACED]],
-        "stated": {key: stated[key] for key in ("date", "serial") if stated.get(key)},
+        "traces": [trace(f.log, f.kind, f.response) for f in fit.logs[:TRACED]],
+        "stated": stated([f.log for f in fit.logs]),
     }
 
 
-def _trace(fitted: "FittedLog") -> Row:
-    """A log beside its model as a few numbers: what they go by, and d and q, or the amplitude."""
-    log, swept = fitted.log, False
+def stated(logs: "Sequence[Log]") -> dict[str, str]:
+    """The date and the serial number that logs state, the first that does."""
+    found = {key.casefold(): value for log in reversed(logs) for key, value in log.metadata.items()}
+    return {key: found[key] for key in ("date", "serial") if found.get(key)}
+
+
+def trace(log: "Log", kind: str, model: np.ndarray) -> Row:
+    """A log beside its modelled rows as a few numbers: what they go by, and d and q, or the amplitude."""
+    swept = False
     x, label = np.arange(len(log), dtype=float), "row"
-    if fitted.kind == "steady" and log.frequency is not None:
+    if kind == "steady" and log.frequency is not None:
         x, label, swept = log.frequency, "Hz", bool(np.ptp(log.frequency) > 0)
     if not swept and log.time is not None:
         x, label = log.time - log.time[0], "s"
     order = np.argsort(x, kind="stable")
     keep = order[np.linspace(0, len(log) - 1, min(len(log), POINTS)).astype(int)]
-    both = [log.response[keep], fitted.response[keep]]
+    both = [log.response[keep], model[keep]]
     parts = [[np.real(y) for y in both], *([] if log.amplitude_only else [[np.imag(y) for y in both]])]
-    shown = [[[float(f"{v:.4g}") for v in y] for y in part] for part in parts]
+    shown = _digits(np.array(parts), 4)
     told = {"name": log.name, "label": label, "unit": log.response_unit}
-    return told | {"x": [float(f"{v:.8g}") for v in x[keep]], "parts": shown}
+    return told | {"x": _digits(x[keep], 8), "parts": shown}
+
+
+def _digits(values: np.ndarray, digits: int) -> list:
+    """Lists of an array's numbers, to so many decimal digits."""
+    size = np.where(values == 0, 1.0, np.abs(values))
+    places = digits - 1 - np.floor(np.log10(size)).astype(int)
+    up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
+    return (np.rint(values * up / down) / up * down).tolist()
 
 
 def _parameter(p: Any) -> Row:

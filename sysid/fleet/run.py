@@ -25,6 +25,7 @@ def fit_fleet(
     folder: str | Path | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
+    lane: bool = True,
     accuracy: str = "quick",
     full: bool = False,
     seed: int = 0,
@@ -41,7 +42,9 @@ def fit_fleet(
     by "folder", or by a regular expression with one group that is searched for in the file's name. `folder`:
     where the table, its report and the parts of it go, by which a later call goes on with what is not done;
     `full`: with each plate's own set of files in it. `jobs`: processes of this machine (None: one for each
-    core; 0: this process alone); `scheduler`: the address of a Dask scheduler instead. What is left is told
+    core; 0: this process alone); `scheduler`: the address of a Dask scheduler instead. `lane`: fit plates
+    that are recorded alike together, where nothing but plate, bench and white noise shows, and each of the
+    others by itself; else each by itself. What is left is told
     to each plate's fit: see `sysid.fit`, `sysid.sample` and, for `columns`, `sysid.read_logs`. `meanwhile`:
     is given how many plates are done, and of how many, as it goes on.
 
@@ -64,7 +67,9 @@ def fit_fleet(
         own = str(place.absolute() / PLATES) if full else None
         mapping = None if columns is None else str(columns)
         told = None if nuisances is None else tuple(nuisances)
-        settings = Settings(accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own)
+        settings = Settings(
+            accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own, lane
+        )
         plates = grouped(
             groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
         )

@@ -26,6 +26,7 @@ class Settings:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     reference_temperature: float = 24.0
     full: str | None = None
+    lane: bool = True
 
     def __post_init__(self) -> None:
         if self.accuracy not in NAMES:

@@ -48,7 +48,8 @@ def framed(rows: Sequence[Row]) -> pd.DataFrame:
     frame["logs"] = [[log["name"] for log in row["logs"]] for row in rows]
     frame["sha256"] = [[log["sha256"] for log in row["logs"]] for row in rows]
     frame["error"] = texts([row.get("error") for row in rows])
-    frame["way"], frame["seconds"] = [row["way"] for row in rows], [row["seconds"] for row in rows]
+    for field in ("way", "way_why", "seconds"):
+        frame[field] = [row[field] for row in rows]
     return frame
 
 

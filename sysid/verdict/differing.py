@@ -47,7 +47,7 @@ OMITS = "; the error of {} does not include it, as tau or G would then not be de
 WHICH = "; another log would tell which is right"
 
 
-class _Differ(NamedTuple):
+class Differ(NamedTuple):
     """By how much each of the logs `held` is off the others in one parameter, with its error; the size `std`
     that they show; and one over the probability of as much."""
 
@@ -93,8 +93,8 @@ def dispersion(
             found = _in_full(found, logs.views) if name == "G" else found
             moves = logs.moves(found.held, name)
             added += found.std**2 * moves.T @ moves
-            sentence = _said(name, found, [state.trials[i].log.name for i in found.held])
-            said.append(Said(name, sentence, found.rare > ALARM))
+            about = sentence(name, found, [state.trials[i].log.name for i in found.held])
+            said.append(Said(name, about, found.rare > ALARM))
     return added, said
 
 
@@ -114,7 +114,7 @@ class _Compared:
         self.inverse = inverted(sum(self.grams) + state.prior.precision[np.ix_(self.index, self.index)])
         self.slope = sum(self.slopes) - state.prior.slope(state.theta)[self.index]
 
-    def differing(self, name: str) -> _Differ | None:
+    def differing(self, name: str) -> Differ | None:
         """Whether they do in this parameter."""
         k = self.names.index(name)
         own = np.array([gram[k, k] for gram in self.grams])
@@ -127,7 +127,7 @@ class _Compared:
         std, rare = _size(score, left, cross[k])
         diagonal = np.maximum(np.diag(left), TOLD * cross[k])
         return (
-            _Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, rare)
+            Differ(held, score / diagonal, 1 / np.sqrt(diagonal), std, rare)
             if rare > CHANCE and std > 0
             else None
         )
@@ -139,7 +139,7 @@ class _Compared:
         return moves
 
 
-def _in_full(found: _Differ, views: Sequence[View]) -> _Differ:
+def _in_full(found: Differ, views: Sequence[View]) -> Differ:
     """Gains that differ, in the size that a feedthrough and a lateness have which cancel: as small as they
     look, they make up for a part. A share 1/n of its square is the variance that n logs show."""
     gains = {i: shown[0] - 1 for i in found.held if (shown := cancelling(views[i])) is not None}
@@ -165,7 +165,7 @@ def _size(score: np.ndarray, left: np.ndarray, own: np.ndarray) -> tuple[float, 
     )
 
 
-def _said(name: str, found: _Differ, logs: Sequence[str]) -> str:
+def sentence(name: str, found: Differ, logs: Sequence[str]) -> str:
     """Of two logs either may be the one that is off."""
     i = int(np.argmax(np.abs(found.off / found.error)))
     about = f"{found.off[i]:+.2g} Hz" if name == "f0" else f"{100 * found.off[i]:+.2g} %"

@@ -47,6 +47,7 @@ ALIKE = (
 )  # in several logs
 # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 LEAST = 1e-6
+ROUNDED = 1e-10  # of the largest of a term's directions: less is none
 MOVES = 2.0  # standard deviations of G, tau or f0
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
@@ -244,6 +245,17 @@ def _cancelling(i: int, view: View, threshold: float) -> Found | None:
     return Found(own(view.trial.log.name, "G", times(found[0] - 1)), found[1], {"G": np.inf}, "gain", i, 1)
 
 
+def chances_of(tried: Sequence[Term], others: int = 0) -> list[float]:
+    """Log-likelihood that each term is worth by chance; `others`: how many were tried before. Half of the
+    chance is that of what one log has for itself, of which there are few: what logs contradict each other in
+    moves the parameters more than all else."""
+    between = sum(t.between for t in tried)
+    shares = 1 if between in (0, len(tried)) else 2
+    few, many = (np.log(max(shares * n, 1)) for n in (between, len(tried) - between + others))
+    chances = [np.log(2) if t.expected else few if t.between else many for t in tried]
+    return [c + t.freedom - 1 for t, c in zip(tried, chances, strict=True)]
+
+
 class _Added(NamedTuple):
     """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the
     rows, scaled to unit size, with the Jacobian, with themselves and with the residual."""
@@ -263,6 +275,17 @@ class _Looked(NamedTuple):
     cross: np.ndarray
     square: np.ndarray
     score: np.ndarray
+
+
+class Scored(NamedTuple):
+    """A term's score test at a fit, for residuals of any size: the products of a residual's rows (R,) of all
+    logs with `rows` (R, r) are r numbers u of unit variance by chance, and the term is worth |u|^2/2. Its
+    coefficients are `values` (m, r) u, and the parameters move by `moves` (p, r) u of their standard
+    deviations."""
+
+    rows: np.ndarray
+    values: np.ndarray
+    moves: np.ndarray
 
 
 class Linear:
@@ -308,19 +331,10 @@ class Linear:
         return worth
 
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
-        """Those that the logs hold; `others`: how many were tried before. Half of the chance is that of what
-        one log has for itself, of which there are few: what logs contradict each other in moves the
-        parameters more than all else."""
-        between = sum(t.between for t in tried)
-        shares = 1 if between in (0, len(tried)) else 2
-        few, many = (np.log(max(shares * n, 1)) for n in (between, len(tried) - between + others))
-        self._look([t for t in tried if not t.parts])
-        chances = [np.log(2) if t.expected else few if t.between else many for t in tried]
-        return [
-            f
-            for t, c in zip(tried, chances, strict=True)
-            if (f := self.worth(t, c + t.freedom - 1)) is not None
-        ]
+        """Those that the logs hold; `others`: how many were tried before."""
+        self.look([t for t in tried if not t.parts])
+        chances = chances_of(tried, others)
+        return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c)) is not None]
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""
@@ -368,7 +382,7 @@ class Linear:
         )
         return _Added(rows, scale, cross, square, score)
 
-    def _look(self, tried: Sequence[Term]) -> None:
+    def look(self, tried: Sequence[Term]) -> None:
         """At the shapes of these terms, at all of a log at once."""
         for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
             here = [t for t in tried if i in t.shapes]
@@ -385,6 +399,8 @@ class Linear:
                 self.looked[t, i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
 
     def _alone(self, term: Term) -> "_Added | None":
+        if any((term, i) not in self.looked for i in term.shapes):
+            self.look([term])
         parts = {i: self.looked[term, i] for i in term.shapes}
         cross, square, score = (sum(x) for x in zip(*(part[1:] for part in parts.values()), strict=True))
         scale = np.sqrt(np.diag(square))
@@ -398,6 +414,26 @@ class Linear:
         """Products of a term's rows with themselves, less what the parameters can make of them."""
         return added.square - added.cross.T @ self.inverse @ added.cross
 
+    def scored(self, term: Term) -> Scored | None:
+        """The term's score test, `worth` for noise of a known level; None where the plant and the nuisances
+        make up for the term."""
+        added = self._added(term)
+        if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
+            return None
+        sizes, axes = np.linalg.eigh(own)
+        told = sizes > ROUNDED * sizes[-1]
+        axes = axes[:, told] / np.sqrt(sizes[told])
+        shift, scale = self.inverse @ added.cross @ axes, np.where(added.scale > 0, added.scale, 1.0)
+        rows = [-jacobian @ shift for jacobian in self.jacobians]
+        for i, (shapes, which) in added.rows.items():
+            rows[i] += (shapes / scale[which]) @ axes[which]
+        values = axes / scale[:, None]
+        moves = -(self.reported @ shift) / self.std[:, None]
+        if term.beside is not None and term.beside[0] in self.names:
+            k = self.names.index(term.beside[0])
+            moves[k] += term.beside[1] * values[0] / self.std[k]
+        return Scored(np.concatenate(rows), values, moves)
+
     def worth(self, term: Term, chance: float) -> Found | None:
         """The term with its gain in log-likelihood and what it moves; None when it is worth no more than
         `chance` gives."""
@@ -409,7 +445,7 @@ class Linear:
         own, score = self._own(added), added.score - cross.T @ self.inverse @ self.slope
         if np.any(np.diag(own) < LEAST):
             return None
-        value = score / own[0] if len(own) == 1 else np.linalg.lstsq(own, score, rcond=1e-10)[0]
+        value = score / own[0] if len(own) == 1 else np.linalg.lstsq(own, score, rcond=ROUNDED)[0]
         if 0.5 * score @ value < threshold:
             return None
         shift = self.inverse @ (self.slope - cross @ value)

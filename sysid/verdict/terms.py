@@ -52,13 +52,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     trial = view.trial
     if not trial.driven and not trial.steady:
         return
-    name, size = trial.log.name, np.abs(view.model)
-    for power in (2, 6):
-        said = f"{name}: {{}} is compressed at its largest: saturated; record it again within the range"
-        yield of_one(i, "saturation", size**power * view.model, said.format("the response"), -1)
-        if not trial.log.amplitude_only:
-            each = view.model.real ** (power + 1) + 1j * view.model.imag ** (power + 1)
-            yield of_one(i, "saturation", each, said.format("a channel"), -1)
+    yield from saturations(i, view)
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
@@ -68,6 +62,18 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
         yield from chain(_under_amplitude(i, view), _creeping(i, view), moments(i, view), _rows_lost(i, view))
+
+
+def saturations(i: int, view: View) -> Iterator[Term]:
+    """A response, or each of its channels, that is compressed at its largest."""
+    trial, size = view.trial, np.abs(view.model)
+    name = trial.log.name
+    for power in (2, 6):
+        said = f"{name}: {{}} is compressed at its largest: saturated; record it again within the range"
+        yield of_one(i, "saturation", size**power * view.model, said.format("the response"), -1)
+        if not trial.log.amplitude_only:
+            each = view.model.real ** (power + 1) + 1j * view.model.imag ** (power + 1)
+            yield of_one(i, "saturation", each, said.format("a channel"), -1)
 
 
 def _rows_lost(i: int, view: View) -> Iterator[Term]:

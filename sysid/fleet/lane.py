@@ -1,0 +1,257 @@
+"""The fast lane: plates that are recorded alike are fitted together; what that does not cover goes to
+`sysid.fit`, plate by plate, and the row says which way it went and why.
+
+A layout is what decides how a plate's logs are read: their kinds, rows and inputs. Drives and frequencies
+that are one number in a log may differ from plate to plate. Rows of the batch are those of `sysid.fit` with
+the normal approximation of the posterior.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.fleet.groups import Group
+from sysid.fleet.plate import BY_BATCH, TRACED, Row, blank, read, row_of, stated, trace
+from sysid.fleet.settings import Settings
+from sysid.posterior.accuracy import NAMES
+
+if TYPE_CHECKING:
+    from sysid.fleet.batch import Batch
+    from sysid.fleet.closed import Block
+    from sysid.fleet.screen import Cells
+    from sysid.logs.log import Log
+    from sysid.verdict.differing import Said
+
+MOST, NUMBERS = (
+    64,
+    30_000,
+)  # plates at once, and rows of all of them: their columns stay in a processor's cache
+LEAST_ROWS = 40  # of a log, of which its noise can be told
+Plate = tuple[Group, "list[Log]"]
+
+
+def rows_of(
+    batch: Sequence[Group], settings: Settings, begin: Callable[[Group], None] = lambda group: None
+) -> Iterator[Row]:
+    """The rows of a batch, not in its order. `begin` is given each plate as it is fitted by itself, and the
+    first of those that are fitted together."""
+    alike: dict[tuple, list[Plate]] = {}
+    closed = _closed(settings)
+    for group in batch:
+        begin(group)
+        found: tuple | str = closed
+        if not closed and not group.refused:
+            try:
+                logs = read(group.logs, settings.columns)
+                found = layout(logs)
+                if isinstance(found, tuple):
+                    alike.setdefault(found, []).append((group, logs))
+                    continue
+            except Exception:  # `row_of` says what it is, in the plate's row
+                found = ""
+        yield row_of(group, settings, why=str(found))
+    for key, plates in alike.items():
+        size = together(plates[0][1])
+        for k in range(0, len(plates), size):
+            begin(plates[k][0])
+            yield from _rows(key, plates[k : k + size], settings, begin)
+
+
+def together(logs: "Sequence[Log]") -> int:
+    """How many plates with such logs are fitted at once."""
+    return max(min(MOST, NUMBERS // max(map(len, logs))), 1)
+
+
+def _closed(settings: Settings) -> str:
+    """Why no plate is fitted with others; "" where they may be."""
+    if not settings.lane:
+        return "the lane is off"
+    if settings.accuracy != NAMES[0] or settings.full is not None:
+        return "each plate's own posterior is asked for"
+    return "nuisances or priors are stated" if settings.nuisances is not None or settings.priors else ""
+
+
+def layout(logs: "Sequence[Log]") -> tuple | str:
+    """What plates have in common that are recorded alike; a sentence where the batch does not cover these
+    logs."""
+    from sysid.trials.trial import LEAST_WARMING
+
+    if sorted(log.kind or "" for log in logs) not in (["steady"], ["transient"], ["steady", "transient"]):
+        return "its logs are not a step, a sweep, or one of each"
+    keys = [_layout(log) for log in logs]
+    if said := next((key for key in keys if isinstance(key, str)), None):
+        return said
+    warm = [log.temperature for log in logs if log.temperature is not None]
+    if warm and max(map(np.max, warm)) - min(map(np.min, warm)) > LEAST_WARMING:
+        return "its temperature changes"
+    return tuple(keys)
+
+
+def _layout(log: "Log") -> tuple | str:
+    """That of one log."""
+    bench = {name for name, value in log.bench.items() if (name, value) != ("delay_s", 0.0)}
+    given = log.warnings or bench - {"temperature_std_degC"} or log.force is not None
+    given = given or log.theta is not None or log.std is not None
+    if log.amplitude_only or log.drive is None or log.frequency is None or given or log.relative_noise:
+        return "its logs hold other columns or metadata than drive, frequency, d and q"
+    if len(log) < LEAST_ROWS:
+        return "its logs are short"
+    driven = np.flatnonzero(log.drive)
+    drive = log.drive[driven[0] :] if len(driven) else log.drive
+    if not len(driven) or np.any(drive != drive[0]):
+        return "its drive is not one level"
+    common = (log.kind, len(log), log.response_unit, log.drive_unit, log.temperature is not None, *log.bench)
+    if log.kind == "steady":
+        return (*common, log.frequency.tobytes()) if len(drive) == len(log) else "its drive is not one level"
+    if np.any(log.frequency != log.frequency[0]) or log.time is None:
+        return "its frequency changes"
+    if log.sampling is None:
+        return "its sampling is not stated"
+    row = int(driven[0]) - (log.sampling == "settled")
+    if row < 2 or row > len(log) - LEAST_ROWS // 2:
+        return "its logs do not show a step behind a rest"
+    return (*common, log.sampling, row, (log.time - log.time[0]).tobytes())
+
+
+def _blocks(logs: "Sequence[Sequence[Log]]") -> "list[Block]":
+    """The logs of plates of one layout, stacked, a block for each log of a plate."""
+    from sysid.fleet.closed import Step, Sweep
+
+    blocks: list[Block] = []
+    for each in zip(*logs, strict=True):
+        first, response = each[0], np.stack([log.response for log in each])
+        drive, timed = np.array([log.drive[-1] for log in each]), "delay_s" in first.bench
+        if first.kind == "steady":
+            blocks.append(Sweep(first.frequency, drive, response, timed))
+        else:
+            row = int(np.flatnonzero(first.drive)[0]) - (first.sampling == "settled")
+            blocks.append(
+                Step(first.time, row, drive, np.array([log.frequency[0] for log in each]), response)
+            )
+    return blocks
+
+
+_cells: dict[tuple, "Cells"] = {}  # of the layouts that this process has met
+
+
+def cells_of(key: tuple, logs: "Sequence[Log]") -> "Cells":
+    """Those of a layout, of which `logs` are a plate's."""
+    from sysid.fleet.screen import Cells
+
+    if key not in _cells:
+        _cells[key] = Cells(logs, _blocks([logs]))
+    return _cells[key]
+
+
+def _rows(
+    key: tuple, plates: Sequence[Plate], settings: Settings, begin: Callable[[Group], None]
+) -> Iterator[Row]:
+    """The rows of plates of one layout."""
+    from sysid.fleet.differ import dispersion, widened
+    from sysid.fleet.screen import passed_on, residual, vague
+
+    started = time.perf_counter()
+    cells = cells_of(key, plates[0][1])
+    try:
+        with np.errstate(all="ignore"):
+            batch = fit_together(plates)
+            lefts = [residual(log, batch.step) for log in batch.logs]
+            why = passed_on(batch, lefts, cells)
+            added, said = dispersion(batch, [[log.name for log in logs] for _, logs in plates])
+            batch = widened(batch, added)
+            why = np.where(why == "", vague(batch), why)
+    except np.linalg.LinAlgError:  # of a plate whose rows tell nothing
+        half = len(plates) // 2
+        for part in (plates[:half], plates[half:]) if half else ():
+            yield from _rows(key, part, settings, begin)
+        if not half:
+            yield row_of(plates[0][0], settings, plates[0][1], "its rows tell nothing")
+        return
+    good = [p for p, reason in enumerate(why) if not reason]
+    left = [
+        f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
+    ]
+    rows = [_told(batch, p, plates[p], [f[p] for f in left], said[p], cells, settings) for p in good]
+    each = round((time.perf_counter() - started) / len(plates), 6)
+    yield from ({**row, "seconds": each} for row in rows)
+    for p in np.flatnonzero(why != "").tolist():
+        begin(plates[p][0])
+        yield row_of(plates[p][0], settings, plates[p][1], str(why[p]))
+
+
+def fit_together(plates: Sequence[Plate]) -> "Batch":
+    """The fits of plates of one layout."""
+    from sysid.fleet.batch import fitted
+    from sysid.precision import one_thread
+
+    return one_thread(fitted)(_blocks([logs for _, logs in plates]))
+
+
+def _told(
+    batch: "Batch",
+    p: int,
+    plate: Plate,
+    lefts: Sequence[np.ndarray],
+    said: Sequence["Said"],
+    cells: "Cells",
+    settings: Settings,
+) -> Row:
+    """The row of the p-th plate of a batch; `lefts` (n,): what is left of its logs."""
+    from sysid.command.outputs import finding, plain
+    from sysid.fleet.template import FREE
+    from sysid.verdict.finding import Finding
+    from sysid.verdict.wording import hangs_on_lateness
+
+    group, logs = plate
+    std = np.sqrt(np.diag(batch.covariance[p]))
+    parameters = _parameters(batch.theta[p], std, f"{logs[0].response_unit}/{logs[0].drive_unit}")
+    warm = [float(log.temperature[0]) for log in logs if log.temperature is not None]
+    at = float(np.mean(warm)) if warm else None
+    parameters["k_T"] = _unknown(cells.why("k_T", at))
+    size = np.array([parameters[name]["std"] for name in FREE]) / std
+    models = [log.response - left for log, left in zip(logs, lefts, strict=True)]
+    alarms, notes = ([x.told(True) for x in said if x.rare is which] for which in (True, False))
+    found = [Finding("late", "noted", hangs_on_lateness(float(std[0])))] if batch.hung[0, p] else []
+    return blank(group, settings, BY_BATCH) | {
+        "result": "successful",
+        "parameters": parameters,
+        "names": list(FREE),
+        "covariance": (batch.covariance[p] * np.outer(size, size)).tolist(),
+        "reference_temperature_degC": at,
+        "nrmse_percent": max(_percent(log.response, left) for log, left in zip(logs, lefts, strict=True)),
+        "warnings": [*alarms, *(f.sentence for f in found)],
+        "findings": [plain(finding(f)) for f in found],
+        "notes": notes,
+        "traces": [trace(log, log.kind or "", m) for log, m in list(zip(logs, models, strict=True))[:TRACED]],
+        "stated": stated(logs),
+    }
+
+
+def _parameters(theta: np.ndarray, std: np.ndarray, unit: str) -> dict[str, Row]:
+    """G, tau and f0 as the normal approximation of the posterior has them: logarithms of G and tau are
+    normal."""
+    from sysid.verdict.result import NORMAL95
+
+    found: dict[str, Row] = {}
+    for k, (name, of) in enumerate((("G", unit), ("tau", "s"), ("f0", "Hz"))):
+        low, high = theta[k] - NORMAL95 * std[k], theta[k] + NORMAL95 * std[k]
+        if name == "f0":
+            numbers = (theta[k], std[k], low, high)
+        else:
+            value = np.exp(theta[k] + 0.5 * std[k] ** 2)
+            numbers = (value, value * np.sqrt(np.expm1(std[k] ** 2)), np.exp(low), np.exp(high))
+        names = ("value", "std", "ci95_low", "ci95_high")
+        row: Row = dict(zip(names, map(float, numbers), strict=True))
+        found[name] = row | {"unit": of, "determined": True, "why": None}
+    return found
+
+
+def _unknown(why: str) -> Row:
+    none: Row = dict.fromkeys(("value", "std", "ci95_low", "ci95_high"))
+    return none | {"unit": "Hz/degC", "determined": False, "why": why}
+
+
+def _percent(response: np.ndarray, left: np.ndarray) -> float:
+    return 100 * float(np.linalg.norm(left) / np.linalg.norm(response - np.mean(response)))

@@ -1,0 +1,295 @@
+"""Which plates of a batch the full fit has to see, and why: noise that is not white and normal, and all that
+the single fit looks for beside its model.
+
+The noise is tried by score tests of one number each against what the single fit would take it for (colour,
+outliers, levels that differ between the channels, noise that goes with the response or with its rate, noise
+of the phase); a plate is passed on from `WORTH` of the single fit on, and the logarithm of the number of
+these tests, where the single fit's own estimate agrees. The rest is tried with `fleet.template`.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sysid.fleet.batch import Batch, Reduced, both
+from sysid.fleet.closed import Block, Step
+from sysid.fleet.template import PHASES, Template
+from sysid.logs.log import Log
+from sysid.rows.rounding import DIGITS, REPEATED
+from sysid.trials.noise import WORTH, apart, estimate, proportional, scatter_of_stamps, tails
+from sysid.trials.residuals import BEGINS
+from sysid.verdict.coincidence import SEEN
+from sysid.verdict.identify import limits
+from sysid.verdict.immediate import FED
+from sysid.verdict.immediate import SEEN as FELT
+from sysid.verdict.misfit import ENOUGH, MOVES
+from sysid.verdict.through import FELT as GAINED
+from sysid.verdict.through import MOST, REAL
+
+# width of a cell: in log tau, in half bandwidths, and of noise over the response a factor
+WIDTHS = (0.2, 0.4, 2.0)
+COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
+    "noise that rows share",
+    "outliers",
+    "noise of the channels that differs",
+    "noise in proportion to the response",
+    "time stamps that scatter",
+    "noise of the phase",
+)
+
+
+def residual(log: Reduced, step: np.ndarray) -> np.ndarray:
+    """(P, n) of one log, in units of its noise."""
+    along = log.along(step)
+    along[:, log.block.bench] -= log.values(step)
+    return (along[:, None] @ log.block.columns)[:, 0] / log.noise(step, log.values(step))[:, None]
+
+
+def noise(block: Block, left: np.ndarray) -> dict[str, np.ndarray]:
+    """What each other kind of noise is worth in log-likelihood, (P,), by residuals (P, n) in the order of the
+    rows."""
+    n, square = left.shape[1], left.real**2 + left.imag**2
+    total = square.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = [np.sum((left[:, k:] * left[:, :-k].conj()).real, axis=1) / total for k in (1, 2)]
+        found = {COLOUR: n * np.maximum(np.max(share, axis=0), 0.0) ** 2}
+        kurtosis = (np.mean(square**2, axis=1) / (total / n) ** 2 - 2) * np.sqrt(n) / 2
+        rare = np.max(square, axis=1) * n / total - np.log(n)
+        found[TAILS] = np.maximum(0.5 * np.maximum(kurtosis, 0.0) ** 2, rare)
+        d, q = np.sum(left.real**2, axis=1), np.sum(left.imag**2, axis=1)
+        found[APART] = n * np.log(total / (2 * np.sqrt(d * q)))
+        relative = square * (n / total)[:, None] - 1
+        model = block.columns[:, 0, block.order]
+        found[SHARE] = _rising(model.real**2 + model.imag**2, relative)
+        if isinstance(block, Step):
+            rate = block.columns[:, 3]
+            found[STAMPS] = _rising(rate.real**2 + rate.imag**2, relative)
+    return found
+
+
+def _rising(weight: np.ndarray, relative: np.ndarray) -> np.ndarray:
+    """(P,) worth of a power that rises with a weight (P, n)."""
+    weight = weight - np.mean(weight, axis=1, keepdims=True)
+    score = np.sum(weight * relative, axis=1) / np.sqrt(np.sum(weight**2, axis=1))
+    return 0.5 * np.maximum(score, 0.0) ** 2
+
+
+def phase_noise(model: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """(P,) worth of noise across the response in proportion to it, alone or in neighbours, over that along
+    it."""
+    turned = left * model.conj()
+    across, along = turned.imag, turned.real
+    worth = np.zeros(len(left))
+    for power in (across**2 - along**2, across[:, 1:] * across[:, :-1] - along[:, 1:] * along[:, :-1]):
+        score = power.sum(axis=1) / np.sqrt(np.maximum(np.sum(power**2, axis=1), 1e-300))
+        worth = np.maximum(worth, 0.5 * np.maximum(score, 0.0) ** 2)
+    return worth
+
+
+def _recorded(block: Block) -> np.ndarray:
+    """(P,) whether rows repeat the row before, share the largest or smallest value of a channel, or are
+    recorded in steps."""
+    y = block.response
+    found = np.any(y[:, 1:] == y[:, :-1], axis=1)
+    for channel in (y.real, y.imag):
+        ordered = np.sort(channel, axis=1)
+        same = ordered[:, 1:] - ordered[:, :-1] <= block.scale[:, None] * 10.0**-DIGITS
+        found |= same[:, 0] | same[:, -1] | (np.mean(same, axis=1) > 1 - REPEATED)
+    return found
+
+
+def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
+    """Whether the single fit would take the residual (n,) of the p-th plate for noise of that kind as
+    well."""
+    order = block.order
+    if kind == COLOUR:
+        return estimate(left, block.clock, block.freedom)[1] > 0
+    if kind == TAILS:
+        return tails(left)[1] < 1
+    if kind == APART:
+        return apart(left, np.ones(len(left))) != 1
+    if kind == SHARE:
+        size = np.abs(block.columns[p, 0, order]) / block.scale[p]
+        return proportional(left[order], size, np.ones(len(left)), False) > 0
+    if kind == STAMPS and isinstance(block, Step):
+        told = block.first + BEGINS - 1
+        return scatter_of_stamps(left[told:], block.columns[p, 3, told:], block.spacing) > 0
+    return True
+
+
+def vague(batch: Batch) -> np.ndarray:
+    """(P,) "not determined" where an error is larger than `identify.limits` let it be, else ""."""
+    most = limits(1.0, 1.0)
+    widest = np.stack(
+        [np.full(len(batch.tau), most["G"]), np.full(len(batch.tau), most["tau"]), most["f0"] / batch.tau]
+    )
+    std = np.sqrt(np.einsum("pii->ip", batch.covariance))
+    return np.where(np.all(std <= widest, axis=0), "", "not determined").astype(object)
+
+
+def passed_on(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> np.ndarray:
+    """(P,) why each plate goes to the full fit, "" where it need not; `lefts`: the `residual` of each log."""
+    why = np.full(len(batch.theta), "", object)
+
+    def say(which: np.ndarray, reason: str) -> None:
+        why[which & (why == "")] = reason
+
+    say(~batch.converged, "not converged")
+    if len(batch.logs) > 1:
+        say(batch.hung[0], "a feedthrough and a lateness that may cancel")
+    say(
+        batch.hung[1] & (min(x.block.rest for x in batch.logs) < batch.tau),
+        "an offset and a start that may cancel",
+    )
+    phases = []
+    for log, turn, left in zip(batch.logs, batch.turns, lefts, strict=True):
+        say(_recorded(log.block), "rows that repeat, or are recorded in steps")
+        kinds = noise(log.block, left[:, log.block.order]) | {
+            PHASE: phase_noise(log.block.columns[:, 0] * turn[:, None], left)
+        }
+        for kind, worth in kinds.items():
+            some = ~(worth < WORTH + np.log(len(kinds)))
+            for p in np.flatnonzero(some):
+                some[p] = not np.isfinite(worth[p]) or _confirmed(kind, log.block, int(p), left[p])
+            say(some, kind)
+        quarter = np.angle(turn) / (0.5 * np.pi)
+        phases.append(np.rint(PHASES * quarter).astype(int) % PHASES)
+        for reason, which in _of_bench(batch, log, turn):
+            say(which, reason)
+    found = _by_template(batch, lefts, np.stack(phases, axis=1), cells)
+    return np.where(why == "", found, why)
+
+
+def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> np.ndarray:
+    """(P,) what the single fit's own terms find, or why such plates are not for the batch; "" where that is
+    nothing."""
+    why, keys, rows = np.full(len(batch.theta), "", object), cells.keys(batch), None
+    late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
+    for key in np.unique(keys, axis=0):
+        here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
+        if template.refused:
+            why[here] = template.refused
+            continue
+        if rows is None:
+            rows = np.concatenate(
+                [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)], axis=1
+            )
+        second = np.max(np.abs(template.second), axis=(0, 1))
+        for seconds, error in late:  # `misfit._very_late`
+            seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
+            why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
+        for p, name in zip(here, template.found(rows[here], phases[here]), strict=True):
+            why[p] = why[p] or name
+    return why
+
+
+def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """The rows (P, R) of one log, in the plate's frame, and of the priors of the bench's columns of these
+    names, as `View.recorded` has them."""
+    log = batch.logs[k]
+    back = batch.turns[k].conj() * np.exp(-1j * log.full(batch.step)[:, 3])
+    values, turned, held = log.values(batch.step) * back[:, None] / log.prior, left * back[:, None], {}
+    for name, value in zip(log.block.names, values.T, strict=True):
+        sign = 1 if name == "late" else -1  # a lateness takes the rate off
+        held[f"{name}_d"], held[f"{name}_q"] = sign * value.real, sign * value.imag
+    nothing = np.zeros(len(left))
+    priors = np.stack([held.get(name, nothing) for name in names], axis=1)
+    return np.concatenate([turned.real, turned.imag, priors], axis=1)
+
+
+def lateness(batch: Batch, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) how late the response of a step is, s, and the error of it."""
+    log, turn = batch.logs[k], batch.turns[k]
+    form = np.zeros_like(log.prior, complex)
+    form[:, 1] = -turn.conj()
+    return np.sum(form * log.values(batch.step), axis=1).real, log.error(form, batch.covariance)
+
+
+def _of_bench(batch: Batch, log: Reduced, turn: np.ndarray):
+    """What the bench's numbers of one log ask for: reasons, and the plates that they hold for."""
+    values, theta = log.values(batch.step), batch.theta
+    error = np.sqrt(batch.covariance[:, 0, 0])
+    settled = np.exp(theta[:, 0]) * np.abs(log.block.drive)
+    if log.block.swept and log.block.timed:
+        return
+    if log.block.swept:  # a feedthrough that may be a sensor's delay: `through`
+        form = np.zeros_like(values)
+        form[:, 0] = turn.conj() / settled
+        share = np.sum(form * values, axis=1)
+        along = log.error(form, batch.covariance)
+        least = np.max([REAL * along, GAINED * error, np.abs(share.imag)], axis=0)
+        yield "a feedthrough that may be a delay", (least < np.abs(share.real)) & (np.abs(share.real) < MOST)
+        return
+    first, *_ = both(log, theta, turn, values, batch.covariance)
+    if len(batch.logs) == 1:  # `immediate`
+        share = np.abs(first) / np.abs(settled + first)
+        form = np.zeros_like(values)
+        form[:, 3] = turn.conj()
+        yield (
+            "a response that is there at once",
+            (share > FED) & (np.abs(first) > FELT * log.error(form, batch.covariance)),
+        )
+    else:  # `coincidence.cancelling`
+        _, worth = cancelling(batch, log, turn)
+        yield "gain", worth >= ENOUGH + np.log(len(batch.logs))
+
+
+def cancelling(batch: Batch, log: Reduced, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) the gain of a step relative to the other log if its feedthrough and its lateness cancel, 1 where
+    no feedthrough is seen, and what that is worth (`coincidence.cancelling`); with the plant held."""
+    values, held = log.values(batch.step), np.zeros_like(batch.covariance)
+    first, left, error, _ = both(log, batch.theta, turn, values, held)
+    form = np.zeros_like(values)
+    form[:, 3] = turn.conj()
+    seen = np.abs(first.real) >= SEEN * log.error(form, held)
+    late = (turn.conj() * values[:, 1]).real / log.prior[:, 1]
+    worth = 2 * np.log(np.abs(first) / error) - 0.5 * np.abs(left / error) ** 2 + 0.5 * late**2
+    largest = np.max(np.abs(log.block.columns[:, 0]), axis=1)
+    return np.where(seen, 1 + first.real / largest, 1.0), np.where(seen, worth, -np.inf)
+
+
+class Cells:
+    """The templates of one layout, made as they are needed: of the inputs of `logs`, whose `blocks` are of
+    one plate."""
+
+    def __init__(self, logs: Sequence[Log], blocks: Sequence[Block]):
+        self.logs, self.blocks = logs, blocks
+        self.made: dict[tuple, Template] = {}
+        self.said: dict[str, str] = {}
+
+    def why(self, name: str, at: float | None) -> str:
+        """Why a parameter that is not free is not determined, at that temperature (degC)."""
+        key = "" if at is None else f"{at:.1f}"  # as the sentence has it
+        if key not in self.said:
+            template = next(t for t in self.made.values() if not t.refused)
+            self.said[key] = template.why(name, at)
+        return self.said[key]
+
+    def keys(self, batch: Batch) -> np.ndarray:
+        """(P, 3 + logs) whole numbers of each plate's cell."""
+        middle, theta = batch.blocks[-1].middle, batch.theta
+        level = [
+            np.log(np.maximum(x.std, 1e-300) / (np.exp(theta[:, 0]) * np.abs(x.block.drive)))
+            / np.log(WIDTHS[2])
+            for x in batch.logs
+        ]
+        places = [theta[:, 1] / WIDTHS[0], 2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1], *level]
+        whole = np.nan_to_num(np.rint(np.clip(np.stack(places, axis=1), -1e6, 1e6)))
+        return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
+
+    def template(self, key: np.ndarray) -> Template:
+        """Of one cell."""
+        if (known := self.made.get(tuple(key))) is None:
+            blocks = self.blocks
+            tau = np.exp(key[0] * WIDTHS[0])
+            block = blocks[-1]
+            gain = 1 / np.abs(block.drive[0])
+            theta = np.array(
+                [np.log(gain), np.log(tau), block.middle[0] + key[1] * WIDTHS[1] / (2 * np.pi * tau)]
+            )
+            levels = [
+                float(WIDTHS[2] ** k * gain * np.abs(b.drive[0]))
+                for k, b in zip(key[2:-1], blocks, strict=True)
+            ]
+            known = self.made[tuple(key)] = Template.of(self.logs, blocks, theta, levels, bool(key[-1]))
+        return known

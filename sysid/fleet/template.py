@@ -1,0 +1,234 @@
+"""What a clean plate looks like to the single fit: the score tests of all that its model leaves out.
+
+A cell holds plates of one layout whose time constant, detuning and noise are nearly alike. For a plate in its
+middle, simulated without noise, the single fit's own `terms` are linearised once (`misfit.Linear.scored`);
+the whitened residuals of all plates of the cell are then tried by one product of matrices. A residual is
+orthogonal to what its own fit can adjust, so its chance is that of the single fit; a shape from the middle of
+a cell finds nearly as much as the plate's own.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from sysid import reading
+from sysid.effects.registry import ADOPTED, EVERY
+from sysid.fleet.closed import Block
+from sysid.logs.log import Log
+from sysid.minimum.minimise import DOUBTFUL, State
+from sysid.model.plant import LOW_Q
+from sysid.model.prior import NAMES
+from sysid.model.span import inverted
+from sysid.trials.trial import Trial, with_noise
+from sysid.verdict import flank, identify, lone
+from sysid.verdict.coincidence import tightened
+from sysid.verdict.misfit import ALIKE, ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.term import Term, together
+from sysid.verdict.terms import saturations, terms
+from sysid.verdict.view import View
+
+FREE = ("G", "tau", "f0")  # what a layout's logs determine
+PHASES = 4  # of a quarter turn, by which channels that saturate each look different
+QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
+NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
+
+
+@dataclass(frozen=True, eq=False)
+class Trying:
+    """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
+    rotation is near that."""
+
+    term: Term
+    scored: Scored
+    chance: float
+    phase: tuple[int, int] | None = None
+
+    def light(self) -> "Trying":
+        """Without the arrays over the rows, which the template has side by side."""
+        return replace(
+            self, term=replace(self.term, shapes={}), scored=self.scored._replace(rows=np.zeros(0))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """The tests of a cell: `weights` (R, q) of all terms side by side, each from `begins`. `second`
+    (logs, 3): by what G, tau and f0 move, in their errors, with the square (s^2) of a lateness. `refused`:
+    why the batch does not cover such plates."""
+
+    refused: str = ""
+    trials: tuple[Trial, ...] = ()
+    names: tuple[tuple[str, ...], ...] = ()  # of the bench's columns of each log
+    tried: tuple[Trying, ...] = field(default=(), repr=False)
+    weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    begins: np.ndarray = field(default_factory=lambda: np.zeros(0, int), repr=False)
+    second: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    views: tuple[View, ...] = field(default=(), repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        logs: Sequence[Log],
+        blocks: Sequence[Block],
+        theta: np.ndarray,
+        levels: Sequence[float],
+        tight: bool,
+    ) -> "Template":
+        """Of the inputs of `logs`, whose `blocks` are of one plate at `theta` (3,), and noise of `levels`;
+        `tight`: with the narrower priors of a feedthrough and a lateness."""
+        models = []
+        for block in blocks:
+            block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
+            models.append(block.columns[0, 0].copy())
+        rng = np.random.default_rng(0)
+        simulated = [
+            replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
+            for log, m, s in zip(logs, models, levels, strict=True)
+        ]
+        trials, warnings = reading.trials(simulated, NUISANCES)
+        reference = reading.reference(trials)
+        if said := _uncovered(trials, blocks, warnings, logs):
+            return cls(said, trials)
+        trials = tuple(with_noise(t, s, 0.0) for t, s in zip(trials, levels, strict=True))
+        at = np.zeros(len(NAMES))
+        at[:3] = theta - (0.0, 0.0, reference[0])
+        state = _state(at, trials, models, reference)
+        if tight:
+            state = _state(at, tightened(state, reference, ("late",)), models, reference)
+        if said := _undescribed(state, reference):
+            return cls(said, trials)
+        return cls._tried(state, reference)
+
+    @classmethod
+    def _tried(cls, state: State, reference: tuple[float, float]) -> "Template":
+        views = View.each(state, reference)
+        fit = Linear(views, state, list(FREE), 0.0)
+        every = terms(views, FREE, 0.0)
+        fit.look(every)
+        alike = []
+        if len(views) > 1:
+            alike = list(together([t for t in every if t.name in ALIKE and fit.tells(t)], views))
+        chances = [*chances_of(every), *(chances_of(alike, len(every)) if alike else ())]
+        known: list[tuple[Term, float, tuple[int, int] | None]] = [
+            (t, chance, None)
+            for t, chance in zip([*every, *alike], chances, strict=True)
+            if t.name != "saturation" or t.parts
+        ]
+        known += [(t, chances[0], phase) for i, v in enumerate(views) for t, phase in _saturations(i, v)]
+        tried = [
+            Trying(t, scored, chance, phase)
+            for t, chance, phase in known
+            if (scored := fit.scored(t)) is not None
+        ]
+        widths = [x.scored.rows.shape[1] for x in tried]
+        second = [
+            fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
+        ]
+        return cls(
+            trials=state.trials,
+            names=tuple(tuple(c.name for c in v.columns) for v in views),
+            tried=tuple(x.light() for x in tried),
+            weights=np.concatenate([x.scored.rows for x in tried], axis=1),
+            begins=np.cumsum([0, *widths[:-1]]),
+            second=np.array([[moves[name] for name in FREE] for moves in second]),
+            views=tuple(views),
+        )
+
+    def found(self, rows: np.ndarray, phases: np.ndarray) -> list[str]:
+        """The name of what each plate's logs hold beside the model, or that would move its parameters far if
+        they do, with the thresholds of `misfits`; "" where that is nothing. `rows` (P, R): residuals in the
+        plate's frame, with those of the priors; `phases` (P, logs): in which PHASES of a quarter turn each
+        rotation is."""
+        numbers = rows @ self.weights
+        worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
+        chance = np.array([x.chance for x in self.tried])
+        for k, x in enumerate(self.tried):
+            if x.phase is not None:
+                worth[:, k] *= phases[:, x.phase[0]] == x.phase[1]
+        found = [""] * len(rows)
+        for p, k in zip(*np.nonzero(worth > chance + PERHAPS), strict=True):
+            x, u = self.tried[k], numbers[p, self.begins[k] :][: self.tried[k].scored.values.shape[1]]
+            certain = worth[p, k] >= x.chance + ENOUGH
+            if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
+                continue
+            if x.term.say(x.scored.values @ u, self.views[x.term.log or 0]) is not None:
+                found[p] = x.term.name
+        return found
+
+    def why(self, name: str, temperature: float | None) -> str:
+        """Why a parameter that is not free is not determined, at that temperature (degC)."""
+        trials: Sequence[Trial] = self.trials
+        if temperature is not None:
+            trials = [
+                replace(t, log=replace(t.log, temperature=np.full(len(t.log), temperature))) for t in trials
+            ]
+        return identify.why(name, trials, 1.0, FREE, 1)
+
+
+def _state(theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], reference) -> State:
+    """A minimum at theta, with the covariance that its logs leave."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    state = State(theta, covariance, tuple(trials), tuple(models), 0.0, 0.0, True, False, covariance)
+    jacobians = [v.jacobian[:, :3] for v in View.each(state, reference)]
+    covariance[:3, :3] = inverted(sum(j.T @ j for j in jacobians))
+    return replace(state, covariance=covariance, alone=covariance)
+
+
+def _uncovered(
+    trials: Sequence[Trial], blocks: Sequence[Block], warnings: Sequence[str], logs: Sequence[Log]
+) -> str:
+    """Why logs of this layout are not read as the batch takes them; "" where they are."""
+    if warnings:
+        said = warnings[0]
+        return next((said.removeprefix(f"{log.name}: ") for log in logs if said.startswith(log.name)), said)
+    if reading.free(trials) != FREE:
+        return "its logs may tell other parameters than G, tau and f0"
+    for trial, block in zip(trials, blocks, strict=True):
+        read = (
+            *trial.shapes,
+            *(("start",) if trial.start_free else ()),
+            *(("late",) if trial.lateness else ()),
+        )
+        if sorted(read) != sorted(block.names) or len(trial.log) != block.response.shape[1]:
+            return "its logs are read in another way"
+        if (
+            trial.steady != block.swept
+            or trial.sideways != 1.0
+            or not np.all(trial.there)
+            or any(trial.steps)
+        ):
+            return "its logs are read in another way"
+    return ""
+
+
+def _undescribed(state: State, reference: tuple[float, float]) -> str:
+    """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
+    f0 = reference[0] + state.theta[2]
+    if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
+        return "its Q is low"
+    if flank.seen(state, reference) is not None:
+        return "its resonance lies outside of all that was driven"
+    if said := lone.resting(state, reference, FREE, None):
+        return f"one reading decides {' and '.join(said)}"
+    return ""
+
+
+def _saturations(i: int, view: View) -> list[tuple[Term, tuple[int, int] | None]]:
+    """Those of one log, in the plate's frame: those of single channels, which look different as the
+    demodulator is turned, for each of PHASES rotations."""
+    found: list[tuple[Term, tuple[int, int] | None]] = []
+    turns = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)]
+    each = []
+    for turn in turns:
+        turned = copy(view)
+        turned.model = turn * view.model
+        each.append([(t, turn.conjugate() * t.shapes[i]) for t in saturations(i, turned)])
+    for same in zip(*each, strict=True):
+        first = same[0][1]
+        if np.allclose(same[1][1], first, rtol=0, atol=1e-9 * float(np.max(np.abs(first)))):
+            found.append((same[0][0], None))
+        else:
+            found += [(replace(t, shapes={i: shape}), (i, k)) for k, (t, shape) in enumerate(same)]
+    return found
