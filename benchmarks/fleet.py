@@ -1,7 +1,8 @@
 """Lots of plates: how fast `sysid.fit_fleet` is beside a loop of pandas and scipy, and which odd plates it
 finds.
 
-python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2]: writes benchmarks/fleet.md.
+python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2] [--only lots | lane]: writes
+benchmarks/fleet.md, of which only one half is made anew; `lane` are the tables of `fleet_lane.py`.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import time
 from datetime import date
 from pathlib import Path
 
+import fleet_lane
 import numpy as np
 import pandas as pd
 from peers import F0, FAR, TAU, G, settled
@@ -20,6 +22,7 @@ from sysid.fleet.odd import with_odd
 
 ROWS, POINTS, DRIVE, AT, NOISE = 240, np.linspace(31800, 32800, 101), 100.0, 32290.0, 0.02
 NAMES = ("G", "tau", "f0")
+LANE = "## The fast lane"
 KINDS = (
     "G and tau at 0.6",
     "f0 3 sd off",
@@ -240,15 +243,50 @@ def drawn(
     return frame, kind
 
 
+def lane(jobs: int) -> str:
+    """The tables of the fast lane."""
+    return f"""{LANE}
+
+Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py --only lane` on {date.today()}. White noise of 1 % of the
+response, a bench that turns, offsets, feeds through and triggers late by a part of a row.
+
+### Milliseconds a plate, one core, in turns with `least_squares` from starts 20 % off
+
+{fleet_lane.throughput()}
+### What is passed on of clean plates, and 95 % intervals of the others
+
+{fleet_lane.chance()}
+### Rows of the batch beside those of `sysid.fit`, in its errors (the largest of G, tau and f0)
+
+{fleet_lane.agreement(jobs=jobs)}
+### Plates that something spoils, and the same plates all by `sysid.fit`
+
+Told: the row names a finding or a warning, or has another result than successful. Silently wrong: it does not, and a
+parameter is more than {fleet_lane.WRONG:g} of its errors off.
+
+{fleet_lane.spoiled(jobs=jobs)}"""
+
+
+def lots(plates: int, count: int, jobs: int) -> str:
+    """The tables of lots."""
+    parts = [found_in_tables(count), found_in_fits(plates, jobs)]
+    with tempfile.TemporaryDirectory() as where:
+        written(Path(where), plates, {})
+        parts.append(throughput(Path(where), plates, jobs))
+    said = f"# Lots of plates\n\nMade by `python benchmarks/fleet.py --only lots` on {date.today()}.\n\n"
+    return said + "\n".join(parts) + "\n"
+
+
 if __name__ == "__main__":
     command = argparse.ArgumentParser(description=__doc__)
     command.add_argument("--plates", type=int, default=300)
     command.add_argument("--lots", type=int, default=100)
     command.add_argument("--jobs", type=int, default=2)
+    command.add_argument("--only", choices=("lots", "lane"))
     arguments = command.parse_args()
-    parts = [found_in_tables(arguments.lots), found_in_fits(arguments.plates, arguments.jobs)]
-    with tempfile.TemporaryDirectory() as where:
-        written(Path(where), arguments.plates, {})
-        parts.append(throughput(Path(where), arguments.plates, arguments.jobs))
-    said = f"# Lots of plates\n\nMade by `python benchmarks/fleet.py` on {date.today()}.\n\n"
-    Path(__file__).with_suffix(".md").write_text(said + "\n".join(parts), encoding="utf-8")
+    place = Path(__file__).with_suffix(".md")
+    first, _, second = place.read_text(encoding="utf-8").partition(LANE)
+    if arguments.only != "lane":
+        first = lots(arguments.plates, arguments.lots, arguments.jobs)
+    second = lane(arguments.jobs) if arguments.only != "lots" else LANE + second
+    place.write_text(first + second, encoding="utf-8")

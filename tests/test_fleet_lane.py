@@ -1,0 +1,273 @@
+"""The fast lane: plates that are recorded alike are fitted together, as the single fit has it, and what that does
+not cover goes to the single fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import reference
+from conftest import most, seeds, study
+
+import sysid
+from sysid.fleet import lane
+from sysid.fleet.groups import Group
+from sysid.fleet.lane import rows_of
+from sysid.fleet.plate import row_of
+from sysid.fleet.settings import Settings
+from sysid.model.prior import NAMES
+from sysid.verdict.misfit import Linear
+from sysid.verdict.terms import terms
+from sysid.verdict.view import View
+
+ROWS, RISE, POINTS = 300, 50, np.linspace(31800, 32800, 101)
+TIME = 1.2e-4 * np.arange(ROWS)
+
+
+def plant(seed):
+    """One of a lot that scatters by 10 % and 20 Hz."""
+    a, b, c = np.random.default_rng([7, seed]).standard_normal(3)
+    return reference.Plant(0.02 * np.exp(0.1 * a), 1.67e-3 * np.exp(0.1 * b), 32300 + 20 * c, 0.0)
+
+
+def ringing(of, volts=100.0, at=32290.0, time=TIME):
+    drive = np.repeat([0.0, volts], [RISE, ROWS - RISE])
+    return reference.ringing(of, time, drive, np.full(ROWS, at), np.full(ROWS, 24.0))
+
+
+def step(seed, noise=0.02, volts=100.0, at=32290.0, clean=None, correlation=0.0, **given):
+    """A step behind a rest, in a bench that turns, offsets and feeds through."""
+    clean = ringing(plant(seed), volts, at) if clean is None else clean
+    drive = np.repeat([0.0, volts], [RISE, ROWS - RISE])
+    before = np.append(0.0, drive[:-1]) if given.get("sampling", "instant") == "instant" else drive
+    response = np.exp(0.3j) * clean + 0.004 - 0.003j + 2e-5 * before * (1 - 2j)
+    response = response + reference.noise(ROWS, noise, seed, TIME, correlation)
+    inputs = {
+        "time": TIME,
+        "drive": drive,
+        "frequency": np.full(ROWS, at),
+        "temperature": np.full(ROWS, 24.0),
+    }
+    return sysid.Log(f"step {seed}", response, **({"sampling": "instant"} | inputs | given))
+
+
+def sweep(seed, noise=0.02, off=0.0, background=0.0):
+    """Settled points over +-500 Hz."""
+    of = plant(seed)
+    clean = reference.steady(replace(of, f0=of.f0 + off), 100.0, POINTS, 24.0)
+    inputs = {"drive": np.full(101, 100.0), "frequency": POINTS, "temperature": np.full(101, 24.0)}
+    response = np.exp(-0.2j) * clean + background + reference.noise(101, noise, seed + 1)
+    return sysid.Log(f"sweep {seed}", response, **inputs)
+
+
+def made(kind, seed, noise=0.02):
+    """The logs of one plate."""
+    logs = {"step": [step(seed, noise)], "sweep": [sweep(seed, noise)]}
+    return logs.get(kind) or [*logs["step"], *logs["sweep"]]
+
+
+def told(plates, settings=None):
+    """The rows of plates, by name, whose logs are given by name."""
+    groups = [Group(name, tuple(logs)) for name, logs in plates.items()]
+    return {row["plate"]: row for row in rows_of(groups, settings or Settings())}
+
+
+@pytest.fixture
+def unfitted(monkeypatch):
+    """What is passed on is not fitted, but its row says why."""
+
+    def passed(group, settings, logs=None, why=""):
+        return {"plate": group.plate, "way": "fit", "way_why": why}
+
+    monkeypatch.setattr(lane, "row_of", passed)
+
+
+@pytest.mark.parametrize("kind", ["step", "sweep", "both"])
+def test_plates_without_noise_are_what_they_are(kind):
+    for name, row in told({str(k): made(kind, k, 1e-6) for k in range(5)}).items():
+        truth = plant(int(name))
+        assert row["way"] == "batch"
+        for parameter in ("G", "tau", "f0"):
+            p, value = row["parameters"][parameter], getattr(truth, parameter)
+            assert abs(p["value"] - value) < 4 * p["std"]
+            assert p["std"] < (3e-3 if parameter == "G" and kind == "step" else 1e-5) * value
+
+
+@pytest.mark.parametrize("kind", ["step", study("sweep"), "both"])
+def test_rows_are_those_of_the_single_fit(kind):
+    settings = Settings()
+    plates = {str(k): made(kind, k) for k in range(50, 54)}
+    rows = told(plates)
+    assert {row["way"] for row in rows.values()} == {"batch"}
+    for name, logs in plates.items():
+        ours, single = rows[name], row_of(Group(name, tuple(logs)), settings)
+        assert set(ours) == set(single)
+        for parameter, p in single["parameters"].items():
+            q = ours["parameters"][parameter]
+            assert (q["determined"], q["why"], q["unit"]) == (p["determined"], p["why"], p["unit"])
+            for number in ("value", "std", "ci95_low", "ci95_high") if p["determined"] else ():
+                assert abs(q[number] - p[number]) < 0.02 * p["std"]
+        alike = ("result", "findings", "warnings", "names", "stated", "logs", "reference_temperature_degC")
+        assert {k: ours[k] for k in alike} == {k: single[k] for k in alike}
+        np.testing.assert_allclose(ours["nrmse_percent"], single["nrmse_percent"], rtol=1e-3)
+        scale = np.sqrt(np.diag(single["covariance"]))
+        np.testing.assert_allclose(
+            ours["covariance"] / np.outer(scale, scale),
+            single["covariance"] / np.outer(scale, scale),
+            atol=0.01,
+        )
+        for a, b in zip(ours["traces"], single["traces"], strict=True):
+            np.testing.assert_allclose(a["parts"], b["parts"], atol=0.005)
+            assert (a["x"], a["name"], a["label"]) == (b["x"], b["name"], b["label"])
+
+
+@seeds(150, 2000)
+def test_clean_plates_stay_and_their_intervals_hold(seeds, unfitted):
+    rows = told({str(k): made("both", k) for k in seeds})
+    kept = [row for row in rows.values() if row["way"] == "batch"]
+    assert len(kept) >= len(seeds) - max(3, 0.015 * len(seeds))
+    for parameter in ("G", "tau", "f0"):
+        found = [(getattr(plant(int(row["plate"])), parameter), row["parameters"][parameter]) for row in kept]
+        z = np.array([(p["value"] - value) / p["std"] for value, p in found])
+        assert np.sqrt(np.mean(z**2)) < most(seeds)
+
+
+def test_one_odd_file_goes_its_own_way(unfitted):
+    plates = {str(k): made("both", k) for k in range(6)}
+    plates["1"] = [step(1, sampling=None), plates["1"][1]]
+    plates["2"] = [replace(plates["2"][0], frequency=32290.0 + np.arange(ROWS)), plates["2"][1]]
+    short = {n: getattr(plates["3"][1], n)[:-7] for n in ("response", "drive", "frequency", "temperature")}
+    plates["3"] = [plates["3"][0], replace(plates["3"][1], **short)]
+    rows = told(plates)
+    assert {name: row["way"] for name, row in rows.items()} == {
+        name: "fit" if name in "12" else "batch" for name in plates
+    }
+    assert rows["1"]["way_why"] == "its sampling is not stated"
+    assert rows["2"]["way_why"] == "its frequency changes"
+
+
+def test_a_file_that_cannot_be_read_is_a_row(tmp_path):
+    (tmp_path / "bad.csv").write_text("time_s,voltage_V,wd_um,wq_um\n0,1,2,3\n1,x,2,3\n")
+    rows = told({"good": made("step", 3), "bad": [str(tmp_path / "bad.csv")], "none": []})
+    assert {name: row["way"] for name, row in rows.items()} == {"good": "batch", "bad": "fit", "none": "fit"}
+    assert "found 'x'" in rows["bad"]["error"] and "no logs of this plate" in rows["none"]["error"]
+
+
+def test_rows_do_not_depend_on_who_is_fitted_beside(unfitted):
+    plates = {str(k): made("both", k) for k in range(9)}
+    spoilt = {"late": [step(60, clean=np.roll(ringing(plant(60)), 5)), sweep(60)]}
+    together = told(plates | spoilt)
+    for name, logs in plates.items():
+        alone = told({name: logs})[name]
+        for parameter in ("G", "tau", "f0"):
+            for number in ("value", "std"):
+                a, b = (row["parameters"][parameter][number] for row in (together[name], alone))
+                assert abs(a / b - 1) < 1e-9
+
+
+def test_inputs_may_be_each_plate_s_own():
+    """Other drives and frequencies, and rows that belong to their own inputs."""
+    settled = {k: np.append(ringing(plant(k), -60.0 - k, 32280.0 + k)[1:], 0) for k in (52, 53)}
+    plates = {}
+    for k, clean in settled.items():
+        clean[-1] = clean[-2]
+        plates[str(k)] = [step(k, 0.01, -60.0 - k, 32280.0 + k, clean, sampling="settled")]
+    rows = told(plates)
+    assert {row["way"] for row in rows.values()} == {"batch"}
+    for name, logs in plates.items():
+        single = row_of(Group(name, tuple(logs)), Settings())
+        for parameter in ("G", "tau", "f0"):
+            p, q = single["parameters"][parameter], rows[name]["parameters"][parameter]
+            assert abs(q["value"] - p["value"]) < 0.02 * p["std"]
+
+
+def spoilt(kind, seed):
+    """The logs of a plate that something spoils."""
+    clean, of = ringing(plant(seed)), plant(seed)
+    top = np.max(np.abs(clean))
+    if kind == "coloured":
+        return [step(seed, correlation=2 * TIME[1])]
+    if kind == "outliers":
+        rng = np.random.default_rng(seed)
+        hit = 0.3 * (rng.random(ROWS) < 0.04) * (rng.standard_normal((2, ROWS)).T @ (1, 1j))
+        return [step(seed, clean=clean + hit)]
+    if kind == "clipped":
+        return [step(seed, clean=np.minimum(clean.real, 0.9 * np.max(clean.real)) + 1j * clean.imag)]
+    if kind == "second mode":
+        beside = replace(of, G=0.1 * of.G, f0=of.f0 + 3 / (2 * np.pi * of.tau))
+        return [step(seed, clean=clean + ringing(beside))]
+    if kind == "lost rows":
+        late = np.arange(ROWS) >= RISE + 14
+        longer = 1.2e-4 * np.arange(ROWS + 8)
+        drive = np.repeat([0.0, 100.0], [RISE, ROWS + 8 - RISE])
+        every = reference.ringing(of, longer, drive, np.full(ROWS + 8, 32290.0), np.full(ROWS + 8, 24.0))
+        return [step(seed, clean=np.where(late, every[8:], every[:ROWS]))]
+    if kind == "creeping":
+        return [step(seed, clean=clean + 0.05 * top * TIME / TIME[-1]), sweep(seed)]
+    if kind == "late":
+        late = np.interp(TIME - 0.3 * of.tau, TIME, clean.real) + 1j * np.interp(
+            TIME - 0.3 * of.tau, TIME, clean.imag
+        )
+        return [step(seed, clean=late), sweep(seed)]
+    if kind == "background":
+        bend = 0.02 * top * ((POINTS - 32300) / 500) ** 2
+        return [step(seed), sweep(seed, background=bend)]
+    return [step(seed), sweep(seed, off=20.0)]
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["coloured", "outliers", "clipped", "second mode", "lost rows", "creeping", "late", "background", "off"],
+)
+def test_spoilt_plates_are_passed_on(kind, unfitted):
+    rows = told({str(k): spoilt(kind, k) for k in range(70, 76)} | {"clean": made("both", 2)})
+    assert rows.pop("clean")["way"] == "batch"
+    assert {row["way"] for row in rows.values()} == {"fit"}
+    assert all(row["way_why"] for row in rows.values())
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        (Settings(lane=False), "the lane is off"),
+        (Settings(accuracy="standard"), "each plate's own posterior is asked for"),
+        (Settings(priors={"tau": (1e-3, 1e-3)}), "nuisances or priors are stated"),
+    ],
+)
+def test_the_lane_may_be_closed(settings, why, unfitted):
+    assert told({"one": made("step", 1)}, settings)["one"]["way_why"] == why
+
+
+def test_the_table_says_which_way_each_plate_went():
+    plates = {"a": made("step", 1), "b": [step(2, sampling=None)]}
+    table = sysid.fit_fleet(plates, jobs=0).set_index("plate")
+    assert dict(table["way"]) == {"a": "batch", "b": "fit"}
+    assert dict(table["way_why"]) == {"a": "", "b": "its sampling is not stated"}
+    assert set(sysid.fit_fleet(plates, jobs=0, lane=False)["way"]) == {"fit"}
+
+
+def test_a_score_test_is_worth_what_the_single_fit_says():
+    """|u|^2/2 is s^T (A^T P A)^-1 s / 2 with P the projection off all that is fitted, here by least squares."""
+    fit = sysid.fit(made("both", 5))
+    state = fit.modes[0]
+    views = View.each(state, fit.reference)
+    linear = Linear(views, state, [n for n in NAMES if n in fit.names], 0.0)
+    residual = np.concatenate([v.r for v in views])
+    fitted = np.concatenate([v.jacobian[:, :3] for v in views])
+    some = [
+        t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second resonance", "gain", "late")
+    ]
+    for term in some[::5]:
+        scored = linear.scored(term)
+        shapes = [v.off(term.shapes[i].T).T if i in term.shapes else None for i, v in enumerate(views)]
+        width = next(s.shape[1] for s in shapes if s is not None)
+        rows = np.concatenate(
+            [np.zeros((len(v.r), width)) if s is None else s for s, v in zip(shapes, views, strict=True)]
+        )
+        both = np.concatenate(
+            [fitted / np.linalg.norm(fitted, axis=0), rows / np.linalg.norm(rows, axis=0)], axis=1
+        )
+        without, beside = (np.linalg.lstsq(a, residual)[0] for a in (both[:, :3], both))
+        gained = np.sum((residual - both[:, :3] @ without) ** 2) - np.sum((residual - both @ beside) ** 2)
+        u = scored.rows.T @ (residual - both[:, :3] @ without)
+        np.testing.assert_allclose(0.5 * u @ u, 0.5 * gained, rtol=1e-6)
+        np.testing.assert_allclose(scored.values @ u * np.linalg.norm(rows, axis=0), beside[3:], rtol=1e-5)
