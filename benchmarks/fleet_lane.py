@@ -141,12 +141,12 @@ def _noise(rng: np.random.Generator, n: int, kind: str, size: float) -> np.ndarr
 
 
 def sweeps(seeds: Sequence[int], kind: str = "", size: float = 0.0) -> list[sysid.Log]:
-    """Settled points of a sweep, with a rotation and a small feedthrough; `sweep off`: of a warmer plate."""
+    """Settled points of a sweep, with a rotation and a feedthrough of 0.1 %; `sweep off`: of a warmer plate."""
     logs = []
     for seed, (gain, tau, f0) in zip(seeds, truths(seeds), strict=True):
         rng = np.random.default_rng([2, seed])
         y = DRIVE * settled(gain, tau, f0 + size * kind.startswith("sweep off"), POINTS)
-        y = y * np.exp(0.2j * rng.standard_normal()) + 0.003 * gain * DRIVE * (
+        y = y * np.exp(0.2j * rng.standard_normal()) + 0.001 * gain * DRIVE * (
             rng.standard_normal(2) @ (1, 1j)
         )
         y = y + NOISE * _noise(rng, len(POINTS), "", 0.0)
