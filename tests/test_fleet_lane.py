@@ -254,7 +254,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
     residual = np.concatenate([v.r for v in views])
     fitted = np.concatenate([v.jacobian[:, :3] for v in views])
     some = [
-        t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second resonance", "gain", "late")
+        t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second_mode", "gain", "late")
     ]
     for term in some[::5]:
         scored = linear.scored(term)
