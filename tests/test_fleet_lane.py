@@ -15,7 +15,7 @@ from sysid.fleet.lane import rows_of
 from sysid.fleet.plate import row_of
 from sysid.fleet.settings import Settings
 from sysid.model.prior import NAMES
-from sysid.verdict.misfit import Linear
+from sysid.verdict.linear import Linear
 from sysid.verdict.terms import terms
 from sysid.verdict.view import View
 
@@ -253,9 +253,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
     linear = Linear(views, state, [n for n in NAMES if n in fit.names], 0.0)
     residual = np.concatenate([v.r for v in views])
     fitted = np.concatenate([v.jacobian[:, :3] for v in views])
-    some = [
-        t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second_mode", "gain", "late")
-    ]
+    some = [t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second_mode", "gain", "late")]
     for term in some[::5]:
         scored = linear.scored(term)
         shapes = [v.off(term.shapes[i].T).T if i in term.shapes else None for i, v in enumerate(views)]

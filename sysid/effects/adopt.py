@@ -24,7 +24,8 @@ from sysid.effects.search import NEARLY, Search
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
-from sysid.verdict.misfit import Found, misfits
+from sysid.verdict.linear import Found
+from sysid.verdict.misfit import misfits
 from sysid.verdict.unexplained import left_of
 
 SURE = 3.0  # log evidence: odds of twenty to one

@@ -29,7 +29,7 @@ from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
-from sysid.verdict.misfit import Linear
+from sysid.verdict.linear import Linear
 from sysid.verdict.view import View
 
 NEARLY = 3.0  # log evidence within which another description may be true as well: odds of twenty to one

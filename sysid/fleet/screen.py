@@ -22,7 +22,7 @@ from sysid.verdict.coincidence import SEEN
 from sysid.verdict.identify import limits
 from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
-from sysid.verdict.misfit import ENOUGH, MOVES
+from sysid.verdict.linear import ENOUGH, MOVES
 from sysid.verdict.through import FELT as GAINED
 from sysid.verdict.through import MOST, REAL
 

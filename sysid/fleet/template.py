@@ -1,7 +1,7 @@
 """What a clean plate looks like to the single fit: the score tests of all that its model leaves out.
 
 A cell holds plates of one layout whose time constant, detuning and noise are nearly alike. For a plate in its
-middle, simulated without noise, the single fit's own `terms` are linearised once (`misfit.Linear.scored`);
+middle, simulated without noise, the single fit's own `terms` are linearised once (`linear.Linear.scored`);
 the whitened residuals of all plates of the cell are then tried by one product of matrices. A residual is
 orthogonal to what its own fit can adjust, so its chance is that of the single fit; a shape from the middle of
 a cell finds nearly as much as the plate's own.
@@ -24,7 +24,8 @@ from sysid.model.span import inverted
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
 from sysid.verdict.coincidence import tightened
-from sysid.verdict.misfit import ALIKE, ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.linear import ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.misfit import ALIKE
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import saturations, terms
 from sysid.verdict.view import View

@@ -17,8 +17,9 @@ from sysid.verdict.determined import alone, informed, parameter, undescribed, us
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
+from sysid.verdict.linear import Found
 from sysid.verdict.mirrored import mirrored
-from sysid.verdict.misfit import Found, misfits
+from sysid.verdict.misfit import misfits
 from sysid.verdict.odd import odd_one
 from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of

@@ -12,7 +12,8 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.trials.trial import Trial
-from sysid.verdict.misfit import Found, described
+from sysid.verdict.linear import Found
+from sysid.verdict.misfit import described
 from sysid.verdict.wording import SAY_SO
 
 SURE = 10.0  # log-likelihood

@@ -12,9 +12,9 @@ import numpy as np
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import carried
 from sysid.trials.trial import Trial
+from sysid.verdict.between import finger, own, times, unread, warmer, was_read
 from sysid.verdict.misfit import described
 from sysid.verdict.recorder import clipped, touched
-from sysid.verdict.terms import finger, own, times, unread, warmer, was_read
 
 APART = 5.0  # standard deviations by which a log has to contradict the others: once in a million
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger

@@ -1,0 +1,123 @@
+"""What one log would have for itself if it contradicts the others, one term each, and what is said of it."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from sysid.logs.log import Log
+from sysid.verdict.term import Term
+from sysid.verdict.view import View
+
+OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
+
+
+def between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+    """What one log would have for itself if it contradicts the others. Of two logs either may be the one to
+    believe."""
+    if len(views) < 2:
+        return
+
+    def doubted(parameter: str) -> tuple[str, float] | None:
+        return (parameter, 1.0) if len(views) == 2 else None
+
+    logs = [v.trial.log for v in views]
+    for i, v in enumerate(views):
+        name, columns = v.trial.log.name, v.derivatives
+        yield Term(
+            "finger",
+            {i: -columns[:, :2].sum(axis=1, keepdims=True)},
+            finger(name, warmer(logs, i)),
+            i,
+            between=True,
+        )
+        yield Term("gain", {i: columns[:, :1]}, _own(name, "G", times), i, beside=doubted("G"), between=True)
+        yield Term(
+            "tau", {i: columns[:, 1:2]}, _own(name, "tau", times), i, beside=doubted("tau"), between=True
+        )
+        believed = len(views) == 2 and was_read(logs[i]) and not was_read(logs[1 - i])
+        if (
+            "f0" in free and not believed
+        ):  # of two, the one whose temperature is not recorded is the one to doubt
+            say = _elsewhere(v, "k_T" in free, any(map(was_read, logs)))
+            yield Term("resonance", {i: columns[:, 2:3]}, say, i, beside=doubted("f0"), between=True)
+
+
+def finger(name: str, warmer: float) -> Callable[[np.ndarray, View | None], str | None]:
+    """Of a log whose G and tau are both off those of the others by the factor e^-value; it is `warmer` degC
+    than they are."""
+    by_heat = (
+        f", or G and tau fall with the temperature, {warmer:+.2g} degC there; record another such log to tell"
+    )
+
+    def say(value: np.ndarray, _: View | None) -> str | None:
+        if value[0] <= 0:
+            return None
+        return (
+            f"{name}: G and tau are both lower than in the other logs, by about the factor"
+            f" {np.exp(-value[0]):.2g}: a finger, or"
+            f" something else that damps, was left on the plate{by_heat if abs(warmer) > OFF else ''};"
+            f" leave this log out"
+        )
+
+    return say
+
+
+def was_read(log: Log) -> bool:
+    """Whether its temperature is its own, not that of the other logs (`reading.trials`)."""
+    return log.temperature is not None and "temperature_std_degC" in log.bench
+
+
+def warmer(logs: Sequence[Log], i: int) -> float:
+    """By how many degC the i-th log is warmer than the others on average; 0 where that is not recorded."""
+    others = [float(np.mean(log.temperature)) for k, log in enumerate(logs) if k != i and was_read(log)]
+    return (
+        float(np.mean(logs[i].temperature)) - float(np.mean(others)) if others and was_read(logs[i]) else 0.0
+    )
+
+
+def times(x: float) -> str:
+    """A factor to first order: 1 + x, and never below 0."""
+    return f"{1 + x if x > 0 else np.exp(x):.4g} times that"
+
+
+def own(name: str, what: str, about: str) -> str:
+    """Of a log that contradicts the others in `what`, by `about` so much."""
+    return (
+        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor"
+        f" and its temperature, or"
+        f" leave it out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
+    )
+
+
+def unread(name: str, hertz: float, would: str = "") -> str:
+    """Of a log whose resonance is elsewhere than that of the others, and whose temperature is not known."""
+    about = f"{hertz:+.4g} Hz off that of the other logs"
+    return f"{name}: the resonance is {about}; its temperature is not recorded{would}: record it"
+
+
+def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
+    return lambda value, _: own(name, what, put(float(value[0])))
+
+
+def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, View], str]:
+    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that:
+    `warmed`, k_T is fitted; `read`, some log has a temperature."""
+    name, k_T = view.trial.log.name, float(view.course.theta[3])
+
+    def say(value: np.ndarray, _: View) -> str:
+        said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
+        off = value[0] / k_T if warmed and k_T else np.inf
+        if read and not was_read(view.trial.log):
+            return unread(
+                name,
+                value[0],
+                f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else "",
+            )
+        if view.trial.log.temperature is None or abs(off) > OFF:
+            return said
+        return (
+            f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how"
+            f" far that may be"
+        )
+
+    return say

@@ -1,0 +1,293 @@
+"""The joint fit linearised about its minimum, and what one more term in it would be worth and would move."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from sysid.minimum.minimise import State
+from sysid.model.prior import NAMES, carried
+from sysid.model.span import inverted
+from sysid.verdict.term import UNNAMED, Term
+from sysid.verdict.throughout import CURVED
+from sysid.verdict.view import View
+
+ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
+PERHAPS = 3.0  # by chance in one of a hundred
+UNCHANGED = 0.01  # sum of squares in units of the noise
+# of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
+LEAST = 1e-6
+ROUNDED = 1e-10  # of the largest of a term's directions: less is none
+FARAWAY = 4.0  # of these, by what is not seen
+EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
+CHANCE = 3.0  # standard deviations
+MOVES = 2.0  # standard deviations of G, tau or f0
+
+
+@dataclass(frozen=True)
+class Found:
+    """A term that the logs hold."""
+
+    sentence: str
+    worth: float  # log-likelihood
+    moves: dict[str, float]  # by parameter, in its standard deviations
+    name: str
+    log: int | None
+
+    freedom: int  # numbers that it has
+    certain: bool = True
+    explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
+
+    @property
+    def farthest(self) -> str:
+        """Which of G, tau and f0 it moves most, and k_T where that is not one number."""
+        return max(
+            (n for n in self.moves if n != "k_T" or self.name == CURVED), key=lambda n: abs(self.moves[n])
+        )
+
+    @property
+    def harmful(self) -> bool:
+        return abs(self.moves[self.farthest]) > MOVES
+
+
+def chances_of(tried: Sequence[Term], others: int = 0) -> list[float]:
+    """Log-likelihood that each term is worth by chance; `others`: how many were tried before. Half of the
+    chance is that of what one log has for itself, of which there are few: what logs contradict each other in
+    moves the parameters more than all else."""
+    between = sum(t.between for t in tried)
+    shares = 1 if between in (0, len(tried)) else 2
+    few, many = (np.log(max(shares * n, 1)) for n in (between, len(tried) - between + others))
+    chances = [np.log(2) if t.expected else few if t.between else many for t in tried]
+    return [c + t.freedom - 1 for t, c in zip(tried, chances, strict=True)]
+
+
+class _Added(NamedTuple):
+    """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the
+    rows, scaled to unit size, with the Jacobian, with themselves and with the residual."""
+
+    rows: dict[int, tuple[np.ndarray, slice]]
+    scale: np.ndarray
+    cross: np.ndarray
+    square: np.ndarray
+    score: np.ndarray
+
+
+class _Looked(NamedTuple):
+    """Rows of a term's shapes in one log, and their products with its Jacobian, with themselves and with its
+    residual."""
+
+    rows: np.ndarray
+    cross: np.ndarray
+    square: np.ndarray
+    score: np.ndarray
+
+
+class Scored(NamedTuple):
+    """A term's score test at a fit, for residuals of any size: the products of a residual's rows (R,) of all
+    logs with `rows` (R, r) are r numbers u of unit variance by chance, and the term is worth |u|^2/2. Its
+    coefficients are `values` (m, r) u, and the parameters move by `moves` (p, r) u of their standard
+    deviations."""
+
+    rows: np.ndarray
+    values: np.ndarray
+    moves: np.ndarray
+
+
+class Linear:
+    """The joint fit of the parameters `names`, linearised: what one more term would change of what is
+    reported `away` (degC) from the mean temperature."""
+
+    def __init__(self, views: list[View], state: State, names: list[str], away: float):
+        index = [NAMES.index(n) for n in names]
+        self.views, self.names, self.reported = views, names, carried(away)[np.ix_(index, index)]
+        self.covariance = state.covariance
+        # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
+        firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
+        self.std = np.sqrt(
+            firm * np.diag(self.reported @ state.spread[np.ix_(index, index)] @ self.reported.T)
+        )
+        self.jacobians = [v.jacobian[:, index] for v in views]
+        self.prior = state.prior.precision[np.ix_(index, index)]
+        self.pulled = state.prior.slope(state.theta)[index]
+        self.inverse = inverted(sum(j.T @ j for j in self.jacobians) + self.prior)
+        self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
+        self.before = [v.likelihood(v.recorded) for v in views]
+        self.looked: dict[tuple[Term, int], _Looked] = {}
+        self.added: dict[Term, _Added | None] = {}
+
+    def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
+        """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off
+        the i-th log."""
+        shift = self.reported @ self.inverse @ self.jacobians[i].T @ self.views[i].off(shape) / self.std
+        return dict(zip(self.names, -shift, strict=True))
+
+    def share(self, i: int) -> np.ndarray:
+        """(p, p) by how much the parameters move with those that the i-th log would have."""
+        return self.reported @ self.inverse @ self.jacobians[i].T @ self.jacobians[i]
+
+    def gained(self, shapes: Mapping[int, np.ndarray]) -> float:
+        """What it is worth, in log-likelihood, when logs hold `shapes` (n,), with no unknown, and the
+        parameters follow."""
+        rows = {i: self.views[i].off(shape) for i, shape in shapes.items()}
+        shift = self.inverse @ (self.slope - sum(self.jacobians[i].T @ x for i, x in rows.items()))
+        worth = self._believed(shift)
+        for j, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
+            worth += view.likelihood(view.r - jacobian @ shift - rows.get(j, 0.0)) - self.before[j]
+        return worth
+
+    def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
+        """Those that the logs hold; `others`: how many were tried before."""
+        self.look([t for t in tried if not t.parts])
+        chances = chances_of(tried, others)
+        return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c)) is not None]
+
+    def tells(self, term: Term) -> bool:
+        """Whether the logs can tell the term from the plant and the nuisances."""
+        added = self._added(term)
+        return added is not None and bool(np.all(np.diag(self._own(added)) >= LEAST))
+
+    def _believed(self, shift: np.ndarray) -> float:
+        """What a shift of the parameters changes of the prior's log density."""
+        return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
+
+    def doubt(self, term: Term) -> str | None:
+        """What the term would do at a size of two of its standard deviations, at which it is not seen; None
+        if that is little."""
+        added = self._added(term)
+        if added is None or (own := self._own(added))[0, 0] < LEAST:
+            return None
+        scale, cross = added.scale, added.cross
+        value = 2 / np.sqrt(own[0, 0])
+        moves = self.reported @ self.inverse @ cross[:, 0] * value / self.std
+        k = int(np.argmax(np.abs(moves)))
+        if abs(moves[k]) < FARAWAY:
+            return None
+        return term.unseen.format(
+            value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations"
+        )
+
+    def _added(self, term: Term) -> "_Added | None":
+        """Looked at once: a term may be part of another."""
+        if term not in self.added:
+            self.added[term] = self._all(term) if term.parts else self._alone(term)
+        return self.added[term]
+
+    def _all(self, term: Term) -> "_Added":
+        parts = [added for t in term.parts if (added := self._added(t)) is not None]
+        begins = np.cumsum([0, *(len(a.scale) for a in parts)])
+        rows = {
+            i: (x, slice(k, k + x.shape[1]))
+            for a, k in zip(parts, begins, strict=False)
+            for i, (x, _) in a.rows.items()
+        }
+        scale, score = (np.concatenate(x) for x in zip(*((a.scale, a.score) for a in parts), strict=True))
+        cross, square = (
+            np.concatenate([a.cross for a in parts], axis=1),
+            block_diag(*(a.square for a in parts)),
+        )
+        return _Added(rows, scale, cross, square, score)
+
+    def look(self, tried: Sequence[Term]) -> None:
+        """At the shapes of these terms, at all of a log at once."""
+        for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
+            here = [t for t in tried if i in t.shapes]
+            if not here:
+                continue
+            with np.errstate(
+                over="ignore", invalid="ignore"
+            ):  # of an absurd value's powers; `_alone` leaves them out
+                rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
+                cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
+            end = 0
+            for t in here:
+                part = slice(end, end := end + t.shapes[i].shape[1])
+                self.looked[t, i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
+
+    def _alone(self, term: Term) -> "_Added | None":
+        if any((term, i) not in self.looked for i in term.shapes):
+            self.look([term])
+        parts = {i: self.looked[term, i] for i in term.shapes}
+        cross, square, score = (sum(x) for x in zip(*(part[1:] for part in parts.values()), strict=True))
+        scale = np.sqrt(np.diag(square))
+        if not np.all(np.isfinite(scale)) or np.all(scale == 0):
+            return None
+        size = np.where(scale > 0, scale, 1.0)
+        rows = {i: (part.rows, slice(None)) for i, part in parts.items()}
+        return _Added(rows, scale, cross / size, square / np.outer(size, size), score / size)
+
+    def _own(self, added: "_Added") -> np.ndarray:
+        """Products of a term's rows with themselves, less what the parameters can make of them."""
+        return added.square - added.cross.T @ self.inverse @ added.cross
+
+    def scored(self, term: Term) -> Scored | None:
+        """The term's score test, `worth` for noise of a known level; None where the plant and the nuisances
+        make up for the term."""
+        added = self._added(term)
+        if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
+            return None
+        sizes, axes = np.linalg.eigh(own)
+        told = sizes > ROUNDED * sizes[-1]
+        axes = axes[:, told] / np.sqrt(sizes[told])
+        shift, scale = self.inverse @ added.cross @ axes, np.where(added.scale > 0, added.scale, 1.0)
+        rows = [-jacobian @ shift for jacobian in self.jacobians]
+        for i, (shapes, which) in added.rows.items():
+            rows[i] += (shapes / scale[which]) @ axes[which]
+        values = axes / scale[:, None]
+        moves = -(self.reported @ shift) / self.std[:, None]
+        if term.beside is not None and term.beside[0] in self.names:
+            k = self.names.index(term.beside[0])
+            moves[k] += term.beside[1] * values[0] / self.std[k]
+        return Scored(np.concatenate(rows), values, moves)
+
+    def worth(self, term: Term, chance: float) -> Found | None:
+        """The term with its gain in log-likelihood and what it moves; None when it is worth no more than
+        `chance` gives."""
+        threshold = chance + PERHAPS
+        added = self._added(term)
+        if added is None:
+            return None
+        rows, scale, cross = added.rows, added.scale, added.cross
+        own, score = self._own(added), added.score - cross.T @ self.inverse @ self.slope
+        if np.any(np.diag(own) < LEAST):
+            return None
+        value = score / own[0] if len(own) == 1 else np.linalg.lstsq(own, score, rcond=ROUNDED)[0]
+        if 0.5 * score @ value < threshold:
+            return None
+        shift = self.inverse @ (self.slope - cross @ value)
+        gained, coefficient = self._believed(shift), value / np.where(scale > 0, scale, 1.0)
+        for i, (view, jacobian) in enumerate(zip(self.views, self.jacobians, strict=True)):
+            change = jacobian @ shift + (rows[i][0] @ coefficient[rows[i][1]] if i in rows else 0.0)
+            if change @ change > UNCHANGED:
+                gained += view.likelihood(view.r - change) - self.before[i]
+        said = term.say(coefficient, self.views[term.log or 0])
+        if gained < threshold or said is None:
+            return None
+        moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
+        if term.beside is not None and term.beside[0] in moves:
+            moves[term.beside[0]] += (
+                term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
+            )
+        if term.squared is not None and term.squared[0] in moves:
+            moves[term.squared[0]] += (
+                term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
+            )
+        certain = bool(gained >= chance + ENOUGH)
+        explains = said != UNNAMED and self._explains(rows, coefficient, shift)
+        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, certain, explains)
+        return found if found.certain or found.harmful else None
+
+    def _explains(
+        self, rows: Mapping[int, tuple[np.ndarray, slice]], coefficient: np.ndarray, shift: np.ndarray
+    ) -> bool:
+        """Whether a term of these rows and coefficients explains what the model leaves of the logs that hold
+        it: neighbouring rows of the residual then share EXPLAINED of the power they did, or less, or no more
+        than independent rows by chance."""
+        before = after = chance = 0.0
+        for i, (part, which) in rows.items():
+            view, jacobian = self.views[i], self.jacobians[i]
+            left = view.r - jacobian @ shift - part @ coefficient[which]
+            before, after = before + view.shared(view.r), after + view.shared(left)
+            chance += float(left @ left) / np.sqrt(view.n)
+        return after <= max(EXPLAINED * before, CHANCE * chance)
