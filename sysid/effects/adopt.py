@@ -49,7 +49,8 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
     describe. `found`: what the logs hold to first order."""
     each = instances(state.trials, names)
     adoption = _Adoption(Search(minimiser, state), found)
-    here = [x for x in each if _promises(x, found, misfitting(state, found))]
+    wrong = misfitting(state, found)
+    here = [x for x in each if _promises(x, found, wrong)]
     before: tuple[Instance, ...] = ()
     numbers, named, count = np.zeros(0), None, len(here)
     for _ in range(MOST):
