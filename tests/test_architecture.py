@@ -34,7 +34,7 @@ fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
-           brief frames inference
+           traces zoom brief frames inference
 scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
 fleet      groups settings plate closed batch template screen differ lane parts engine table robust tails halves
            lot odd words pictures page run

@@ -35,17 +35,37 @@ FEW = 20  # logs, up to which their table stands open
 Cells = Sequence[Sequence[str]]
 
 
-def render(
+PLATE, LOOP, COST = "Logs, fit and plate", "Controller", "Accuracy"  # what figures show, as headings
+
+
+def pictured(
     document: Mapping[str, Any], posterior: "Posterior", figures: "Sequence[Drawn] | None" = None
-) -> str:
-    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
-    the same text. `figures`: those of the fit, where there are any already."""
+) -> "dict[str, Sequence[Drawn]]":
+    """All figures of the report, below what they show. `figures`: those of the fit, where there are any
+    already."""
     from sysid.report.canvas import drawn
     from sysid.report.costs import of_ladder
     from sysid.report.loopplots import of_loop
     from sysid.report.plots import fit_figures, of_posterior
 
-    controller = document["controller"]
+    draws = drawn(of_posterior(posterior, document["parameters"]))
+    return {
+        PLATE: [*(figures or fit_figures(posterior.fit)), *draws],
+        LOOP: drawn(of_loop(document["controller"], posterior.draws)),
+        COST: drawn(of_ladder(document["uncertainty"]["rungs"])),
+    }
+
+
+def render(
+    document: Mapping[str, Any],
+    posterior: "Posterior",
+    figures: "Mapping[str, Sequence[Drawn]] | None" = None,
+    zoomable: str | None = None,
+) -> str:
+    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
+    the same text. `figures`: what `pictured` gives, where it is there already; `zoomable`: the name of the
+    file beside it that has them to zoom into."""
+    figures, controller = figures or pictured(document, posterior), document["controller"]
     return template("template.html.j2").render(
         document,
         sentence=sentence(document, [fitted.log.metadata for fitted in posterior.fit.logs]),
@@ -57,12 +77,10 @@ def render(
         warned=gathered(document),
         noted=grouped(document),
         moved=moved(document["change"]) if document["change"] else [],
-        figures=[
-            *(figures or fit_figures(posterior.fit)),
-            *drawn(of_posterior(posterior, document["parameters"])),
-        ],
-        loops=drawn(of_loop(controller, posterior.draws)),
-        costs=drawn(of_ladder(document["uncertainty"]["rungs"])),
+        figures=figures[PLATE],
+        loops=figures[LOOP],
+        costs=figures[COST],
+        zoomable=zoomable,
         gains=gains(controller) if controller else [],
         promised=promised(controller) if controller else [],
         few=len(document["logs"]) <= FEW,
