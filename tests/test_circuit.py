@@ -5,6 +5,7 @@ The circuits are those of a Langevin transducer, of a plate with patches, and of
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -476,6 +477,24 @@ def test_the_screen_and_the_report_speak_in_the_units_of_the_trade(results):
     assert peak[-1] == "mS" and float(peak[3]) == pytest.approx(1e3 / QUARTZ.R1, rel=0.01)
     assert sum(line.startswith("G ") for line in lines) == 1 and ">G at resonance" in page
     assert "Equivalent circuit" in page and "figure of merit" in page and "Correlation of the circuit" in page
+
+
+@pytest.mark.parametrize("unit", ["C", "A", "S"])
+def test_the_bench_of_an_admittance_is_one(unit):
+    """Beside the branch lies jw C0, whatever a log shows of it."""
+    of, f = LANGEVIN, LANGEVIN.sweep()
+    response = of.admittance(f, np.random.default_rng(0)) / (2 * np.pi * f if unit == "C" else 1.0)
+    log = sysid.Log.from_arrays(response, drive=1.0, frequency=f, response_unit=unit, relative_noise=True)
+    posterior = sysid.sample(sysid.fit(log), accuracy="quick")
+    page = html.render(described(posterior, None, []), posterior)
+    table = page.split('aria-label="What the bench added to each log"')[1].split("</table>")[0]
+    heads = re.findall(r'<th scope="col">([^<]*)', table)
+    cells = dict(zip(heads[1:], re.findall(r"<td[^>]*>([^<]*)", table), strict=True))
+    number, unit_ = re.fullmatch(r"(\S+) ± \S+ (\S+)", cells["feedthrough q"]).groups()
+    # uS; the model of a current, which is no charge, holds half of C1 in its branch
+    beside = 1e6 * of.omega * (of.C0 - (0.0 if unit == "C" else of.C1 / 2))
+    assert unit_ == "uS" and float(number) == pytest.approx(beside, rel=0.02)
+    assert cells["slope q"].endswith(" S/Hz") and "/V" not in table
 
 
 def block_start(lines):
