@@ -19,7 +19,7 @@ kept
 precision
 shell
 shown
-logs       units textfile cells stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
+logs       units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
            jsonlines uff touchstone files preset plan signal mapping mapfile capture opening missing stated timed labels
            roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together log read taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
@@ -34,7 +34,7 @@ fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
-           brief frames inference
+           traces zoom brief frames inference
 scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
 fleet      groups settings plate closed batch template screen differ lane parts engine table robust tails halves
            lot odd words pictures page run

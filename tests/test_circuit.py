@@ -5,6 +5,7 @@ The circuits are those of a Langevin transducer, of a plate with patches, and of
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -340,6 +341,74 @@ def test_loaded_and_unloaded_Q_of_touchstone_files(tmp_path, place, device, r, b
         assert abs(p[name].value - true) < 4.5 * p[name].std, name
 
 
+SCATTERED = {
+    ("one", "parts"): 'quantity = "reflection"\n',
+    ("one", "dB"): 'quantity = "reflection"\n[metadata]\nreference_ohm = 75\n',
+    ("series", "parts"): 'quantity = "transmission"\n[metadata]\ndevice = "in series"\n',
+    (
+        "across",
+        "dB",
+    ): 'quantity = "transmission"\n[metadata]\ndevice = "across the line"\nreference_ohm = 50\n',
+}
+
+
+@pytest.mark.parametrize(("place", "form"), SCATTERED)
+def test_a_table_of_s_parameters_is_read_as_the_touchstone_file_of_the_same_numbers(
+    save, tmp_path, place, form
+):
+    of, said = LANGEVIN, SCATTERED[place, form]
+    f, r = of.sweep(801), 75.0 if "75" in said else 50.0
+    s = scattered(of, f, place, r, np.random.default_rng(3))
+    (expected,) = sysid.read_logs(touchstone(tmp_path / f"a.s{1 if place == 'one' else 2}p", f, s, r))
+    one = s if place == "one" else s[:, 1, 0]
+    decibel = (20 * np.log10(np.abs(one)), np.degrees(np.angle(one)))
+    head, columns = ("re,im", (one.real, one.imag)) if form == "parts" else ("dB,deg", decibel)
+    names, units = (("x", "y"), ("1", "1")) if form == "parts" else (("magnitude", "phase"), ("dB", "deg"))
+    stated = {"frequency": ("f", "Hz")} | dict(
+        zip(names, zip(head.split(","), units, strict=True), strict=True)
+    )
+    lines = [
+        f'{name} = {{ column = "{column}", unit = "{unit}" }}' for name, (column, unit) in stated.items()
+    ]
+    first, mark, rest = said.partition("[metadata]")
+    mapping = save("\n".join([first, "[columns]", *lines, mark + rest]), "map.toml")
+    (log,) = sysid.read_logs(save(rows(f"f,{head}", f, *columns)), columns=mapping)
+    np.testing.assert_allclose(log.response, expected.response, rtol=1e-6)
+    assert (log.response_unit, log.drive_unit, log.relative_noise) == ("C", "V", expected.relative_noise)
+    assert ("50 ohm" in " ".join(log.notes)) == ("reference_ohm" not in said)
+    if form == "parts":
+        p, other = circuit(log).parameters, circuit(expected).parameters
+        for name in ("loaded_Q", "unloaded_Q", "coupling", "R1", "C0"):
+            assert p[name].value == pytest.approx(other[name].value, rel=1e-4), name
+
+
+def test_a_preset_and_one_word_read_a_vna_s_table(save):
+    of, f = LANGEVIN, LANGEVIN.sweep(801)
+    s = scattered(of, f, "one", 50.0)
+    table = save(rows("freq[Hz],re:Trc1_S11,im:Trc1_S11", f, s.real, s.imag), "vna.csv")
+    mapping = save('preset = "rs-vna"\nquantity = "reflection"\n', "map.toml")
+    (log,) = sysid.read_logs(table, columns=mapping)
+    np.testing.assert_allclose(log.response, of.admittance(f) / (2 * np.pi * f), rtol=1e-6)
+
+
+def test_s_parameters_that_tell_no_admittance_are_refused_by_name(save):
+    table = save("f,re,im\n1000,0.5,0.1\n1001,1,0\n1002,0.5,-0.1\n", "s.csv")
+    columns = 'f = "f"\nx = { column = "re", unit = "1" }\ny = { column = "im", unit = "1" }\n'
+    columns = "[columns]\n" + columns.replace('f = "f"', 'frequency = { column = "f", unit = "Hz" }')
+    alone = columns.split("x =")[0] + 'magnitude = { column = "re", unit = "1" }\n'
+    for said, words in {
+        'quantity = "transmission"\n' + columns: ("s.csv", "device", '"in series"', '"across the line"'),
+        'quantity = "transmission"\n' + columns + '[metadata]\ndevice = "in series"\n': ("row 1", "1+0j"),
+        'quantity = "reflection"\n' + columns + "[metadata]\nreference_ohm = -1\n": ("reference_ohm", "-1"),
+        'quantity = "reflection"\n' + columns + '[constants]\nvoltage = "2 V"\n': ("no drive",),
+        'quantity = "reflection"\n' + columns.replace('"1"', '"V"'): ("'V'", "expected 1, % or dB"),
+        'quantity = "reflection"\n' + alone: ("magnitude alone",),
+    }.items():
+        with pytest.raises(sysid.LogError) as refused:
+            sysid.read_logs(table, columns=save(said, "map.toml"))
+        assert all(word in str(refused.value) for word in words), refused.value
+
+
 def test_loaded_and_unloaded_Q_agree_with_scikit_rf(tmp_path):
     skrf = pytest.importorskip("skrf")
     from skrf.qfactor import Qfactor
@@ -408,6 +477,24 @@ def test_the_screen_and_the_report_speak_in_the_units_of_the_trade(results):
     assert peak[-1] == "mS" and float(peak[3]) == pytest.approx(1e3 / QUARTZ.R1, rel=0.01)
     assert sum(line.startswith("G ") for line in lines) == 1 and ">G at resonance" in page
     assert "Equivalent circuit" in page and "figure of merit" in page and "Correlation of the circuit" in page
+
+
+@pytest.mark.parametrize("unit", ["C", "A", "S"])
+def test_the_bench_of_an_admittance_is_one(unit):
+    """Beside the branch lies jw C0, whatever a log shows of it."""
+    of, f = LANGEVIN, LANGEVIN.sweep()
+    response = of.admittance(f, np.random.default_rng(0)) / (2 * np.pi * f if unit == "C" else 1.0)
+    log = sysid.Log.from_arrays(response, drive=1.0, frequency=f, response_unit=unit, relative_noise=True)
+    posterior = sysid.sample(sysid.fit(log), accuracy="quick")
+    page = html.render(described(posterior, None, []), posterior)
+    table = page.split('aria-label="What the bench added to each log"')[1].split("</table>")[0]
+    heads = re.findall(r'<th scope="col">([^<]*)', table)
+    cells = dict(zip(heads[1:], re.findall(r"<td[^>]*>([^<]*)", table), strict=True))
+    number, unit_ = re.fullmatch(r"(\S+) ± \S+ (\S+)", cells["feedthrough q"]).groups()
+    # uS; the model of a current, which is no charge, holds half of C1 in its branch
+    beside = 1e6 * of.omega * (of.C0 - (0.0 if unit == "C" else of.C1 / 2))
+    assert unit_ == "uS" and float(number) == pytest.approx(beside, rel=0.02)
+    assert cells["slope q"].endswith(" S/Hz") and "/V" not in table
 
 
 def block_start(lines):

@@ -368,6 +368,12 @@ def test_an_option_that_has_nothing_to_do_is_refused(arguments, idle, capsys):
     assert f"found {idle} beside --" in capsys.readouterr().err
 
 
+def test_figures_to_zoom_into_need_plotly(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    assert cli.main(["-o", str(tmp_path / "out"), "--zoomable", *map(str, LOGS)]) == 2
+    assert "pip install 'sysid[zoom]'" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "given",
     ["--seed=x", "--seed=-1", "--budget=x", "--reference-temperature=x", "--reference-temperature=-300"],

@@ -172,6 +172,7 @@ def older(tmp_path):
         outputs.SOURCE,
         outputs.PLATE,
         outputs.KEPT,
+        outputs.ZOOMABLE,
         "notes.txt",
     ):
         (folder / name).write_text(f"older {name}")
@@ -215,12 +216,12 @@ def test_fit_json_stands_beside_the_files_of_its_own_run_alone(older, monkeypatc
     names = (outputs.CONTROLLER, outputs.HEADER, outputs.SOURCE, outputs.PLATE)
     controllers = [{files[name] for name in names if name in files} for files in seen]
     assert controllers[:4] == 4 * [{"older"}] and not any("older" in found for found in controllers[4:])
-    assert not any(controllers[4:9])  # and the newer ones come when the report and the draws are there
+    assert not any(controllers[4:10])  # and the newer ones come when the report and the draws are there
 
 
-@pytest.mark.parametrize("failing", range(9))
+@pytest.mark.parametrize("failing", range(12))
 def test_an_older_set_stands_when_a_rename_fails(older, monkeypatch, failing):
-    """No space for a name, a file that another program holds: each of the six that go out and of the three
+    """No space for a name, a file that another program holds: each of the nine that go out and of the three
     that come in."""
     before, calls = read(older), []
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import standin
 import test_circuit as circuits
-from test_report import HOSTILE, rendered
+from test_report import HOSTILE, document, rendered
 
 import sysid
 from sysid.command import sets
+from sysid.report import html, zoom
 from sysid.verdict.result import Result
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
@@ -25,8 +26,11 @@ VIEWS = {
     "print": {"viewport": {"width": 794, "height": 1123}},  # A4
 }
 OPEN = "for (const part of document.querySelectorAll('details')) part.open = true"
-# What reaches beyond the page to the right; the heads of tables are hidden on a phone.
-BEYOND = """[...document.querySelectorAll('body *')].filter(e => !e.closest('svg, thead') && e.getClientRects().length
+REPORTS = ("fit", "circuit", "controller", "failed", "open", "hostile", "sixty")
+ZOOMABLE = ("controller_zoomable", "hostile_zoomable", "sixty_zoomable")
+# What reaches beyond the page to the right; the heads of tables are hidden on a phone, and
+# figures to zoom into are moved by themselves.
+BEYOND = """[...document.querySelectorAll('body *')].filter(e => !e.closest('svg, thead, .beyond') && e.getClientRects().length
   && e.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map(e => e.outerHTML.slice(0, 100))"""
 
 
@@ -48,7 +52,7 @@ def reports(bench, tmp_path_factory):
     logs."""
     folder = tmp_path_factory.mktemp("reports")
     fit = sysid.fit([bench.sweep(seed=1), bench.sweep(seed=2, temperature=30.0), bench.transient(seed=3)])
-    sets.report(fit.posterior, folder / "fit.html")
+    sets.report(fit.posterior, folder / "fit.html", zoomable=True)
     f = circuits.LANGEVIN.sweep()
     analysed = sysid.Log.from_arrays(
         circuits.LANGEVIN.admittance(f, np.random.default_rng(0)) / (2 * np.pi * f),
@@ -64,6 +68,11 @@ def reports(bench, tmp_path_factory):
         for k in range(60)
     ]
     warnings = [f"run_{k}_of_the_second_batch.csv: no temperature is recorded" for k in range(60)]
+    zoomable = {
+        "hostile_zoomable": standin.posterior([standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]),
+        "sixty_zoomable": standin.posterior(many),
+        "controller_zoomable": standin.posterior(),
+    }
     texts = {
         "controller": rendered(standin.posterior(), ["a warning"]),
         "failed": rendered(standin.posterior(result=Result.misfit)),
@@ -73,6 +82,9 @@ def reports(bench, tmp_path_factory):
         ),
         "sixty": rendered(standin.posterior(many), warnings),
     }
+    for name, posterior in zoomable.items():
+        content = document(posterior)
+        texts[name] = zoom.page(content, html.pictured(content, posterior), "report.html")
     for name, text in texts.items():
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {path.stem: path for path in folder.glob("*.html")}
@@ -109,7 +121,7 @@ def look(browser):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "open", "hostile", "sixty"])
+@pytest.mark.parametrize("name", [*REPORTS, *ZOOMABLE])
 def test_nothing_is_cut_asked_for_or_complained_of(reports, look, name, view):
     seen = look(reports[name], view)
     seen.page.evaluate(OPEN)
@@ -187,7 +199,7 @@ def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, brow
 
 
 @pytest.mark.parametrize("view", ["desk", "phone", "dark"])
-@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty"])
+@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty", *ZOOMABLE[:1]])
 def test_everyone_can_use_it(reports, look, name, view):
     """The rules of axe-core."""
     axe = pytest.importorskip(
@@ -197,3 +209,65 @@ def test_everyone_can_use_it(reports, look, name, view):
     page.evaluate(OPEN)
     found = axe.Axe().run(page).response["violations"]
     assert [(rule["id"], [node["html"][:80] for node in rule["nodes"]]) for rule in found] == []
+
+
+# --- the figures to zoom into ---
+
+AXIS = "document.getElementById('figure-{}')._fullLayout.{}.range"
+
+
+@pytest.fixture
+def zoomed(reports, browser):
+    """The page of a real fit, under its own policy."""
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.goto(reports["fit_zoomable"].as_uri())
+    yield page
+    page.close()
+
+
+def test_a_drag_zooms_in_and_two_clicks_come_back(zoomed):
+    before = zoomed.evaluate(AXIS.format(0, "xaxis"))
+    zoomed.evaluate("document.getElementById('figure-0').scrollIntoView()")
+    box = zoomed.locator("#figure-0 .nsewdrag").first.bounding_box()
+    middle = box["y"] + box["height"] / 2
+
+    def at(part):
+        return box["x"] + part * box["width"], middle
+
+    zoomed.mouse.move(*at(0.25))
+    zoomed.mouse.down()
+    zoomed.mouse.move(*at(0.5), steps=5)
+    zoomed.mouse.up()
+    zoomed.wait_for_timeout(300)
+    inside = zoomed.evaluate(AXIS.format(0, "xaxis"))
+    wanted = [before[0] + part * (before[1] - before[0]) for part in (0.25, 0.5)]
+    assert inside == pytest.approx(wanted, abs=0.01 * (before[1] - before[0]))
+    zoomed.mouse.dblclick(*at(0.5))
+    zoomed.wait_for_timeout(500)
+    assert zoomed.evaluate(AXIS.format(0, "xaxis")) == pytest.approx(before)
+
+
+def test_every_figure_of_the_report_is_there_to_zoom_into(reports, zoomed, look):
+    heads = "[...document.querySelectorAll('h3')].map(e => e.textContent)"
+    report = look(reports["fit"], "desk").page
+    pictured = report.evaluate("[...document.querySelectorAll('figure h3')].map(e => e.textContent)")
+    assert zoomed.evaluate(heads) == pictured
+    drawn = zoomed.evaluate(
+        "[...document.querySelectorAll('.zoom')].map(e => e.querySelectorAll('.subplot').length)"
+    )
+    assert len(drawn) == len(pictured) and min(drawn) > 0
+    alt = "[...document.querySelectorAll('figure > [role]')].map(e => e.getAttribute('aria-label'))"
+    assert zoomed.evaluate(alt) == report.evaluate(alt)
+    for page, other in ((report, "fit_zoomable.html"), (zoomed, "fit.html")):
+        page.evaluate(OPEN)
+        page.locator("main a").first.click()
+        assert page.url.endswith(f"/{other}")
+
+
+def test_figures_to_zoom_into_are_dark_in_the_dark(reports, look):
+    def lightness(view):
+        page = look(reports["fit_zoomable"], view).page
+        shown = page.evaluate("getComputedStyle(document.querySelector('.zoom .xtick text')).fill")
+        return np.mean([float(x) for x in re.findall(r"[\d.]+", shown)[:3]])
+
+    assert lightness("dark") > 200 and lightness("desk") < 60 and lightness("print") < 60

@@ -315,6 +315,21 @@ def test_the_report_alone_is_that_of_the_set(fit, saved, tmp_path):
     assert path.read_bytes() == (saved / "report.html").read_bytes()
 
 
+def test_figures_to_zoom_into_are_there_where_they_are_wanted_and_go_out_with_their_set(fit, saved, tmp_path):
+    pytest.importorskip("plotly", reason="plotly is not installed")
+    fit.save(tmp_path, zoomable=True)
+    files = json.loads((tmp_path / "fit.json").read_text())["files"]
+    assert (
+        files["report_zoomable.html"]
+        and 'href="report_zoomable.html"' in (tmp_path / "report.html").read_text()
+    )
+    fit.save(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {p.name for p in saved.iterdir()}
+    path = fit.report(tmp_path / "plate A7.html", zoomable=True)
+    assert 'href="plate%20A7_zoomable.html"' in path.read_text()
+    assert 'href="plate%20A7.html"' in (tmp_path / "plate A7_zoomable.html").read_text()
+
+
 def test_every_kind_of_fit_is_kept(bench, tmp_path):
     """Amplitudes, a stated prior, and logs that tell nothing."""
     cases = {

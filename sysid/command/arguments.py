@@ -23,8 +23,9 @@ UNCHECKED = (
     "seed",
     "reference_temperature",
     "compare",
+    "zoomable",
 )
-UNMEASURED = ("advise", "rig", "compare")
+UNMEASURED = ("advise", "rig", "compare", "zoomable")
 IDLE = {"check": ("dry_run", *UNCHECKED), "dry_run": UNCHECKED, "cost_curve": UNMEASURED}
 
 
@@ -141,6 +142,11 @@ def parser() -> argparse.ArgumentParser:
         "--rig",
         metavar="FILE",
         help="rig file (TOML): clock, limits and sensor of what the controller runs on",
+    )
+    command.add_argument(
+        "--zoomable",
+        action="store_true",
+        help="write report_zoomable.html too, the report's figures to zoom into (needs plotly)",
     )
     command.add_argument("--seed", type=seed, metavar="N", help="of the sampler (0)")
     command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,6 +84,8 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         outputs.check_writable(folder)
     except OSError as error:
         return refuse(f"{folder}: cannot be written: {error}")
+    if arguments.zoomable and find_spec("plotly") is None:
+        return refuse("--zoomable: found no plotly, expected it installed: pip install 'sysid[zoom]'")
     try:
         with stages("read", "reading the logs"):
             from sysid.logs.read import read_logs
@@ -107,7 +110,7 @@ def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> i
         loop, warnings = _design(posterior, rig)
     try:
         content, text = _write(
-            posterior, loop, warnings, drawn, (arguments.advise, rig, change), folder, stages, budget
+            posterior, loop, warnings, drawn, (arguments, rig, change), folder, stages, budget
         )
     except OSError as error:
         return refuse(f"{folder}: cannot be written: {error}")
@@ -252,22 +255,23 @@ def _write(
     loop: Any,
     warnings: list[str],
     drawn: "tuple[Drawn, ...]",
-    wanted: tuple[str | None, Any, Any],
+    wanted: tuple[argparse.Namespace, Any, Any],
     folder: Path,
     stages: "Stages",
     budget: "Budget",
 ) -> tuple[dict, str]:
-    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what to advise on,
+    """Write the set into `folder`; returns the content of fit.json and its text. `wanted`: what is asked for,
     the rig, and the change from an older fit."""
     from sysid.command import outputs, sets
     from sysid.command.bill import bill
 
     with stages("compare", "comparing descriptions"):
-        content = sets.described(posterior, loop, warnings, _advised(posterior.fit, *wanted[:2]), wanted[2])
+        advice = _advised(posterior.fit, wanted[0].advise, wanted[1])
+        content = sets.described(posterior, loop, warnings, advice, wanted[2])
     with outputs.staging(folder) as fresh:
         budget.fresh = fresh
         with stages("report", "writing the report"):
-            sets.put(fresh, content, posterior, loop, drawn)
+            sets.put(fresh, content, posterior, loop, drawn, wanted[0].zoomable)
         text = sets.finish(fresh, content, bill(posterior, budget))
         budget.keep()
         outputs.place(fresh, folder)

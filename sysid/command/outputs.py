@@ -37,9 +37,10 @@ PRIORS = {  # sysid/model/likelihood.py has the equations
     "noise": "flat in the logarithm of its level; its colour as estimated",
 }
 FIT, DRAWS, REPORT, KEPT = "fit.json", "posterior.nc", "report.html", "fit.npz"
+ZOOMABLE = "report_zoomable.html"
 CONTROLLER, HEADER, SOURCE, PLATE = "controller.json", "dq_pi.h", "dq_pi.c", "dq_pi_plate.h"
 # As an older set goes out; a new one comes in the other way.
-FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT, KEPT)
+FILES = (FIT, CONTROLLER, HEADER, SOURCE, PLATE, DRAWS, REPORT, ZOOMABLE, KEPT)
 PACKAGES = ("sysid", "jax", "optimistix", "emcee", "numpy", "pandas")
 
 

@@ -18,14 +18,18 @@ if TYPE_CHECKING:
 
 
 def save(
-    posterior: Posterior, folder: str | Path, loop: Any = None, warnings: Sequence[str] | None = None
+    posterior: Posterior,
+    folder: str | Path,
+    loop: Any = None,
+    warnings: Sequence[str] | None = None,
+    zoomable: bool = False,
 ) -> Path:
     """Put the set into `folder` in the place of an older one; see `Posterior.save`. `warnings`: instead of
     the fit's."""
     folder = Path(folder)
     content = described(posterior, loop, posterior.fit.warnings if warnings is None else warnings)
     with outputs.staging(folder) as fresh:
-        put(fresh, content, posterior, loop)
+        put(fresh, content, posterior, loop, zoomable=zoomable)
         finish(fresh, content)
         outputs.place(fresh, folder)
     return folder
@@ -44,13 +48,31 @@ def save_whole(posterior: Posterior, folder: Path) -> Path:
     return save(posterior, folder, loop, warnings)
 
 
-def report(posterior: Posterior, path: str | Path, loop: Any = None) -> Path:
-    """Write report.html alone, to `path`."""
+def report(posterior: Posterior, path: str | Path, loop: Any = None, zoomable: bool = False) -> Path:
+    """Write report.html alone, to `path`; see `Posterior.report`."""
+    path, content = Path(path), described(posterior, loop, posterior.fit.warnings)
+    _put_report(path, content, posterior, None, zoomable)
+    return path
+
+
+def _put_report(
+    path: Path,
+    content: Mapping[str, Any],
+    posterior: Posterior,
+    figures: "Sequence[Drawn] | None",
+    zoomable: bool,
+) -> None:
+    """The report, and beside it where that is wanted the page of its figures to zoom into."""
     from sysid.report import html
 
-    content = described(posterior, loop, posterior.fit.warnings)
-    Path(path).write_text(html.render(content, posterior), encoding="utf-8", newline="\n")
-    return Path(path)
+    whole = html.pictured(content, posterior, figures)
+    beside = path.with_stem(f"{path.stem}_zoomable") if zoomable else None
+    if beside is not None:
+        from sysid.report import zoom
+
+        beside.write_text(zoom.page(content, whole, path.name), encoding="utf-8", newline="\n")
+    text = html.render(content, posterior, whole, None if beside is None else beside.name)
+    path.write_text(text, encoding="utf-8", newline="\n")
 
 
 def load(folder: str | Path) -> Fit:
@@ -108,17 +130,15 @@ def put(
     posterior: Posterior,
     loop: Any,
     figures: "Sequence[Drawn] | None" = None,
+    zoomable: bool = False,
 ) -> None:
     """Write all files but fit.json into `fresh`. `figures`: those of the fit, where there are
-    any already."""
+    any already; `zoomable`: with the page of figures to zoom into."""
     from controller import export_c
-    from sysid.report import html
 
     outputs.write_draws(posterior, fresh / outputs.DRAWS)
     (fresh / outputs.KEPT).write_bytes(pack(posterior))
-    (fresh / outputs.REPORT).write_text(
-        html.render(content, posterior, figures), encoding="utf-8", newline="\n"
-    )
+    _put_report(fresh / outputs.REPORT, content, posterior, figures, zoomable)
     if loop is not None:
         text = outputs.to_json(content["controller"])
         (fresh / outputs.CONTROLLER).write_text(text, encoding="ascii", newline="\n")

@@ -294,7 +294,7 @@ class _Draft:
         quantity = known if quantity == "?" and known != "impedance" else quantity
         return (
             f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge",'
-            f' "current" or "impedance"'
+            f' "current", "impedance"; of S11 "reflection", of S21 "transmission"'
         )
 
 

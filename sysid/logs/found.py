@@ -13,6 +13,7 @@ from sysid.logs.draft import template
 from sysid.logs.mapfile import RESPONSES, checked
 from sysid.logs.mapping import MappingFile
 from sysid.logs.preset import PREFIX, Preset, named
+from sysid.logs.scattered import RATIOS
 
 SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
 RESPONSE = {part for parts in RESPONSES for part in parts} | {"response"}
@@ -73,8 +74,8 @@ def _merged(mapping: MappingFile, found: Mapping[str, Any]) -> dict[str, Any]:
         for name, text in base.get("constants", {}).items()
         if name not in units.DRIVES or not driven
     }
-    impedance = {**base, **found, **given}.get("quantity") == "impedance"
-    constants = {} if impedance else usual
+    ratio = {**base, **found, **given}.get("quantity") in RATIOS
+    constants = {} if ratio else usual
     constants |= {name: text for name, text in found.get("constants", {}).items() if name not in columns}
     constants |= given.get("constants", {})
     metadata = base.get("metadata", {}) | found.get("metadata", {}) | given.get("metadata", {})

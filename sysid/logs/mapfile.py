@@ -13,6 +13,7 @@ from sysid.logs import preset, units
 from sysid.logs.cells import Dialect
 from sysid.logs.csvfile import LogError
 from sysid.logs.mapping import WORDS, MappingFile
+from sysid.logs.scattered import RATIOS
 
 RESPONSES = (("wd", "wq"), ("w",), ("x", "y"), ("magnitude", "phase"), ("magnitude",))
 _NAMES = (*units.QUANTITIES, "x", "y", "magnitude", "phase")
@@ -170,8 +171,8 @@ def _check_response(mapping: MappingFile, columns: set[str], constants: set[str]
         raise mapping.fail(f"[constants] {min(both)}", "found it in [columns] too, expected it once")
     if len(drives := (columns | constants) & {*units.DRIVES}) > 1:
         raise mapping.fail("[columns]", f"found {' and '.join(sorted(drives))}, expected one of them")
-    if waveform and mapping.options.get("quantity") == "impedance":
-        raise mapping.fail("quantity", "found the impedance of a waveform, expected what its response shows")
+    if waveform and (ratio := mapping.options.get("quantity")) in RATIOS:
+        raise mapping.fail("quantity", f"found the {ratio} of a waveform, expected what its response shows")
     if "quantity" in mapping.options and named and not response & {"x", "magnitude", "response"}:
         raise mapping.fail(
             "quantity",

@@ -5,7 +5,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak
                                         # to peak)
     quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y
-                                        # (or magnitude) show
+                                        # (or magnitude) show; of a network analyser "reflection" (S11) or
+                                        # "transmission" (S21)
     phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it
                                         # fall; else 1
     phase_offset_deg = 90.0             # added to the phase, after the sign
@@ -67,7 +68,10 @@ Wd + jWq = j s when it is a displacement or charge, s / omega when it is a veloc
 s; of a current in A it is a charge in C). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in
 ohm, is read as the current 1/Z that 1 V drives, peak for peak and with the phase of e^{+j omega t}: it wants
 neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.) An admittance is a
-current of so many S: that which the log's voltage drives, or 1 V where none is stated. Of wd and wq
+current of so many S: that which the log's voltage drives, or 1 V where none is stated. A reflection or
+transmission, in dB or linear, is read as the admittance that it means (`logs.scattered`), behind
+`reference_ohm` of the metadata, or 50 ohm, with the plate where `device` says: "one port" of a reflection,
+"in series" or "across the line" of a transmission; it too wants neither a drive nor `amplitude`. Of wd and wq
 themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
 """
 
@@ -83,6 +87,7 @@ from sysid.logs import units
 from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.plan import ANGLES, Plan, Source, is_decibel
+from sysid.logs.scattered import RATIOS, SCATTERED, placed
 from sysid.logs.stamps import is_long
 
 _PLAIN_UNIT = re.compile(
@@ -92,7 +97,7 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
     "amplitude": ("peak", "rms", "pp"),
-    "quantity": ("displacement", "velocity", "charge", "current", "impedance"),
+    "quantity": ("displacement", "velocity", "charge", "current", "impedance", *SCATTERED),
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
@@ -147,33 +152,41 @@ class MappingFile:
         sources = {
             name: self._column(name, entry, head) for name, entry in columns.items()
         } | self._constants()
-        if self.options.get("quantity") == "impedance":
+        quantity, metadata = self.options.get("quantity"), self.metadata(head)
+        assumed: tuple[str, ...] = ()
+        if quantity in RATIOS:
             sources = self._of_one_volt(sources)
-        elif self.options.get("quantity") == "current":
+        elif quantity == "current":
             sources = self._of_its_volts(sources)
-        metadata = self.metadata(head)
-        notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources))
+        if quantity in SCATTERED:
+            place, assumed = placed(head.path, quantity, metadata)
+            metadata = metadata | place
+        notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources), *assumed)
         return self._told(Plan(sources, metadata, notes=notes), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of an impedance, with the 1 V that drives a current of 1/Z; another drive, or another
-        unit: LogError."""
+        """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current;
+        another drive, or another unit: LogError."""
+        quantity = self.options["quantity"]
+        of = "an impedance" if quantity == "impedance" else f"a {quantity}"
         for name in sources.keys() & {"x", "y", "magnitude"}:
             source, key = sources[name], f"[columns] {name}"
-            if not units.is_of(source.unit, "ohm"):
-                raise self.fail(
-                    key, f"found the unit {source.unit!r} of an impedance, expected ohm, kohm or Mohm"
-                )
+            if quantity in SCATTERED:
+                fits, expected = source.unit == "dB" or units.same_kind(source.unit, "1"), "1, % or dB"
+            else:
+                fits, expected = units.is_of(source.unit, "ohm"), "ohm, kohm or Mohm"
+            if not fits:
+                raise self.fail(key, f"found the unit {source.unit!r} of {of}, expected {expected}")
             if source.amplitude != "peak":
                 raise self.fail(
-                    key, f"found amplitude {source.amplitude!r} of an impedance, expected none: it is a ratio"
+                    key, f"found amplitude {source.amplitude!r} of {of}, expected none: it is a ratio"
                 )
         volt = Source("[constants] voltage", "V", constant=1.0)
         drives = [replace(sources[name], written="") for name in units.DRIVES if name in sources]
         if other := next((drive for drive in drives if drive != volt), None):
             raise self.fail(
                 "quantity",
-                f"found {other.label} beside an impedance, expected no drive: 1/Z is the current of 1 V",
+                f"found {other.label} beside {of}, expected no drive: its current is that of 1 V",
             )
         return sources | {"voltage": volt}
 
@@ -338,7 +351,7 @@ class MappingFile:
             stated = (
                 "amplitude" in self.options
                 or units.split_amplitude(unit)[1]
-                or self.options.get("quantity") == "impedance"
+                or self.options.get("quantity") in RATIOS
             )
             if silent and not stated:
                 notes.append(
@@ -347,7 +360,7 @@ class MappingFile:
         if "x" in sources or "magnitude" in sources:
             if "quantity" not in self.options:
                 notes.append(f"the signal is taken as a displacement: {self.path} does not say quantity")
-            known = "phase_sign" in self.options or self.options.get("quantity") == "impedance"
+            known = "phase_sign" in self.options or self.options.get("quantity") in RATIOS
             if not known and sources.keys() & {"x", "phase"}:
                 notes.append(
                     f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign"

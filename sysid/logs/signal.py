@@ -7,6 +7,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.csvfile import LogError
 from sysid.logs.plan import ANGLES, Plan, Source, is_decibel
+from sysid.logs.scattered import RATIOS, SCATTERED, admittance
 
 
 def lock_in(
@@ -25,6 +26,11 @@ def lock_in(
         return (1j * signal if complete else signal), unit
     if plan.quantity == "impedance":
         signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
+    elif plan.quantity in SCATTERED:
+        if not complete:
+            said = f"found the magnitude alone of a {plan.quantity}, expected its phase or both parts"
+            raise LogError(f"{where}: {said}")
+        signal, unit = admittance(units.convert(signal, unit, "1"), plan.metadata, where), "S"
     if frequency is None:
         what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
         raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
@@ -48,11 +54,11 @@ def _time_integral(unit: str) -> str:
 
 
 def is_analysed(plan: Plan) -> bool:
-    """Whether a response is a ratio as impedance analysers measure it, an impedance or an admittance."""
-    admittance = any(
+    """Whether a response is a ratio as analysers measure it, an impedance, an admittance or of S."""
+    siemens = any(
         units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources
     )
-    return plan.quantity == "impedance" or (plan.quantity == "current" and admittance)
+    return plan.quantity in RATIOS or (plan.quantity == "current" and siemens)
 
 
 def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:

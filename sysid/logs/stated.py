@@ -12,6 +12,7 @@ from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.missing import refuse_row
 from sysid.logs.plan import Plan, Source, is_decibel
+from sysid.logs.scattered import SCATTERED
 from sysid.logs.signal import ampere
 
 ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
@@ -57,6 +58,8 @@ def errors(
     fit."""
     if not stated:
         return None
+    if plan.quantity in SCATTERED:
+        raise LogError(f"{where}: found standard errors of a {plan.quantity}, expected none beside it")
     first = next(name for name in ("w", "wd", "x", "magnitude") if name in arrays)
     signal, unit = arrays[first]
     size = np.abs(signal)

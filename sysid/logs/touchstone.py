@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid.logs.scattered import ACROSS, ONE, SERIES
 from sysid.logs.store import Store, claim_text, library
 from sysid.logs.textfile import LogError
 
 SAME = 0.1  # of S21 in series, of S11 across the line, by which a device may be off the rule of its place
-_AT = {"": "one port", "series": "in series", "across": "across the line"}
+_AT = {"": ONE, "series": SERIES, "across": ACROSS}
 
 
 def read_touchstone(path: str, kind: str) -> Store:
@@ -58,7 +59,7 @@ def _admittances(network: Any) -> dict[str, np.ndarray]:
     """The device's admittance (n,), S; of two ports by its place."""
     s = network.s
     if s.shape[1] == 1:
-        return {"": (1 - s[:, 0, 0]) / (network.z0[:, 0] * (1 + s[:, 0, 0]))}
+        return {"": (1 - s[:, 0, 0]) / (network.z0[:, 0] * (1 + s[:, 0, 0]))}  # as `logs.scattered` has it
     return {"series": -network.y[:, 1, 0], "across": 1 / network.z[:, 1, 0]}
 
 

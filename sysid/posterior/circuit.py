@@ -151,7 +151,7 @@ def circuit(
 ) -> Circuit | None:
     """The circuit of a fit by the draws of its posterior and the `parameters` that these determine; None
     where the logs are no current, charge or admittance under a voltage."""
-    if (scale := _admittance(fit.logs[0].log)) is None:
+    if (scale := per_drive(fit.logs[0].log)) is None:
         return None
     siemens, power = scale
     known = {name: draws[name].ravel() for name in PLATE if name in draws and parameters[name].determined}
@@ -200,7 +200,7 @@ def _open(quantity: Quantity, missing: Mapping[str, str]) -> Parameter:
     return Parameter(None, None, None, quantity.unit, False, f"cannot tell, because {why}")
 
 
-def _admittance(log: Log) -> tuple[float, int] | None:
+def per_drive(log: Log) -> tuple[float, int] | None:
     """(S, power): the admittance is S w^power times the response per unit of the drive. None of what is
     none."""
     if log.drive is None or log.frequency is None or not _is_of(log.drive_unit, "V"):
@@ -221,7 +221,7 @@ def admittance(log: Log) -> np.ndarray | None:
         not log.relative_noise
         or log.drive is None
         or not log.drive.all()
-        or (scale := _admittance(log)) is None
+        or (scale := per_drive(log)) is None
     ):
         return None
     siemens, power = scale

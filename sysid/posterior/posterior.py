@@ -93,21 +93,22 @@ class Posterior(Shown):
 
         return Figures.of(of_posterior(self, self.summary())).get("Posterior")
 
-    def save(self, folder: str | Path, loop: Any = None) -> Path:
+    def save(self, folder: str | Path, loop: Any = None, zoomable: bool = False) -> Path:
         """Write the set of files that `identify` writes into a folder, in the place of an older one, with
         `loop`, the controller that was designed for it, where one is given; returns the folder. `sysid.load`
-        gives all of it back. The bytes are the command's but for `created` and `cost` in fit.json. Raises
-        OSError where it cannot be written; older files then stay."""
+        gives all of it back. The bytes are the command's but for `created` and `cost` in fit.json.
+        `zoomable` as in `report`. Raises OSError where it cannot be written; older files then stay."""
         from sysid.command.sets import save
 
-        return save(self, folder, loop)
+        return save(self, folder, loop, zoomable=zoomable)
 
-    def report(self, path: str | Path, loop: Any = None) -> Path:
+    def report(self, path: str | Path, loop: Any = None, zoomable: bool = False) -> Path:
         """Write the report alone, one HTML file with all its figures, to `path`, which is returned; `loop` as
-        in `save`."""
+        in `save`. `zoomable`: beside it a page of the same figures to zoom into, `report_zoomable.html` of
+        `report.html`; raises ImportError where plotly is not installed."""
         from sysid.command.sets import report
 
-        return report(self, path, loop)
+        return report(self, path, loop, zoomable)
 
     def to_inferencedata(self) -> Any:
         """ArviZ's own type, with posterior, sample_stats (lp), observed_data, and prior where one was stated.

@@ -81,13 +81,14 @@ class Picture(NamedTuple):
 
 class Drawn(NamedTuple):
     """A figure of a page: `svg`, an element; what is `seen` on it; a `caption`; `wide`: it needs the room of
-    two."""
+    two; the `figure` itself."""
 
     title: str
     svg: str
     seen: str
     caption: str
     wide: bool
+    figure: Figure
 
 
 class Figures(dict[str, Figure]):
@@ -115,9 +116,8 @@ def drawn(pictures: Sequence[Picture]) -> tuple[Drawn, ...]:
         for p in pictures:
             figure, seen = p.draw(), p.seen()
             caption = f"{seen} {p.note}" if p.told else p.note
-            found.append(
-                Drawn(p.title, svg(figure, p.title), seen, caption, figure.get_figwidth() > 1.1 * WIDE)
-            )
+            wide = figure.get_figwidth() > 1.1 * WIDE
+            found.append(Drawn(p.title, svg(figure, p.title), seen, caption, wide, figure))
         return tuple(found)
 
 

@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from sysid.posterior.circuit import per_drive
 from sysid.report.text import (
     advice,
     cell,
@@ -28,24 +31,46 @@ from sysid.report.text import (
 )
 
 if TYPE_CHECKING:
+    from sysid.logs.log import Log
     from sysid.posterior.posterior import Posterior
     from sysid.report.canvas import Drawn
 
+SIEMENS = {"feedthrough": "S", "slope": "S/Hz"}  # of what the bench adds, in the units of an admittance
 FEW = 20  # logs, up to which their table stands open
 Cells = Sequence[Sequence[str]]
 
 
-def render(
+PLATE, LOOP, COST = "Logs, fit and plate", "Controller", "Accuracy"  # what figures show, as headings
+
+
+def pictured(
     document: Mapping[str, Any], posterior: "Posterior", figures: "Sequence[Drawn] | None" = None
-) -> str:
-    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
-    the same text. `figures`: those of the fit, where there are any already."""
+) -> "dict[str, Sequence[Drawn]]":
+    """All figures of the report, below what they show. `figures`: those of the fit, where there are any
+    already."""
     from sysid.report.canvas import drawn
     from sysid.report.costs import of_ladder
     from sysid.report.loopplots import of_loop
     from sysid.report.plots import fit_figures, of_posterior
 
-    controller = document["controller"]
+    draws = drawn(of_posterior(posterior, document["parameters"]))
+    return {
+        PLATE: [*(figures or fit_figures(posterior.fit)), *draws],
+        LOOP: drawn(of_loop(document["controller"], posterior.draws)),
+        COST: drawn(of_ladder(document["uncertainty"]["rungs"])),
+    }
+
+
+def render(
+    document: Mapping[str, Any],
+    posterior: "Posterior",
+    figures: "Mapping[str, Sequence[Drawn]] | None" = None,
+    zoomable: str | None = None,
+) -> str:
+    """The report of fit.json's content (`document`) and of the posterior that it sums up. The same inputs,
+    the same text. `figures`: what `pictured` gives, where it is there already; `zoomable`: the name of the
+    file beside it that has them to zoom into."""
+    figures, controller = figures or pictured(document, posterior), document["controller"]
     return template("template.html.j2").render(
         document,
         sentence=sentence(document, [fitted.log.metadata for fitted in posterior.fit.logs]),
@@ -57,18 +82,16 @@ def render(
         warned=gathered(document),
         noted=grouped(document),
         moved=moved(document["change"]) if document["change"] else [],
-        figures=[
-            *(figures or fit_figures(posterior.fit)),
-            *drawn(of_posterior(posterior, document["parameters"])),
-        ],
-        loops=drawn(of_loop(controller, posterior.draws)),
-        costs=drawn(of_ladder(document["uncertainty"]["rungs"])),
+        figures=figures[PLATE],
+        loops=figures[LOOP],
+        costs=figures[COST],
+        zoomable=zoomable,
         gains=gains(controller) if controller else [],
         promised=promised(controller) if controller else [],
         few=len(document["logs"]) <= FEW,
         tables={
             "logs": _logs(document["logs"]),
-            "bench": _bench(document["logs"]),
+            "bench": _bench(document, posterior),
             "models": _models(document["models"]),
             "effects": _effects(document["findings"]),
             "correlation": _correlation(document["derived"].get("circuit")),
@@ -108,16 +131,32 @@ def _effects(findings: Sequence[Mapping[str, Any]]) -> Cells:
     return rows
 
 
-def _bench(logs: Sequence[Mapping[str, Any]]) -> Cells:
+def _bench(document: Mapping[str, Any], posterior: "Posterior") -> Cells:
     """What the bench added to each log, below the names of that; the noise and the start have no column of
-    their own."""
-    every = dict.fromkeys(name for log in logs for name in log["parameters"])
+    their own. Of an admittance the feedthrough is one, S at f0."""
+    added = [log["parameters"] for log in document["logs"]]
+    if document["derived"].get("circuit") and (f0 := document["parameters"]["f0"]["value"]):
+        fitted = posterior.fit.logs
+        added = [_in_siemens(own, f.log, f0) for own, f in zip(added, fitted, strict=True)]
+    every = dict.fromkeys(name for own in added for name in own)
     names = [name for name in every if not name.startswith("noise") and not name.startswith("start")]
-    rows = [
-        [str(k), *(cell(log["parameters"][n]) if n in log["parameters"] else "" for n in names)]
-        for k, log in enumerate(logs, 1)
-    ]
+    rows = [[str(k), *(cell(own[n]) if n in own else "" for n in names)] for k, own in enumerate(added, 1)]
     return [["log", *(name.replace("_", " ") for name in names)], *(r for r in rows if any(r[1:]))]
+
+
+def _in_siemens(own: Mapping[str, Any], log: "Log", f0: float) -> dict[str, Any]:
+    """A log's own numbers, of which feedthrough (per unit of the drive) and its slope are admittances at f0
+    (Hz)."""
+    scale = per_drive(log)
+    if scale is None:
+        return dict(own)
+    factor, told = scale[0] * (2 * np.pi * f0) ** scale[1], dict(own)
+    for name, p in own.items():
+        if p["determined"] and (kind := name.partition("_")[0]) in SIEMENS:
+            value, std, (low, high) = (p[key] for key in ("value", "std", "ci95"))
+            numbers = {"value": factor * value, "std": factor * std, "ci95": (factor * low, factor * high)}
+            told[name] = p | numbers | {"unit": SIEMENS[kind]}
+    return told
 
 
 def _correlation(circuit: Mapping[str, Any] | None) -> Cells:

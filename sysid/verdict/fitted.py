@@ -86,13 +86,13 @@ class Fit(Shown):
 
         return sample(self)
 
-    def save(self, folder: str | Path, loop: Any = None) -> Path:
+    def save(self, folder: str | Path, loop: Any = None, zoomable: bool = False) -> Path:
         """Write fit, posterior and report into a folder; see `Posterior.save`."""
-        return self.posterior.save(folder, loop)
+        return self.posterior.save(folder, loop, zoomable)
 
-    def report(self, path: str | Path, loop: Any = None) -> Path:
+    def report(self, path: str | Path, loop: Any = None, zoomable: bool = False) -> Path:
         """Write the report, one HTML file, to `path`; see `Posterior.report`."""
-        return self.posterior.report(path, loop)
+        return self.posterior.report(path, loop, zoomable)
 
     def predict(self, log: Log, bench: bool = True) -> Any:
         """What the plate answers to the inputs of a log that the fit need not have seen, a `Prediction` with
