@@ -4,7 +4,6 @@ overshoots."""
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import find_peaks, lombscargle
 
 from sysid.effects.effect import SEEN, About, Effect, Told, number, read_anew
 from sysid.model.plant import SECOND
@@ -210,6 +209,8 @@ def _lasted(trial: Trial) -> float:
 def _ringing(trial: Trial, about: About) -> np.ndarray:
     """(m, 2): times as shares of the log, 1/(2 pi f) at the largest peaks f of the periodogram of what the
     first order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
+    from scipy.signal import find_peaks, lombscargle  # takes a third of a second to load
+
     course, lasted = Course.of(trial, about.reference, about.theta), _lasted(trial)
     shapes = np.stack([course.forced.real, course.free.real, np.ones(len(trial.log))], axis=1)
     left = trial.log.response - shapes @ np.linalg.lstsq(shapes, trial.log.response, rcond=None)[0]

@@ -163,7 +163,7 @@ def _pool(jobs: int, where: str) -> Iterator[Executor]:
     context = _Spawned()
     pool = ProcessPoolExecutor(jobs, context, _begin, (where,))
     try:
-        _answer(pool)
+        _answer(pool, jobs)
         yield pool
         pool.shutdown()
     finally:
@@ -176,9 +176,10 @@ def _pool(jobs: int, where: str) -> Iterator[Executor]:
             os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
-def _answer(pool: Executor) -> None:
+def _answer(pool: Executor, jobs: int) -> None:
+    begun = [pool.submit(os.getpid) for _ in range(jobs)]  # so that all of them begin at once
     try:
-        pool.submit(os.getpid).result()
+        begun[0].result()
     except BrokenProcessPool:
         guard = "in a script, what calls this must stand under `if __name__ == '__main__':`"
         said = "the processes that fit end before they begin"

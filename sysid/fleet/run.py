@@ -52,14 +52,10 @@ def fit_fleet(
     there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
     none.
     """
-    from sysid.effects.registry import ADOPTED
     from sysid.logs.mapfile import load_mapping
     from sysid.model.prior import checked
-    from sysid.trials.extra import EXTRA
-    from sysid.trials.trial import NUISANCES
 
-    if unknown := {*(nuisances or ())} - {*NUISANCES, *EXTRA, *ADOPTED}:
-        raise ValueError(f"found {', '.join(sorted(unknown))}, expected nuisances that sysid.fit knows")
+    _check(nuisances or ())
     if full and folder is None:
         raise ValueError("found full=True without a folder, expected where the plates' own files go")
     with ExitStack() as stack:
@@ -82,6 +78,17 @@ def fit_fleet(
             if meanwhile is not None:
                 meanwhile(len(done), len(plates))
         return _finished([done[group.plate] for group in plates], None if folder is None else place, full)
+
+
+def _check(nuisances: Sequence[str]) -> None:
+    """Raise ValueError where one of these is none."""
+    if nuisances:  # what names them takes a second to load
+        from sysid.effects.registry import ADOPTED
+        from sysid.trials.extra import EXTRA
+        from sysid.trials.trial import NUISANCES
+
+        if unknown := {*nuisances} - {*NUISANCES, *EXTRA, *ADOPTED}:
+            raise ValueError(f"found {', '.join(sorted(unknown))}, expected nuisances that sysid.fit knows")
 
 
 def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:

@@ -46,7 +46,8 @@ def split_line(text: str, delimiter: str) -> list[str]:
         text = " ".join(text.split())
     text = text.rstrip("\r\n").replace("\r", " ")
     if '"' not in text:  # the library takes no cell of more than 131072 characters
-        return [cell.lstrip(" ") for cell in text.split(delimiter)] if text else []
+        cells = text.split(delimiter) if text else []
+        return [cell.lstrip(" ") for cell in cells] if " " in text else cells
     return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
 
 

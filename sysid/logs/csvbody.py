@@ -32,6 +32,8 @@ from sysid.logs.textfile import is_packed, open_text
 BLOCK = 1 << 24  # bytes parsed at a time
 UNPACKED = 1 << 27  # numbers, and lines, of a packed file, whose size says nothing of what it unpacks to
 RANGES = 8  # of good rows that a message names
+PLAIN = b"0123456789+-.eE\r\n"  # of which a table of plain numbers consists, its delimiter aside
+SMALL = 1 << 18  # bytes of such a table, below which pandas takes longer to begin than Python to read them
 
 
 @dataclass(frozen=True)
@@ -277,6 +279,8 @@ def _parse(
     dated: Collection[int],
 ) -> tuple[dict[int, Any], Any]:
     """Columns of a block of `rows` as numbers, NaN where a cell is none, and the key column as text."""
+    if key is None and not dated and (plain := _plain(head, block, rows)) is not None:
+        return {column: plain[:, column].copy() for column in columns}, None
     import pandas as pd
 
     wanted: dict[Any, Any] = {column: str if column in dated else np.float64 for column in columns}
@@ -310,6 +314,24 @@ def _parse(
         if (none := np.abs(values) >= NO_NUMBER).any():
             numbers[column] = np.where(none, np.nan, values)
     return numbers, texts
+
+
+def _plain(head: Head, block: bytes, rows: int) -> np.ndarray | None:
+    """(rows, columns) of a small block of nothing but finite numbers with decimal points; None of any other,
+    which pandas reads. Both read each number to its last bit."""
+    delimiter, width = str(head.dialect.delimiter).encode(), len(head.names)
+    if len(block) > SMALL or head.dialect.decimal != "." or delimiter not in (b",", b";", b"\t"):
+        return None
+    if block.translate(None, PLAIN + delimiter):
+        return None
+    cells = block.rstrip().replace(b"\r\n", b"\n").replace(b"\n", delimiter).split(delimiter)
+    if len(cells) != rows * width:
+        return None
+    try:
+        numbers = np.fromiter(map(float, cells), np.float64, len(cells)).reshape(rows, width)
+    except ValueError:
+        return None
+    return numbers if (np.abs(numbers) < NO_NUMBER).all() else None
 
 
 def _not_a_row_a_line(head: Head, block: bytes, line: int, said: str) -> LogError:

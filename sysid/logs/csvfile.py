@@ -259,10 +259,10 @@ def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
 def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
     """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns, or
     none has a point."""
-    cells = [cell.strip() for row in rows for cell in row]
-    commas = [cell for cell in cells if "," in cell and not math.isnan(to_number(cell, ","))]
-    if delimiter == "," and any("." in cell and is_number(cell) for cell in cells):
+    if delimiter == "," and any("." in cell and is_number(cell) for row in rows for cell in row):
         return "."
+    cells = [cell.strip() for row in rows for cell in row if "," in cell]
+    commas = [cell for cell in cells if not math.isnan(to_number(cell, ","))]
     if commas and all(map(GROUPED.fullmatch, commas)):
         raise LogError(
             f"{path}: found {commas[0]!r}, which is {commas[0].replace(',', '.')} with a decimal comma and"

@@ -35,6 +35,9 @@ def names_across(header: Sequence[str], rows: Sequence[Sequence[str]]) -> int | 
     names its quantity; None of any other table. `header` names these cells, or there is none. A bad cell here
     and there is left to be refused by its name."""
     place = len(header) - 1 if any(header) else 0
+    may = [cell for row in rows for cell in row[place : place + 1] if cell.strip() and not is_number(cell)]
+    if 2 * len(may) <= len(rows):
+        return None
     wide = [row for row in rows if len([cell for cell in row if cell.strip()]) >= place + 4]
     named = [row for row in wide if row[place].strip() and not is_number(row[place])]
     whole = [row for row in named if all(is_number(cell) for cell in row[place + 1 :] if cell.strip())]

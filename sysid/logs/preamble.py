@@ -38,7 +38,9 @@ def is_table(lines: list[str], dialect: Dialect) -> bool:
     """Whether the first line is a row of numbers itself, or names the columns of the row below it."""
     if _shape(lines[0], dialect):
         return True
-    shape = next(iter(_shapes([line for line in lines[1:] if line.strip()], dialect)), None)
+    below = [line for line in lines[1:] if line.strip()]
+    sure = next((k for k, line in enumerate(below) if _shape(line, dialect)), len(below))
+    shape = next(iter(_shapes(below[: sure + 1], dialect)), None)  # of which those further down tell nothing
     return shape is not None and _is_texts(
         lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE])
     )

@@ -122,6 +122,7 @@ class Name(NamedTuple):
     amplitude: str
 
 
+@functools.lru_cache(1024)  # of a lot's logs, whose names are the same
 def parse_name(label: str) -> Name | None:
     """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one
     of ours."""
@@ -163,6 +164,7 @@ def fits(quantity: str, unit: str) -> bool:
     return True
 
 
+@functools.lru_cache(1024)
 def split_unit(label: str) -> tuple[str, str, str]:
     """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a
     name without one."""
