@@ -78,6 +78,27 @@ def parser() -> argparse.ArgumentParser:
         "-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)"
     )
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
+    _of_the_fit(command)
+    _of_other_work(command)
+    _of_the_time(command)
+    command.add_argument(
+        "--rig",
+        metavar="FILE",
+        help="rig file (TOML): clock, limits and sensor of what the controller runs on",
+    )
+    command.add_argument(
+        "--zoomable",
+        action="store_true",
+        help="write report_zoomable.html too, the report's figures to zoom into (needs plotly)",
+    )
+    command.add_argument("--seed", type=seed, metavar="N", help="of the sampler (0)")
+    command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
+    command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    return command
+
+
+def _of_the_fit(command: argparse.ArgumentParser) -> None:
+    """What is fitted, and what is known beforehand."""
     command.add_argument(
         "--reference-temperature",
         type=temperature,
@@ -102,6 +123,10 @@ def parser() -> argparse.ArgumentParser:
         help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be"
         " repeated",
     )
+
+
+def _of_other_work(command: argparse.ArgumentParser) -> None:
+    """What else may be asked than a fit."""
     command.add_argument(
         "--advise",
         choices=("G", "tau", "f0", "k_T", "worst", "margin", "settling"),
@@ -124,6 +149,10 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="say what each file is taken for, as which columns, units and constants, and stop",
     )
+
+
+def _of_the_time(command: argparse.ArgumentParser) -> None:
+    """How much time the uncertainty may take."""
     spent = command.add_mutually_exclusive_group()
     spent.add_argument(
         "--accuracy",
@@ -138,20 +167,6 @@ def parser() -> argparse.ArgumentParser:
     spent.add_argument(
         "--budget", type=_seconds, metavar="SECONDS", help="the best accuracy that fits; refused if none does"
     )
-    command.add_argument(
-        "--rig",
-        metavar="FILE",
-        help="rig file (TOML): clock, limits and sensor of what the controller runs on",
-    )
-    command.add_argument(
-        "--zoomable",
-        action="store_true",
-        help="write report_zoomable.html too, the report's figures to zoom into (needs plotly)",
-    )
-    command.add_argument("--seed", type=seed, metavar="N", help="of the sampler (0)")
-    command.add_argument("--json", action="store_true", help="print fit.json instead of the screen")
-    command.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    return command
 
 
 def temperature(text: str) -> float:

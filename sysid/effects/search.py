@@ -38,7 +38,9 @@ CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, up to its optimum
 STEPS = 15
-ROUGH = 8  # steps of the plant at a start: most are taken by half of them, the others go astray
+ROUGH = (
+    8  # steps of the plant at a start where d and q are linear in what the bench adds: most take half as many
+)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 APART = 0.05  # prior standard deviations, by which optima differ
@@ -59,7 +61,7 @@ class Point(NamedTuple):
 
 class Looked(NamedTuple):
     """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
-    (6, 6), and what the step of numbers and plant gains, to second order."""
+    (6, 6), and what the step gains, to second order."""
 
     step: np.ndarray
     covariance: np.ndarray
@@ -107,10 +109,11 @@ class Search:
     def starts(self, before: tuple[Instance, ...], numbers: np.ndarray, instance: Instance) -> list[Point]:
         """Points at the starts of one more effect."""
         found, every, i = [], (*before, instance), instance.where[0]
+        steps = ROUGH if all(self.trials[k].signed for k in instance.where) else MOST
         for start in instance.effect.starts(self.trials[i], self.about):
             u = np.append(numbers, start)
             afresh = all(instance.effect.afresh(self.trials[k]) for k in instance.where)
-            point = self.at(every, u, self.anew(every, u) if afresh else self.alone, ROUGH)
+            point = self.at(every, u, self.anew(every, u) if afresh else self.alone, steps)
             found.append(point._replace(hoped=point.cost - self.looked(point).gain))
         return found
 
@@ -205,7 +208,7 @@ class Search:
         dispersion = np.zeros((len(NAMES), len(NAMES)))
         dispersion[np.ix_(index, index)] = by @ covariance @ by.T
         score = score - by.T @ linear.slope
-        gain = 0.5 * float(score @ covariance @ score + linear.slope @ linear.inverse @ linear.slope)
+        gain = 0.5 * float(score @ covariance @ score)
         return Looked(covariance @ score, covariance, dispersion, gain)
 
     def columns(

@@ -12,9 +12,9 @@ from difflib import SequenceMatcher
 from sysid.logs import units
 from sysid.logs.cells import amount, is_number
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import WORDS, is_absent
+from sysid.logs.mapping import WORDS
 from sysid.logs.metadata import metadata_number, stated
-from sysid.logs.plan import Plan
+from sysid.logs.plan import Plan, is_absent
 from sysid.logs.synonyms import LETTERS, SYNONYMS
 
 BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "settle_s", *units.BENCH_NUMBERS)

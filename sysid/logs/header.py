@@ -14,9 +14,9 @@ from sysid.logs import units
 from sysid.logs.cells import SHOWN, amount, listed, to_number
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.found import completed, with_preset
-from sysid.logs.mapping import MappingFile, is_absent
+from sysid.logs.mapping import MappingFile
 from sysid.logs.metadata import metadata_number, refuse_repeated, sample_rate, stated
-from sysid.logs.plan import Plan, Source, is_decibel
+from sysid.logs.plan import Plan, Source, is_absent, is_decibel
 from sysid.logs.preset import recognised
 from sysid.logs.stamps import EXAMPLE, is_local
 from sysid.logs.stated import ERRORS

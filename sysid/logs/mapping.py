@@ -86,7 +86,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.plan import ANGLES, Plan, Source, is_decibel
+from sysid.logs.plan import ANGLES, Plan, Source, is_absent, is_decibel
 from sysid.logs.scattered import RATIOS, SCATTERED, placed
 from sysid.logs.stamps import is_long
 
@@ -366,11 +366,6 @@ class MappingFile:
                     f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign"
                 )
         return tuple(notes)
-
-
-def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
-    """Whether nothing states an input, of which there is one drive."""
-    return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
 
 
 def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:

@@ -1,8 +1,11 @@
 """What is read from a file: a source for each quantity, and the plan of all."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from sysid.logs import units
 
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 
@@ -42,3 +45,8 @@ class Plan:
 def is_decibel(unit: str) -> bool:
     """Whether a column in this unit is 20 log10 of an amplitude."""
     return unit in ("dB", "dBm", "dBV")
+
+
+def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
+    """Whether nothing states an input, of which there is one drive."""
+    return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})

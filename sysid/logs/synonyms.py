@@ -5,9 +5,8 @@ from collections.abc import Mapping
 
 from sysid.logs import units
 from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import is_absent
 from sysid.logs.metadata import metadata_number, stated
-from sysid.logs.plan import Source
+from sysid.logs.plan import Source, is_absent
 from sysid.logs.stamps import EXAMPLE, is_local, is_long
 from sysid.logs.unknown import drafted
 

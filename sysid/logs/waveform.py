@@ -80,14 +80,11 @@ def demodulate(
         )
     step = _step(time)
     late = round(delay / step)
-    omega, periods = _measure(drive, step, frequency, len(drive) - abs(late))
+    first, count = max(-late, 0), len(drive) - abs(late)
+    omega, periods = _measure(drive, step, frequency, count)
     n = round(2 * np.pi * periods / omega)
     ahead = late - delay / step  # samples by which the response then still lies ahead of the drive
-    first = max(-late, 0)
-    drive, response = (
-        drive[first : len(drive) - max(late, 0)],
-        response[max(late, 0) : len(drive) + min(late, 0)],
-    )
+    drive, response = drive[first:][:count], response[max(late, 0) :][:count]
     held = follow(drive, omega, n)
     spans = [filling(a, b, n) for a, b in pairwise(held.start)]
     own = np.repeat(np.arange(len(spans)), [len(k) for k in spans])  # stretch of each block
@@ -95,18 +92,15 @@ def demodulate(
     found = _in_blocks(response, held, own, begin, n, ahead, derivative)
     if tau > 0:
         spin = 1j * held.omega[own] if derivative else np.ones(len(own))
-        found[1:] = (
-            _filtered(response, held, ahead, begin, n, tau / step, int(order), found[0] * spin[0]) / spin
-        )
+        smooth = _filtered(response, held, ahead, begin, n, tau / step, int(order), found[0] * spin[0])
+        found[1:] = smooth / spin
     last = np.cumsum([len(k) for k in spans])  # rows at the ends of the stretches
     at = np.append(begin[0], begin + n).astype(float)
     at[last[:-1]] = held.edge[1:-1]
     stretch = np.append(own, len(spans) - 1)
     named, notes = _named(held, step, None if frequency is None else frequency[first:])
-    notes = (
-        *notes,
-        *(["the drive is switched between levels: taken as its fundamental"] if held.switched else []),
-    )
+    if held.switched:
+        notes = (*notes, "the drive is switched between levels: taken as its fundamental")
     return Rows(
         time=time[0] + (first + at) * step,
         drive=held.level[stretch],
