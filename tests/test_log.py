@@ -693,7 +693,10 @@ def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
 SAMPLES = [
     'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
 ]
-KINDS = '  # what the signal shows: "displacement", "velocity", "charge", "current" or "impedance"'
+KINDS = (
+    '  # what the signal shows: "displacement", "velocity", "charge", "current", "impedance"; of S11'
+    ' "reflection", of S21 "transmission"'
+)
 
 
 @pytest.mark.parametrize(
