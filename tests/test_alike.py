@@ -105,6 +105,10 @@ def spoilt(kind):
     ],
 )  # fmt: skip
 def test_the_same_sentence_either_way(tmp_path, monkeypatch, kind):
+    """Among files of the same head too, which are read before."""
+    for seed in range(3):
+        (tmp_path / f"{seed}.csv").write_bytes(table(rows(seed)))
+        assert not isinstance(answer(tmp_path / f"{seed}.csv"), str)
     path = tmp_path / "log.csv"
     path.write_bytes(table(spoilt(kind)))
     short = answer(path)

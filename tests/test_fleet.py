@@ -97,6 +97,19 @@ def test_what_is_done_is_not_done_again(made, folder, monkeypatch):
     pd.testing.assert_frame_equal(pd.read_csv(made[1] / "fleet.csv"), before)
 
 
+def test_numbers_by_the_lot_stand_beside_and_need_no_fit(made, folder, tmp_path, monkeypatch):
+    import shutil
+
+    where = tmp_path / "results"
+    shutil.copytree(made[1], where)
+    monkeypatch.setattr("sysid.fleet.run.Processes", None)
+    assert main([str(folder), "-o", str(where), "--jobs", "2", "--shrink"]) == 0
+    before, after = (pd.read_parquet(place / "fleet.parquet") for place in (made[1], where))
+    pd.testing.assert_frame_equal(after[before.columns], before)
+    added = after.drop(columns=before.columns)
+    assert {"G_pooled", "G_pooled_std", "f0_pooled"} < {*added} and added.isna().all(axis=None)  # of five
+
+
 def test_a_log_that_changed_is_fitted_again(made, folder, tmp_path):
     import shutil
 

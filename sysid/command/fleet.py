@@ -84,6 +84,9 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--full", action="store_true", help="write every plate's own files, as identify does, into DIR/plates"
     )
+    command.add_argument(
+        "--shrink", action="store_true", help="with columns of what each plate has by its logs and by the lot"
+    )
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     command.add_argument("--effects", type=effects, metavar="LIST", help="as for identify")
     command.add_argument(
@@ -123,7 +126,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from sysid.fleet.run import fit_fleet
     from sysid.logs.textfile import LogError
 
-    told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "seed", "columns")
+    told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "shrink", "seed", "columns")
     names = (*told, "reference_temperature")
     given = {name: getattr(arguments, name) for name in names}
     given |= {"nuisances": arguments.effects, "priors": dict(arguments.prior or ())}

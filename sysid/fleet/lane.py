@@ -149,19 +149,12 @@ def _rows(
     key: tuple, plates: Sequence[Plate], settings: Settings, begin: Callable[[Group], None]
 ) -> Iterator[Row]:
     """The rows of plates of one layout."""
-    from sysid.fleet.differ import dispersion, widened
-    from sysid.fleet.screen import passed_on, residual, vague
+    from sysid.precision import one_thread
 
     started = time.perf_counter()
     cells = cells_of(key, plates[0][1])
     try:
-        with np.errstate(all="ignore"):
-            batch = fit_together(plates)
-            lefts = [residual(log, batch.step) for log in batch.logs]
-            why = passed_on(batch, lefts, cells)
-            added, said = dispersion(batch, [[log.name for log in logs] for _, logs in plates])
-            batch = widened(batch, added)
-            why = np.where(why == "", vague(batch), why)
+        batch, lefts, why, said = one_thread(_judged)(plates, cells)
     except np.linalg.LinAlgError:  # of a plate whose rows tell nothing
         half = len(plates) // 2
         for part in (plates[:half], plates[half:]) if half else ():
@@ -179,6 +172,23 @@ def _rows(
     for p in np.flatnonzero(why != "").tolist():
         begin(plates[p][0])
         yield row_of(plates[p][0], settings, plates[p][1], str(why[p]))
+
+
+def _judged(
+    plates: Sequence[Plate], cells: "Cells"
+) -> "tuple[Batch, list[np.ndarray], np.ndarray, list[list[Said]]]":
+    """The fits of plates of one layout; what each leaves of its logs; why it goes to `sysid.fit`, "" where it
+    need not; and what is said of logs that differ."""
+    from sysid.fleet.differ import dispersion, widened
+    from sysid.fleet.screen import passed_on, residual, vague
+
+    with np.errstate(all="ignore"):
+        batch = fit_together(plates)
+        lefts = [residual(log, batch.step) for log in batch.logs]
+        why = passed_on(batch, lefts, cells)
+        added, said = dispersion(batch, [[log.name for log in logs] for _, logs in plates])
+        batch = widened(batch, added)
+        return batch, lefts, np.where(why == "", vague(batch), why), said
 
 
 def fit_together(plates: Sequence[Plate]) -> "Batch":

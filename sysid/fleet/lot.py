@@ -125,6 +125,28 @@ def in_one_unit(column: pd.Series) -> np.ndarray:
     return column.map(factors).to_numpy(float)
 
 
+def with_pooled(frame: pd.DataFrame, found: Judged | None) -> pd.DataFrame:
+    """The table with columns p_pooled and p_pooled_std beside each parameter p by which plates are judged:
+    what the plate has by its own logs and by the lot (`Lot.pooled`), in the unit of its own value; NaN of a
+    plate that is odd, as that is not of the lot, or whose logs do not determine p."""
+    names = PLANT if found is None else found.names
+    told = {f"{name}_pooled{end}": np.full(len(frame), np.nan) for name in names for end in ("", "_std")}
+    if found is not None:
+        values, covariances = found.lot.pooled
+        for j, name in enumerate(names):
+            middle, std = values[:, j], np.sqrt(covariances[:, j, j])
+            if name in POSITIVE:
+                middle = np.exp(middle)
+                std = middle * std
+            own = 1 / in_one_unit(frame.iloc[found.index]["G_unit"]) if name == "G" else 1.0
+            here = found.lot.known[:, j] & ~frame["odd"].to_numpy(bool)[found.index]
+            told[f"{name}_pooled"][found.index] = np.where(here, middle * own, np.nan)
+            told[f"{name}_pooled_std"][found.index] = np.where(here, std * own, np.nan)
+    whole = pd.concat([frame, pd.DataFrame(told, index=frame.index)], axis=1)
+    whole.attrs = frame.attrs
+    return whole
+
+
 def _parted(values: np.ndarray, names: list[str]) -> tuple[str, Halves] | None:
     """The parameter by which the lot is two most of all."""
     found = [(name, h) for name, x in zip(names, values.T, strict=True) if (h := halves(x)) is not None]

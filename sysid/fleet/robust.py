@@ -58,6 +58,19 @@ class Lot:
         """(n,) d_i^2."""
         return np.einsum("ni,nij,nj->n", self.left, self.precisions, self.left)
 
+    @cached_property
+    def pooled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n, p) what plates of the lot have by their own logs and by the lot, B^T z + S (S + C)^-1 (x - B^T
+        z), and (n, p, p) its covariance, which holds that of B, not that of S (Lindley & Smith, J. R. Stat.
+        Soc. B 34, 1, 1972)."""
+        weights = self.scatter @ self.precisions
+        rest = np.eye(len(self.scatter)) - weights
+        q, p = self.centre.shape
+        told = np.linalg.pinv(_normal(self.given[self.kept], self.precisions[self.kept]), hermitian=True)
+        centre = np.einsum("na,nb,aibj->nij", self.given, self.given, told.reshape(q, p, q, p))
+        values = self.given @ self.centre + np.einsum("nij,nj->ni", weights, self.left)
+        return values, rest @ self.scatter + rest @ centre @ rest.transpose(0, 2, 1)
+
     @property
     def single(self) -> np.ndarray:
         """(n, p) each parameter's distance in its own standard deviations."""
@@ -196,6 +209,12 @@ def _likeliest(
 def _weighted(y: np.ndarray, given: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """(q, p) the centre by least squares with these precisions."""
     q, p = given.shape[1], y.shape[1]
-    normal = np.einsum("na,nb,nij->aibj", given, given, precision).reshape(q * p, q * p)
+    normal = _normal(given, precision)
     right = np.einsum("na,nij,nj->ai", given, precision, y).ravel()
     return np.linalg.lstsq(normal, right, rcond=1e-12)[0].reshape(q, p)
+
+
+def _normal(given: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(q p, q p) the normal matrix of the centre's least squares."""
+    size = given.shape[1] * precision.shape[1]
+    return np.einsum("na,nb,nij->aibj", given, given, precision).reshape(size, size)

@@ -28,6 +28,7 @@ def fit_fleet(
     lane: bool = True,
     accuracy: str = "quick",
     full: bool = False,
+    shrink: bool = False,
     seed: int = 0,
     columns: str | Path | None = None,
     nuisances: Sequence[str] | None = None,
@@ -44,8 +45,9 @@ def fit_fleet(
     `full`: with each plate's own set of files in it. `jobs`: processes of this machine (None: one for each
     core; 0: this process alone); `scheduler`: the address of a Dask scheduler instead. `lane`: fit plates
     that are recorded alike together, where nothing but plate, bench and white noise shows, and each of the
-    others by itself; else each by itself. What is left is told
-    to each plate's fit: see `sysid.fit`, `sysid.sample` and, for `columns`, `sysid.read_logs`. `meanwhile`:
+    others by itself; else each by itself. `shrink`: with further columns, p_pooled and p_pooled_std of each
+    parameter p, what a plate that is not odd has by its own logs and by the lot. What is left is told to each
+    plate's fit: see `sysid.fit`, `sysid.sample` and, for `columns`, `sysid.read_logs`. `meanwhile`:
     is given how many plates are done, and of how many, as it goes on.
 
     A plate whose logs cannot be read is a row with the reader's sentence under `error`. Raises LogError where
@@ -77,7 +79,8 @@ def fit_fleet(
             done |= {row["plate"]: row for row in rows}
             if meanwhile is not None:
                 meanwhile(len(done), len(plates))
-        return _finished([done[group.plate] for group in plates], None if folder is None else place, full)
+        rows = [done[group.plate] for group in plates]
+        return _finished(rows, None if folder is None else place, full, shrink)
 
 
 def _check(nuisances: Sequence[str]) -> None:
@@ -106,12 +109,17 @@ def cores() -> int:
     return len(usable(0)) if usable else os.cpu_count() or 1
 
 
-def _finished(rows: Sequence[dict[str, Any]], folder: Path | None, full: bool) -> "pd.DataFrame":
+def _finished(
+    rows: Sequence[dict[str, Any]], folder: Path | None, full: bool, shrink: bool
+) -> "pd.DataFrame":
     """The table of all rows, and its files in the folder."""
+    from sysid.fleet.lot import with_pooled
     from sysid.fleet.odd import with_odd
     from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet, framed
 
     frame, found = with_odd(framed(rows))
+    if shrink:
+        frame = with_pooled(frame, found)
     if folder is not None:
         from sysid.command.outputs import add
         from sysid.fleet.page import PAGE, render
