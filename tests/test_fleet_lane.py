@@ -92,10 +92,11 @@ def test_plates_without_noise_are_what_they_are(kind):
             assert p["std"] < (3e-3 if parameter == "G" and kind == "step" else 1e-5) * value
 
 
+@pytest.mark.parametrize("bench", [{}, {"delay_s": 0.0}], ids=["late", "timed"])
 @pytest.mark.parametrize("kind", ["step", study("sweep"), "both"])
-def test_rows_are_those_of_the_single_fit(kind):
+def test_rows_are_those_of_the_single_fit(kind, bench):
     settings = Settings()
-    plates = {str(k): made(kind, k) for k in range(50, 54)}
+    plates = {str(k): [replace(log, bench=bench) for log in made(kind, k)] for k in range(50, 54)}
     rows = told(plates)
     assert {row["way"] for row in rows.values()} == {"batch"}
     for name, logs in plates.items():

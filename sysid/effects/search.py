@@ -38,9 +38,7 @@ CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, up to its optimum
 STEPS = 15
-ROUGH = (
-    8  # steps of the plant at a start where d and q are linear in what the bench adds: most take half as many
-)
+ROUGH = 8  # steps of the plant at a start of d and q, which are linear in what the bench adds: most take four
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 APART = 0.05  # prior standard deviations, by which optima differ

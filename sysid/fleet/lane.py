@@ -128,7 +128,7 @@ def _blocks(logs: "Sequence[Sequence[Log]]") -> "list[Block]":
         else:
             row = int(np.flatnonzero(first.drive)[0]) - (first.sampling == "settled")
             blocks.append(
-                Step(first.time, row, drive, np.array([log.frequency[0] for log in each]), response)
+                Step(first.time, row, drive, np.array([log.frequency[0] for log in each]), response, timed)
             )
     return blocks
 

@@ -4,12 +4,14 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.fleet.engine import Dask, Engine, Here, Processes
-from sysid.fleet.groups import PLATE, grouped
+from sysid.fleet.groups import PLATE, Group, grouped
 from sysid.fleet.parts import Parts
+from sysid.fleet.plate import Row
 from sysid.fleet.settings import Settings
 
 if TYPE_CHECKING:
@@ -71,16 +73,26 @@ def fit_fleet(
         plates = grouped(
             groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
         )
-        parts = Parts(place / PARTS)
-        done = parts.done(plates, settings)
-        left = [group for group in plates if group.plate not in done]
-        for rows in _engine(jobs, scheduler, len(left)).rows(left, settings) if left else ():
-            parts.write(rows)
-            done |= {row["plate"]: row for row in rows}
-            if meanwhile is not None:
-                meanwhile(len(done), len(plates))
-        rows = [done[group.plate] for group in plates]
+        rows = _fitted(plates, settings, Parts(place / PARTS), partial(_engine, jobs, scheduler), meanwhile)
         return _finished(rows, None if folder is None else place, full, shrink)
+
+
+def _fitted(
+    plates: Sequence[Group],
+    settings: Settings,
+    parts: Parts,
+    engine: Callable[[int], Engine],
+    meanwhile: Callable[[int, int], None] | None,
+) -> list[Row]:
+    """The rows of all plates, of which those that are in the parts already are not fitted again."""
+    done = parts.done(plates, settings)
+    left = [group for group in plates if group.plate not in done]
+    for rows in engine(len(left)).rows(left, settings) if left else ():
+        parts.write(rows)
+        done |= {row["plate"]: row for row in rows}
+        if meanwhile is not None:
+            meanwhile(len(done), len(plates))
+    return [done[group.plate] for group in plates]
 
 
 def _check(nuisances: Sequence[str]) -> None:

@@ -160,9 +160,8 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         ]
     if FINGER[0] in free and (carried := recorder.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]
-    spoilt = any(
-        f.key == "rows" for f in wrong
-    )  # which are to be recorded again before anything is told of them
+    # Rows that are to be recorded again before anything is told of them.
+    spoilt = any(f.key == "rows" for f in wrong)
     return Judged(wrong, doubts, found, not described and not spoilt)
 
 
