@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sysid.logs.alike import Alike
 from sysid.logs.log import Log
 from sysid.logs.mapping import MappingFile
 from sysid.logs.metadata import stated
@@ -23,6 +24,7 @@ TEXT, BINARY = (
 )
 ENDINGS = rf"\.({TEXT}|{BINARY})(\.(gz|bz2|xz))?$"
 Given = str | Path | Log
+alike = Alike()  # the heads of files that this process has met
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,10 @@ def _plate(
         return found[1] if found else None
     if isinstance(item, Log):
         return stated(item.metadata, "plate")
+    if mapping is None:
+        name, sure_of_it = alike.plate(str(path))
+        if sure_of_it:
+            return name
     if mapping is not None:  # of a capture in several files, each states its plate
         mapping = replace(mapping, options={k: v for k, v in mapping.options.items() if k != "columns"})
     with opened({"": str(path)}, mapping) as head:

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from sysid.fleet.groups import Given, Group
+from sysid.fleet.groups import Given, Group, alike
 from sysid.fleet.settings import Settings
 from sysid.logs.textfile import LogError
 
@@ -107,6 +107,8 @@ def read(given: Sequence[Given], columns: str | None) -> "list[Log]":
     files = [item for item in given if not isinstance(item, Log)]
     if not made and not files:
         raise LogError("found no logs of this plate, expected at least one")
+    if files and not made and columns is None:
+        return alike.read([str(path) for path in files])
     read = read_logs(files, columns) if files else []
     return in_common_units(of_one_plate([*made, *read])) if made else read
 

@@ -86,10 +86,12 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
         dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *doubt))
         for plan, doubt in zip(plans, doubts, strict=True)
     ]
-    return [_make_log(head, body, *of) for of in zip(plans, values, rows, strict=True)]
+    return [log_of(head, body, *of) for of in zip(plans, values, rows, strict=True)]
 
 
-def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.ndarray | None) -> Log:
+def log_of(
+    head: Head, body: Body, plan: Plan, value: str | None = None, rows: np.ndarray | None = None
+) -> Log:
     """The log of a file, or of its part in `rows` where the split column holds `value`."""
     name = head.name if value is None else f"{head.name}[{value}]"
     count = len(rows) if rows is not None else len(body)
@@ -148,6 +150,20 @@ def _make_log(head: Head, body: Body, plan: Plan, value: str | None, rows: np.nd
             head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
         )
     return log
+
+
+def with_response(log: Log, head: Head, body: Body, plan: Plan) -> Log:
+    """The log of a file with the inputs of `log`, and the response of `body`, of nothing but numbers."""
+    count = len(body)
+    arrays = {
+        key: _values(key, body, plan.sources[key], None, count)
+        for key in ("w", "wd", "wq")
+        if key in plan.sources
+    }
+    response, unit = _response(head, plan, arrays, log.frequency, (log.drive, log.drive_unit))
+    response.flags.writeable = False
+    own = {"metadata": plan.metadata, "path": head.path, "sha256": body.sha256}
+    return dataclasses.replace(log, name=head.name, response=response, response_unit=unit, **own)
 
 
 def _refuse_impossible(

@@ -28,7 +28,9 @@ def of_one_plate(logs: list["Log"]) -> list["Log"]:
 def doubted(log: "Log") -> "Log":
     """The log, with a note where its temperature is a room's in kelvin: it may be right, and moves k_T by
     far if it is not."""
-    if log.temperature is None or not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
+    if log.temperature is None or np.max(log.temperature) < ROOM[0]:  # a median takes its time
+        return log
+    if not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
         return log
     note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
     return dataclasses.replace(log, notes=(*log.notes, note))

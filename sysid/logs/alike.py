@@ -1,0 +1,288 @@
+"""Files that are alike: of one head the plan is made once, by the exact reader, and holds for all files whose
+lines above the rows are the same but for the plate, its date and serial number, and constant inputs.
+
+What is taken so is a small table of plain numbers, each line with as many cells as the header has names, by
+the contract's names; every other file goes to the exact reader, and so does every log in which something is
+wrong. Both read each number to its last bit.
+"""
+
+import hashlib
+import os
+import re
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from sysid.logs import units
+from sysid.logs.cells import NO_NUMBER
+from sysid.logs.csvbody import PLAIN, SMALL, Body
+from sysid.logs.csvfile import SAMPLE, Head, LogError
+from sysid.logs.header import SAMPLES, planned
+from sysid.logs.log import Log
+from sysid.logs.metadata import stated
+from sysid.logs.opening import opened
+from sysid.logs.plan import Plan
+from sysid.logs.read import log_of, logs_of, of_one_bench, read_logs, with_response
+from sysid.logs.textfile import unchanged
+
+ENDINGS = (".csv", ".txt", ".tsv", ".dat")  # other kinds of files are told by theirs
+OWN = ("plate", "date", "serial")  # metadata that each file has for itself, and that change no number
+TOP = 1 << 13  # bytes of a file that hold its head and, as a rule, its first rows
+MOST = 64  # patterns of files whose heads differ in numbers alone
+LINE = re.compile(rb"#[ \t]*(\w+)[ \t]*:[ \t]*([!-<>-~]+(?:[ \t]+[!-<>-~]+)*)[ \t]*\r?\n", re.ASCII)
+NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+MARKS = ",;\t"
+INPUTS = ("time", *units.CONSTANTS)
+
+
+@dataclass(frozen=True)
+class _Top:
+    """What stands above the rows of a file: its lines, without what may differ from file to file, which is in
+    `told`, a value for each key; the byte at which its rows begin."""
+
+    lines: bytes
+    told: tuple[tuple[str, str], ...]
+    start: int
+
+    @classmethod
+    def of(cls, text: bytes) -> "_Top | None":
+        """That of a file that begins so; None where it is not known to be one of comments and a header."""
+        lines, told, start = [], [], 0
+        while text.startswith(b"#", start):
+            end = text.find(b"\n", start) + 1
+            if not end:
+                return None
+            line = text[start:end]
+            found = LINE.fullmatch(line)
+            if found and (found[1].lower().decode() in OWN or NUMBER.fullmatch(found[2])):
+                told.append((found[1].decode(), found[2].decode()))
+                line = b"#" + found[1] + b":\n"
+            lines.append(line)
+            start = end
+        end = text.find(b"\n", start) + 1
+        whole = b"".join([*lines, text[start:end]])
+        keys = [key.casefold() for key, _ in told]
+        distinct = len({*keys}) == len(keys)  # what a file says twice is not for us to judge
+        named = text[start : start + 1].isalpha()
+        return cls(whole, tuple(told), end) if end and named and distinct and whole.isascii() else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """Files of one head: that of the first, with its `plan`, and the log that it gave; `told` as its `_Top`
+    has it, of which `constants` may differ, by key, and are quantities of the plan; `cells`: the texts of the
+    columns that are inputs."""
+
+    head: Head
+    plan: Plan
+    log: Log
+    told: tuple[tuple[str, str], ...]
+    constants: dict[str, str]
+    cells: dict[int, list[bytes]] = field(repr=False)
+
+    def holds(self, top: _Top) -> bool:
+        """Whether it is that of a file with such a head."""
+        both = zip(self.told, top.told, strict=True)
+        return all(
+            a == b
+            or a[0].casefold() in OWN
+            or (a[0] in self.constants and abs(float(b[1])) < NO_NUMBER)
+            for a, b in both
+        )
+
+    def metadata(self, top: _Top) -> dict[str, str]:
+        """Those of a file with such a head."""
+        changed = dict(top.told)
+        return {key: changed.get(key, value) for key, value in self.plan.metadata.items()}
+
+    def log_of(self, path: str, top: _Top, rows: "_Rows", sha256: str) -> Log | None:
+        """The log of another file with such a head; None where it holds what is no plain number. Raises
+        LogError."""
+        same = all(rows.cells[column :: rows.width] == known for column, known in self.cells.items())
+        wanted = [s.column for s in self.plan.sources.values() if s.column is not None]
+        numbers = {c: rows.column(c) for c in wanted if not (same and c in self.cells)}
+        if any(found is None for found in numbers.values()):
+            return None
+        body = Body({c: found for c, found in numbers.items() if found is not None}, None, sha256)
+        changed, metadata = dict(top.told), self.metadata(top)
+        plan, lines = replace(self.plan, metadata=metadata), top.lines.count(b"\n")
+        sample = self.head.sample if same else rows.sample
+        head = replace(
+            self.head, path=path, metadata=metadata, start=top.start, first_line=lines + 1, sample=sample
+        )
+        others = {k: (q, changed[k]) for k, q in self.constants.items() if changed[k] != dict(self.told)[k]}
+        if same and not others:
+            return with_response(self.log, head, body, plan)
+        sources = plan.sources | {
+            quantity: replace(plan.sources[quantity], constant=float(text), written=text)
+            for quantity, text in others.values()
+        }
+        return log_of(head, body, replace(plan, sources=sources))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """The rows of a small table of plain cells, `width` in each, one after the other."""
+
+    cells: list[bytes]
+    width: int
+
+    @classmethod
+    def of(cls, text: bytes, delimiter: bytes, width: int) -> "_Rows | None":
+        """Those of a text; None where a line has another number of cells, or something looks like no
+        number."""
+        if b"\r" in text:
+            text = text.replace(b"\r\n", b"\n")
+        text = text.removesuffix(b"\n")
+        marks = text.translate(None, PLAIN.replace(b"\r\n", b""))
+        line = delimiter * (width - 1)
+        if not text or marks != (line + b"\n") * (len(marks) // width) + line:
+            return None
+        return cls(text.replace(b"\n", delimiter).split(delimiter), width)
+
+    def column(self, index: int) -> np.ndarray | None:
+        """(n,) numbers; None where a cell is none."""
+        cells = self.cells[index :: self.width]
+        try:
+            found = np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:
+            return None
+        return found if (np.abs(found) < NO_NUMBER).all() else None
+
+    @property
+    def sample(self) -> tuple[tuple[str, ...], ...]:
+        """The first rows as text."""
+        texts = [cell.decode() for cell in self.cells[: SAMPLE * self.width]]
+        edges = range(0, len(texts) + 1, self.width)
+        return tuple(tuple(texts[a:b]) for a, b in pairwise(edges))
+
+
+class Alike:
+    """Reads files as `read_logs` does, those quickly that are like one that it has read before."""
+
+    def __init__(self) -> None:
+        self.known: dict[bytes, list[_Pattern]] = {}
+        self.met: set[bytes] = set()  # heads, of which the second makes a pattern: most may be there once
+        self.strange: set[bytes] = set()  # those that are always for the exact reader
+
+    def read(self, paths: Sequence[str]) -> list[Log]:
+        """The logs of one plate, as `read_logs` gives them. Raises LogError."""
+        try:
+            logs = [self._log(path) for path in paths]
+        except (LogError, OSError):  # the exact reader finds it again, and says what it is
+            return read_logs(paths)
+        found = [log for log in logs if log is not None]
+        if len(found) < len(paths) or len({log.sha256 for log in found}) < len(paths):
+            return read_logs(paths)
+        return of_one_bench(found)
+
+    def plate(self, path: str) -> tuple[str | None, bool]:
+        """The plate that a file states, and whether it is surely one that can be read down to its first rows:
+        else the exact reader has to tell."""
+        unsure = None, False
+        if not _is_small_text(path):
+            return unsure
+        try:
+            with open(path, "rb") as file:
+                text = file.read(TOP)
+        except OSError:
+            return unsure
+        whole = len(text) < TOP
+        text = text if whole else text[: text.rfind(b"\n") + 1]
+        if (top := _Top.of(text)) is None or (pattern := self._pattern(path, top)) is None:
+            return unsure
+        below = text[top.start :].split(b"\n", SAMPLE)
+        if len(below) <= SAMPLE and not whole:
+            return unsure
+        rows = _rows(b"\n".join(below[:SAMPLE]), pattern.head)
+        if rows is None or _Rows(rows.cells[: rows.width], 1).column(0) is None:
+            return unsure
+        if rows.column(rows.width - 1) is None:  # most of which are words in a table that lies across
+            return unsure
+        return stated(pattern.metadata(top), "plate"), True
+
+    def _log(self, path: str) -> Log | None:
+        """The log of one file; None where it is for the exact reader."""
+        if not _is_small_text(path):
+            return None
+        with np.errstate(all="ignore"), unchanged(path), open(path, "rb") as file:
+            text = file.read()
+            if (top := _Top.of(text)) is None:
+                return None
+            if (pattern := self._pattern(path, top)) is None:
+                return None
+            if (rows := _rows(text[top.start :], pattern.head)) is None:
+                return None
+            return pattern.log_of(path, top, rows, hashlib.sha256(text).hexdigest())
+
+    def _pattern(self, path: str, top: _Top) -> _Pattern | None:
+        """That of a file's head, learned from this very file where it is the second."""
+        if top.lines in self.strange:
+            return None
+        known = self.known.get(top.lines, [])
+        if found := next((pattern for pattern in known if pattern.holds(top)), None):
+            return found
+        if top.lines not in self.met or len(known) >= MOST:
+            self.met.add(top.lines)
+            return None
+        try:
+            learned = _learned(path, top)
+        except (LogError, OSError):  # of this file; the next may be a good one
+            return None
+        if learned is None:
+            self.strange.add(top.lines)
+        elif learned:
+            self.known[top.lines] = [*known, *learned]
+        return next(iter(learned or ()), None)
+
+
+def _is_small_text(path: str) -> bool:
+    """Whether a file may be such a table, by its ending and its size, and is no folder, pipe or device."""
+    if not path.lower().endswith(ENDINGS):
+        return False
+    try:
+        found = os.stat(path)
+    except OSError:
+        return False
+    return stat.S_ISREG(found.st_mode) and found.st_size <= SMALL
+
+
+def _rows(text: bytes, head: Head) -> _Rows | None:
+    """The rows below a head."""
+    return _Rows.of(text, str(head.dialect.delimiter).encode(), len(head.names))
+
+
+def _learned(path: str, top: _Top) -> list[_Pattern] | None:
+    """What the exact reader makes of a file, as a pattern for others; nothing where this file is not whole,
+    and None where all such files are the exact reader's own. Raises LogError."""
+    with opened({"": path}, None) as head:
+        _, mapping, plan = planned(head, None)
+        logs = logs_of(head)
+        with open(path, "rb") as file:
+            text = file.read()
+    if mapping is not None or len(logs) != 1 or not _is_plain(head, plan, logs[0], top):
+        return None
+    rows = _rows(text[top.start :], head)
+    if rows is None or logs[0].notes != plan.notes:
+        return []
+    keys = {source.label: quantity for quantity, source in plan.sources.items() if source.column is None}
+    constants = {key: q for key, _ in top.told if (q := keys.get(f"metadata {key!r}"))}
+    inputs = [s.column for name, s in plan.sources.items() if name in INPUTS]
+    cells = {c: rows.cells[c :: rows.width] for c in inputs if c is not None}
+    return [_Pattern(head, plan, logs[0], top.told, constants, cells)]
+
+
+def _is_plain(head: Head, plan: Plan, log: Log, top: _Top) -> bool:
+    """Whether a file is a table as it stands on the disk, read by its own names alone, nothing of which hangs
+    on a single cell."""
+    sources = plan.sources.values()
+    text = head.sheet is None and head.dialect.header is True and not head.preamble and not head.repeated
+    begins = (head.start, head.first_line) == (top.start, top.lines.count(b"\n") + 1)
+    marks = head.dialect.decimal == "." and str(head.dialect.delimiter) in MARKS and len(head.names) > 1
+    odd = [name for name in head.names if not name or name.casefold() in (*SAMPLES, "log")]
+    direct = plan.sources.keys() <= {*INPUTS, "wd", "wq", "w"} and not any(s.dated or s.spare for s in sources)
+    spoken = log.warnings or plan.warnings or head.notes or plan.split is not None
+    return bool(text and begins and marks and direct) and not (odd or spoken)
