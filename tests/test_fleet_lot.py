@@ -261,6 +261,7 @@ def test_the_page_has_the_odd_plates_first_and_asks_for_nothing(tmp_path):
         "label": "s",
         "unit": "um",
         "x": [0.0, 0.1],
+        "digit": 0.5,
         "parts": [[[1, 2], [1, 2]], [[0, 1], [0, 1]]],
     }
     rows = [{"traces": [trace]} if k == 7 else {} for k in range(60)]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.fleet.groups import Group
-from sysid.fleet.plate import BY_BATCH, TRACED, Row, blank, read, row_of, stated, trace
+from sysid.fleet.plate import Row, read, row_of
 from sysid.fleet.settings import Settings
 from sysid.posterior.accuracy import NAMES
 
@@ -149,6 +149,7 @@ def _rows(
     key: tuple, plates: Sequence[Plate], settings: Settings, begin: Callable[[Group], None]
 ) -> Iterator[Row]:
     """The rows of plates of one layout."""
+    from sysid.fleet.told import told
     from sysid.precision import one_thread
 
     started = time.perf_counter()
@@ -162,11 +163,11 @@ def _rows(
         if not half:
             yield row_of(plates[0][0], settings, plates[0][1], "its rows tell nothing")
         return
-    good = [p for p, reason in enumerate(why) if not reason]
+    good = np.flatnonzero(why == "").tolist()
     left = [
         f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
     ]
-    rows = [_told(batch, p, plates[p], [f[p] for f in left], said[p], cells, settings) for p in good]
+    rows = told(batch, good, plates, left, said, cells, settings)
     each = round((time.perf_counter() - started) / len(plates), 6)
     yield from ({**row, "seconds": each} for row in rows)
     for p in np.flatnonzero(why != "").tolist():
@@ -197,71 +198,3 @@ def fit_together(plates: Sequence[Plate]) -> "Batch":
     from sysid.precision import one_thread
 
     return one_thread(fitted)(_blocks([logs for _, logs in plates]))
-
-
-def _told(
-    batch: "Batch",
-    p: int,
-    plate: Plate,
-    lefts: Sequence[np.ndarray],
-    said: Sequence["Said"],
-    cells: "Cells",
-    settings: Settings,
-) -> Row:
-    """The row of the p-th plate of a batch; `lefts` (n,): what is left of its logs."""
-    from sysid.command.outputs import finding, plain
-    from sysid.fleet.template import FREE
-    from sysid.verdict.finding import Finding
-    from sysid.verdict.wording import hangs_on_lateness
-
-    group, logs = plate
-    std = np.sqrt(np.diag(batch.covariance[p]))
-    parameters = _parameters(batch.theta[p], std, f"{logs[0].response_unit}/{logs[0].drive_unit}")
-    warm = [float(log.temperature[0]) for log in logs if log.temperature is not None]
-    at = float(np.mean(warm)) if warm else None
-    parameters["k_T"] = _unknown(cells.why("k_T", at))
-    size = np.array([parameters[name]["std"] for name in FREE]) / std
-    models = [log.response - left for log, left in zip(logs, lefts, strict=True)]
-    alarms, notes = ([x.told(True) for x in said if x.rare is which] for which in (True, False))
-    found = [Finding("late", "noted", hangs_on_lateness(float(std[0])))] if batch.hung[0, p] else []
-    return blank(group, settings, BY_BATCH) | {
-        "result": "successful",
-        "parameters": parameters,
-        "names": list(FREE),
-        "covariance": (batch.covariance[p] * np.outer(size, size)).tolist(),
-        "reference_temperature_degC": at,
-        "nrmse_percent": max(_percent(log.response, left) for log, left in zip(logs, lefts, strict=True)),
-        "warnings": [*alarms, *(f.sentence for f in found)],
-        "findings": [plain(finding(f)) for f in found],
-        "notes": notes,
-        "traces": [trace(log, log.kind or "", m) for log, m in list(zip(logs, models, strict=True))[:TRACED]],
-        "stated": stated(logs),
-    }
-
-
-def _parameters(theta: np.ndarray, std: np.ndarray, unit: str) -> dict[str, Row]:
-    """G, tau and f0 as the normal approximation of the posterior has them: logarithms of G and tau are
-    normal."""
-    from sysid.verdict.result import NORMAL95
-
-    found: dict[str, Row] = {}
-    for k, (name, of) in enumerate((("G", unit), ("tau", "s"), ("f0", "Hz"))):
-        low, high = theta[k] - NORMAL95 * std[k], theta[k] + NORMAL95 * std[k]
-        if name == "f0":
-            numbers = (theta[k], std[k], low, high)
-        else:
-            value = np.exp(theta[k] + 0.5 * std[k] ** 2)
-            numbers = (value, value * np.sqrt(np.expm1(std[k] ** 2)), np.exp(low), np.exp(high))
-        names = ("value", "std", "ci95_low", "ci95_high")
-        row: Row = dict(zip(names, map(float, numbers), strict=True))
-        found[name] = row | {"unit": of, "determined": True, "why": None}
-    return found
-
-
-def _unknown(why: str) -> Row:
-    none: Row = dict.fromkeys(("value", "std", "ci95_low", "ci95_high"))
-    return none | {"unit": "Hz/degC", "determined": False, "why": why}
-
-
-def _percent(response: np.ndarray, left: np.ndarray) -> float:
-    return 100 * float(np.linalg.norm(left) / np.linalg.norm(response - np.mean(response)))

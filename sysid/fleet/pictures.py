@@ -207,7 +207,7 @@ def _traced(axes: Axes, trace: Mapping[str, Any]) -> None:
     if label == "s":
         label, factor = next((p for p in PREFIXES if x[-1] * p[1] >= 2), PREFIXES[-1])
         x = factor * x
-    parts: Sequence[Any] = trace["parts"]
+    parts = trace["digit"] * np.array(trace["parts"])
     colours = [BLUE, ORANGE] if len(parts) > 1 else [GREY]
     for (recorded, fitted), colour in zip(parts, colours, strict=True):
         axes.plot(x, recorded, color=colour, **DOTS)

@@ -25,6 +25,7 @@ UNREADABLE, FAILED, DIED = "the logs cannot be read", "the program failed", "the
 # the ways of a plate: fitted by `sysid.fit` by itself, or with those that are recorded alike
 BY_FIT, BY_BATCH = "fit", "batch"
 TRACED, POINTS = 3, 40  # logs of a plate, and rows of each, that its small picture shows
+DIGITS = 1000  # of the largest value, to which it shows them
 Row = dict[str, Any]
 
 
@@ -58,9 +59,13 @@ def row_of(group: Group, settings: Settings, logs: "Sequence[Log] | None" = None
     return row | {"seconds": round(time.perf_counter() - begun, 4)}
 
 
-def blank(group: Group, settings: Settings, way: str = BY_FIT, why: str = "") -> Row:
-    """The row of a plate of which nothing is known yet but its logs, and the way that it goes."""
-    logs = [{"name": _name(item), "sha256": digest(item)} for item in group.logs]
+def blank(
+    group: Group, settings: Settings, way: str = BY_FIT, why: str = "", read: "Sequence[Log]" = ()
+) -> Row:
+    """The row of a plate of which nothing is known yet but its logs, and the way that it goes; `read`: its
+    logs, by which the bytes of their files are known already, unless each is made of several."""
+    known = {log.path: log.sha256 for log in read} if settings.columns is None else {}
+    logs = [{"name": _name(item), "sha256": known.get(str(item)) or digest(item)} for item in group.logs]
     known = {"plate": group.plate, "settings": settings.digest, "logs": logs}
     return known | {"way": way, "way_why": why, "seconds": 0.0}
 
@@ -130,7 +135,10 @@ def _told(posterior: "Posterior") -> Row:
         "warnings": list(fit.warnings),
         "findings": [plain(finding(f)) for f in fit.findings],
         "notes": list(fit.notes),
-        "traces": [trace(f.log, f.kind, f.response) for f in fit.logs[:TRACED]],
+        "traces": [
+            {"name": f.log.name, **traces(f.log, f.kind, f.log.response[None], f.response[None])[0]}
+            for f in fit.logs[:TRACED]
+        ],
         "stated": stated([f.log for f in fit.logs]),
     }
 
@@ -141,8 +149,9 @@ def stated(logs: "Sequence[Log]") -> dict[str, str]:
     return {key: found[key] for key in ("date", "serial") if found.get(key)}
 
 
-def trace(log: "Log", kind: str, model: np.ndarray) -> Row:
-    """A log beside its modelled rows as a few numbers: what they go by, and d and q, or the amplitude."""
+def traces(log: "Log", kind: str, recorded: np.ndarray, model: np.ndarray) -> list[Row]:
+    """Of plates with the inputs of `log` their responses (P, n) beside the modelled ones as a few numbers: `x`,
+    what they go by, and as `parts` d and q, or the amplitude, each recorded and modelled, in whole `digit`s."""
     swept = False
     x, label = np.arange(len(log), dtype=float), "row"
     if kind == "steady" and log.frequency is not None:
@@ -151,19 +160,18 @@ def trace(log: "Log", kind: str, model: np.ndarray) -> Row:
         x, label = log.time - log.time[0], "s"
     order = np.argsort(x, kind="stable")
     keep = order[np.linspace(0, len(log) - 1, min(len(log), POINTS)).astype(int)]
-    both = [log.response[keep], model[keep]]
-    parts = [[np.real(y) for y in both], *([] if log.amplitude_only else [[np.imag(y) for y in both]])]
-    shown = _digits(np.array(parts), 4)
-    told = {"name": log.name, "label": label, "unit": log.response_unit}
-    return told | {"x": _digits(x[keep], 8), "parts": shown}
+    both = np.stack([recorded[:, keep], model[:, keep]], axis=1)
+    parts = np.stack([np.real(both)] if log.amplitude_only else [np.real(both), np.imag(both)], axis=1)
+    digit = np.maximum(np.max(np.abs(parts), axis=(1, 2, 3)), 1e-300) / DIGITS
+    whole = np.rint(parts / digit[:, None, None, None]).astype(int).tolist()
+    shared: Row = {"label": label, "unit": log.response_unit, "x": _rounded(x[keep])}
+    return [shared | {"digit": d, "parts": p} for d, p in zip(digit.tolist(), whole, strict=True)]
 
 
-def _digits(values: np.ndarray, digits: int) -> list:
-    """Lists of an array's numbers, to so many decimal digits."""
-    size = np.where(values == 0, 1.0, np.abs(values))
-    places = digits - 1 - np.floor(np.log10(size)).astype(int)
-    up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
-    return (np.rint(values * up / down) / up * down).tolist()
+def _rounded(values: np.ndarray) -> list[float]:
+    """Numbers to a millionth of the largest."""
+    places = 6 - int(np.ceil(np.log10(np.max(np.abs(values)) or 1.0)))
+    return np.round(values, places).tolist()
 
 
 def _parameter(p: Any) -> Row:
