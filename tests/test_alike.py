@@ -1,116 +1,221 @@
-"""Plain tables are read the short way, whatever is not plain by pandas: both give the same numbers, to the
-last bit, and the same sentences.
+"""Files that are read by the plan of another with the same head: their logs and their errors are those of the
+exact reader."""
 
-The truth of the numbers is numpy's own reader.
-"""
+import dataclasses
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from sysid.logs import csvbody
-from sysid.logs.csvfile import LogError
+import sysid
+from sysid.fleet.groups import grouped
+from sysid.logs import alike
+from sysid.logs.alike import Alike
 from sysid.logs.read import read_logs
 
-HEAD = (
-    "# plate: A7\n# temperature_degC: 24.0\n# sampling: instant\ntime_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
-)
-ROWS = 120
+STEP = "time_s,voltage_V,frequency_Hz,wd_um,wq_um"
+SWEEP = "frequency_kHz,wd_nm,wq_nm"
 
 
-def rows(seed):
-    """Lines of numbers of all sizes, written in as many digits as tell them, or in few."""
-    rng = np.random.default_rng(seed)
-    sizes = 10.0 ** rng.uniform(-30, 20, (ROWS, 2))
-    w = sizes * rng.standard_normal((ROWS, 2))
-    forms = [lambda x: repr(float(x)), lambda x: f"{x:.7g}", lambda x: f"{x:+.20e}", lambda x: f"{x:.6E}"]
-    return [
-        f"{k * 1e-4:.7g},{100.0 if k > 20 else 0},32290,{forms[k % 4](w[k, 0])},{forms[k % 3](w[k, 1])}"
-        for k in range(ROWS)
-    ]
+def told(plate="A1", more=""):
+    return f"# plate: {plate}\n# temperature_degC: 24.0\n# sampling: instant\n{more}"
 
 
-def table(lines, end="\n", delimiter=","):
-    text = HEAD + "\n".join(lines) + "\n"
-    return text.replace(",", delimiter).replace("\n", end).encode()
+def rows(seed=0, count=60):
+    """Rows of a step as text, with digits that no rounding leaves alone."""
+    y = np.random.default_rng(seed).standard_normal((count, 2))
+    return "".join(
+        f"{1e-4 * k:.4f},{100 * (k > 9)},32290,{a!r},{b:.3e}\n" for k, (a, b) in enumerate(y.tolist())
+    )
 
 
-def answer(path):
-    """What a file comes to: the bits of its numbers, or the sentence that refuses it."""
+def swept(seed=0):
+    y = np.random.default_rng(seed).standard_normal((50, 2))
+    return "".join(f"{32 + 0.01 * k:.2f},{a:.6g},{b:.6g}\n" for k, (a, b) in enumerate(y.tolist()))
+
+
+def written(path, text):
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return str(path)
+
+
+def outcome(reader, paths):
+    """The fields of the logs, or the sentence that refuses them."""
     try:
-        logs = read_logs(path)
-    except LogError as error:
+        logs = reader(paths)
+    except sysid.LogError as error:
         return str(error)
-    numbers = [x.tobytes() for log in logs for x in (log.response, log.time, log.drive, log.frequency)]
-    return numbers, [(log.notes, log.warnings) for log in logs]
+    return [{f.name: getattr(log, f.name) for f in dataclasses.fields(log)} for log in logs]
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
-def test_numbers_to_the_last_bit(tmp_path, monkeypatch, end, delimiter):
-    for seed in range(5):
-        path = tmp_path / f"{seed}.csv"
-        path.write_bytes(table(rows(seed), end, delimiter))
-        with monkeypatch.context() as patch:
-            patch.setattr(pd, "read_csv", None)
-            (log,) = read_logs(path)
-            short = answer(path)
-        truth = np.loadtxt(path, delimiter=delimiter, skiprows=HEAD.count("\n"))
-        np.testing.assert_array_equal(log.time, truth[:, 0])
-        np.testing.assert_array_equal(log.response.view(float).reshape(-1, 2), truth[:, 3:])
-        with monkeypatch.context() as patch:
-            patch.setattr(csvbody, "SMALL", 0)
-            assert short == answer(path)
+def assert_same(found, expected):
+    assert type(found) is type(expected), (found, expected)
+    if isinstance(expected, str):
+        assert found == expected
+        return
+    for one, other in zip(found, expected, strict=True):
+        for name, value in other.items():
+            if isinstance(value, np.ndarray):
+                assert one[name].dtype == value.dtype and not one[name].flags.writeable
+                np.testing.assert_array_equal(one[name], value, err_msg=name)
+            else:
+                assert one[name] == value, name
 
 
-def spoilt(kind):
-    """The lines of a file that is not plain, in one row."""
-    lines = rows(7)
-    cells = lines[60].split(",")
-    replaced = {
-        "a word": "open", "nothing": "", "nan": "nan", "inf": "inf", "two points": "1.2.3",
-        "a range": "1-2", "half a power": "1e", "a quote": '"', "no reading": "9.91e37", "huge": "1e999",
-        "thousands": "1'000.5", "underscore": "1_0", "blanks": "  1.5 ", "signs": "+-1", "hex": "0x10",
-        "tiny": "-1e-999", "zero": "-0",
-    }  # fmt: skip
-    if kind in replaced:
-        lines[60] = ",".join([*cells[:3], replaced[kind], cells[4]])
-    elif kind == "a cell lacks":
-        lines[60] = ",".join(cells[:4])
-    elif kind == "a cell too many":
-        lines[60] += ",1"
-    elif kind == "a cell moved":  # as many cells in all
-        lines[60], lines[61] = ",".join(cells[:4]), f"{lines[61]},{cells[4]}"
-    elif kind == "an end mark":
-        lines[60] += ","
-    elif kind == "a blank line":
-        lines.insert(60, "")
-    elif kind == "cut off":
-        lines[-1] = lines[-1][:20]
-    elif kind == "a remark":
-        lines[60] = "the plate was touched"
-    else:
-        assert kind == "the header again"
-        lines.insert(60, HEAD.splitlines()[-1])
-    return lines
+def taught(where, head, body):
+    """A reader that knows files of such a head."""
+    reader = Alike()
+    for k in range(2):
+        outcome(reader.read, [written(where / f"taught{k}.csv", head(f"T{k}") + body(90 + k))])
+    return reader
+
+
+STEPS = {
+    "another plate": told("B 7/x") + f"{STEP}\n" + rows(1),
+    "fewer rows": told() + f"{STEP}\n" + rows(2, 41),
+    "another temperature": told().replace("24.0", "25.25") + f"{STEP}\n" + rows(3),
+    "another drive": told() + f"{STEP}\n" + rows(4).replace(",100,", ",60,"),
+    "a time that lasts": told() + f"{STEP}\n" + rows(5).replace("0.0059,", "0.0069,"),
+    "a plate behind blanks": told().replace("# plate: ", "#  plate :  ") + f"{STEP}\n" + rows(6),
+    "no last line end": told() + f"{STEP}\n" + rows(7).rstrip(),
+    "lines that end in CR LF": (told() + f"{STEP}\n" + rows(8)).replace("\n", "\r\n"),
+    "rows that end in CR LF": told() + f"{STEP}\n" + rows(8).replace("\n", "\r\n"),
+    "a carriage return": told() + f"{STEP}\n" + rows(9).replace("\n", "\r", 3),
+    "a word": told() + f"{STEP}\n" + rows(10).replace(",100,", ",on,", 1),
+    "an empty cell": told() + f"{STEP}\n" + rows(11).replace(",0,32290,", ",0,,", 1),
+    "an overload": told() + f"{STEP}\n" + rows(12).replace(",100,", ",9.9e37,", 1),
+    "infinity": told() + f"{STEP}\n" + rows(12).replace(",100,", ",1e999,", 1),
+    "a sign": told() + f"{STEP}\n" + rows(13).replace(",100,", ",+-1,", 1),
+    "a cell too few": told() + f"{STEP}\n" + rows(14).replace(",32290,", ",", 1),
+    "a cell too many": told() + f"{STEP}\n" + rows(15).replace(",32290,", ",32290,1,", 1),
+    "one too few and one too many": told()
+    + f"{STEP}\n"
+    + rows(15).replace("0.0020,100,32290,", "0.0020,100,32290,1,").replace("0.0021,100,", "0.0021,"),
+    "a blank line": told() + f"{STEP}\n" + rows(16).replace("\n", "\n\n", 1),
+    "a comment below": told() + f"{STEP}\n" + rows(17) + "# the end\n",
+    "the header again": told() + f"{STEP}\n" + rows(18) + f"{STEP}\n" + rows(19),
+    "no rows": told() + f"{STEP}\n",
+    "one row": told() + f"{STEP}\n" + rows(20, 1),
+    "nothing": "",
+    "the head alone": told(),
+    "half a head": told()[:20],
+    "time that goes back": told() + f"{STEP}\n" + rows(21).replace("0.0030,", "0.0010,"),
+    "a frequency below zero": told() + f"{STEP}\n" + rows(22).replace(",32290,", ",-32290,", 1),
+    "below absolute zero": told().replace("24.0", "-300") + f"{STEP}\n" + rows(23),
+    "a temperature that is none": told().replace("24.0", "1e40") + f"{STEP}\n" + rows(23),
+    "a room in kelvin": told().replace("24.0", "297.0") + f"{STEP}\n" + rows(23),
+    "a plate with an equals sign": told("a=b") + f"{STEP}\n" + rows(24),
+    "a plate with a colon": told("a: b") + f"{STEP}\n" + rows(24),
+    "a plate in Greek": told("\u03b17") + f"{STEP}\n" + rows(25),
+    "a plate in another encoding": (told("\u00fc7") + f"{STEP}\n" + rows(25)).encode("cp1252"),
+    "no plate": told().replace("# plate: A1\n", "") + f"{STEP}\n" + rows(26),
+    "an empty plate": told("") + f"{STEP}\n" + rows(26),
+    "two plates": told() + f"# plate: A2\n{STEP}\n" + rows(26),
+    "plates in capitals": told() + f"# PLATE: A2\n{STEP}\n" + rows(26),
+    "other metadata": told(more="# humidity: 40\n") + f"{STEP}\n" + rows(27),
+    "a delay": told(more="# delay_s: 1e-5\n") + f"{STEP}\n" + rows(27),
+    "a byte order mark": b"\xef\xbb\xbf" + (told() + f"{STEP}\n" + rows(28)).encode(),
+    "a zero byte": told() + f"{STEP}\n" + rows(28).replace("32290", "322\x0090", 1),
+    "other names": told() + "time_s,voltage_V,frequency_Hz,wq_um,wd_um\n" + rows(29),
+    "a column more": told() + f"{STEP},note\n" + rows(29).replace("\n", ",1\n"),
+    "an end of another kind": told() + f"{STEP}\n" + rows(30) + ",,,,\n",
+    "no numbers in the last column": told() + f"{STEP}\n" + "".join(f"{k},0,32290,1,--\n" for k in range(60)),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_file_is_read_as_by_the_exact_reader(name, tmp_path):
+    reader = taught(tmp_path, lambda plate: told(plate) + f"{STEP}\n", rows)
+    path = written(tmp_path / "own.csv", STEPS[name])
+    assert reader.known
+    assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
+    assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_file_s_plate_is_that_of_the_exact_reader(name, tmp_path, monkeypatch):
+    found = []
+    for quick in (True, False):
+        known = taught(tmp_path, lambda plate: told(plate) + f"{STEP}\n", rows) if quick else Alike()
+        monkeypatch.setattr("sysid.fleet.groups.alike", known)
+        if not quick:
+            monkeypatch.setattr(known, "plate", lambda path: (None, False))
+        try:
+            groups = grouped([written(tmp_path / "own.csv", STEPS[name])], "plate")
+            found.append([(g.plate, g.refused) for g in groups])
+        except sysid.LogError as error:
+            found.append(str(error))
+    assert found[0] == found[1]
+
+
+HEADS = {
+    "a sweep": (lambda p: f"# plate: {p}\n# voltage_V: 100\n# date: 2026-03-0{p[1:]}\n{SWEEP}\n", swept),
+    "rms, with a serial number": (
+        lambda p: f"# plate: {p}\n# serial: 10{p[1:]}\n{STEP.replace('_V', '_V_rms')}\n",
+        rows,
+    ),
+    "with semicolons": (lambda p: told(p) + STEP.replace(",", ";") + "\n", lambda k: rows(k).replace(",", ";")),
+    "with tabs": (lambda p: told(p) + STEP.replace(",", "\t") + "\n", lambda k: rows(k).replace(",", "\t")),
+    "amplitudes": (lambda p: f"# plate: {p}\ntime_s,voltage_V,w_um\n", lambda k: "".join(f"{i},1,{i + k}\n" for i in range(50))),
+    "a temperature a row": (
+        lambda p: f"# plate: {p}\n{STEP},temperature_K\n",
+        lambda k: rows(k).replace("\n", ",297.25\n"),
+    ),
+    "a number of no use": (lambda p: f"# plate: {p}\n# voltage_V: 10{p[1:]}\n# bench: {p[1:]}\n{SWEEP}\n", swept),
+    "a duty cycle": (
+        lambda p: f"# plate: {p}\n# volts_per_duty: 50\n{STEP.replace('voltage_V', 'duty')}\n",
+        lambda k: rows(k).replace(",100,", ",0.5,"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HEADS)
+def test_the_third_file_of_a_head_is_read_quickly_and_alike(name, tmp_path, monkeypatch):
+    head, body = HEADS[name]
+    reader = taught(tmp_path, head, body)
+    path = written(tmp_path / "own.csv", head("T3").replace("# bench: 3", "# bench: 1") + body(3))
+    expected = outcome(read_logs, [path])
+    monkeypatch.setattr(alike, "read_logs", None)
+    monkeypatch.setattr(alike, "logs_of", None)
+    assert_same(outcome(reader.read, [path]), expected)
+    assert reader.plate(path) == ("T3", True)
 
 
 @pytest.mark.parametrize(
-    "kind",
+    ("head", "body"),
     [
-        "a word", "nothing", "nan", "inf", "two points", "a range", "half a power", "a quote", "no reading",
-        "huge", "thousands", "underscore", "blanks", "signs", "hex", "tiny", "zero", "a cell lacks",
-        "a cell too many", "a cell moved", "an end mark", "a blank line", "cut off", "a remark",
-        "the header again",
+        (lambda p: f"# plate: {p}\nsample,voltage_V,frequency_Hz,wd_um,wq_um\n", rows),
+        (lambda p: f"# plate: {p}\nlog,voltage_V,frequency_Hz,wd_um,wq_um\n", rows),
+        (lambda p: f"# plate: {p}\n# kind: waveform\ntime_s,drive_V,response_um\n", lambda k: "0,1,2\n1,2,3\n" * 30),
+        (lambda p: f"# plate: {p}\n# samplng: instant\n{STEP}\n", rows),
+        (lambda p: f"# plate: {p}\n", rows),
+        (lambda p: f"plate {p}\nmore\n{STEP}\n", rows),
+        (lambda p: f"# plate: {p}\nomega_rad/s,voltage_V,X_V,Y_V\n", lambda k: "1,2,3,4\n" * 50),
     ],
 )  # fmt: skip
-def test_the_same_sentence_either_way(tmp_path, monkeypatch, kind):
-    """Among files of the same head too, which are read before."""
-    for seed in range(3):
-        (tmp_path / f"{seed}.csv").write_bytes(table(rows(seed)))
-        assert not isinstance(answer(tmp_path / f"{seed}.csv"), str)
-    path = tmp_path / "log.csv"
-    path.write_bytes(table(spoilt(kind)))
-    short = answer(path)
-    monkeypatch.setattr(csvbody, "SMALL", 0)
-    assert short == answer(path)
+def test_other_tables_are_the_exact_reader_s(head, body, tmp_path):
+    reader = taught(tmp_path, head, body)
+    path = written(tmp_path / "own.csv", head("T3") + body(3))
+    assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
+
+
+def test_two_files_of_one_plate(tmp_path):
+    head, body = HEADS["a sweep"]
+    reader = taught(tmp_path, head, body)
+    paths = [written(tmp_path / f"own{k}.csv", head("T3") + body(k)) for k in (3, 4, 3)]
+    other = written(tmp_path / "other.csv", head("T4") + body(5))
+    for some in (
+        paths[:2],
+        paths,
+        [paths[0], paths[0]],
+        [paths[0], other],
+        [*paths[:1], str(tmp_path / "no.csv")],
+    ):
+        assert_same(outcome(reader.read, some), outcome(read_logs, some))
+
+
+def test_date_and_serial_change_no_sentence(tmp_path):
+    """What they are is told of nothing else: no value of theirs is taken for a misspelt key of ours."""
+    for value in ("instant", "steady", "A7", "24.0", "24.0 degC", "1e-4 s", "rms", "-1"):
+        text = f"# plate: P\n# date: {value}\n# serial: {value}\n# sampling: instant\n{STEP}\n" + rows()
+        (log,) = read_logs([written(tmp_path / "own.csv", text)])
+        assert not log.warnings and not log.notes

@@ -1,6 +1,8 @@
 """Where plates are fitted: in processes of this machine, through a Dask scheduler, or in this process.
 
-An engine maps one function over batches of plates and gives their rows as they come, each plate once.
+An engine maps one function over batches of plates and gives their rows as they come, each plate once. What a
+batch passes on, to be fitted by itself, makes small batches of its own: only processes that get one load the
+programs of `sysid.fit`, and no process has all of them.
 Processes may be killed: a new pool goes on with what is left, the plates that were being fitted are tried one
 by one, and one that ends its process again becomes a row that says so.
 """
@@ -8,30 +10,39 @@ by one, and one that ends its process again becomes a row that says so.
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor
+from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.connection import wait
-from multiprocessing.context import SpawnContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TextIO
 
 from sysid.fleet.groups import Group
-from sysid.fleet.lane import rows_of
+from sysid.fleet.lane import rows_alone, rows_of, rows_together
 from sysid.fleet.plate import Row, dead
 from sysid.fleet.settings import Settings
 
+if sys.platform == "linux":
+    from multiprocessing.context import ForkServerContext as Context
+else:  # where libraries do not survive a fork
+    from multiprocessing.context import SpawnContext as Context
+
 LARGEST = 250  # plates in a batch, a part of the table each
 EACH = 8  # batches of a worker, so that all end at about the same time
+FITS = 8  # plates that are fitted one by one, in a batch: takes about as long as loading what fits them
 THREADS = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
     "MKL_NUM_THREADS",
 )  # of matrices too small for more than one
+LOADED = ("sysid.fleet.told", "sysid.fleet.differ", "sysid.fitting", "sysid.posterior.posterior")
 Batch = Sequence[Group]
 
 
@@ -71,12 +82,12 @@ class Processes:
         """As `Engine.rows`. Raises EngineError where no process begins."""
         waiting = batches(groups, self.jobs)
         while waiting:
-            left, begun = yield from self._through(waiting, settings)
-            suspects = [g for batch in left for g in batch if g.plate in begun]
+            left, begun, moved = yield from self._through(waiting, settings)
+            suspects = [g for g in left if g.plate in begun]
             for group in suspects:
                 yield [self._alone(group, settings)]
-            rest = [g for batch in left for g in batch if g.plate not in begun]
-            if rest and not suspects and len(left) == len(waiting):
+            rest = [g for g in left if g.plate not in begun]
+            if rest and not suspects and not moved:
                 raise EngineError(
                     "the processes that fit end between two plates, without a word: something kills them"
                 )
@@ -84,28 +95,37 @@ class Processes:
 
     def _through(
         self, waiting: Sequence[Batch], settings: Settings
-    ) -> Generator[list[Row], None, tuple[list[Batch], set[str]]]:
-        """The rows of these batches until a process is killed; returns the batches that are left, and the
-        plates that were being fitted."""
-        left, broken = {id(batch): batch for batch in waiting}, False
+    ) -> Generator[list[Row], None, tuple[list[Group], set[str], bool]]:
+        """The rows of these batches until a process is killed; returns the plates that are left, the names of
+        those that were being fitted, and whether any batch came back."""
+        left, alone, moved = list[Group](), _Alone(), False
         with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(self.jobs, where) as pool:
-            futures = {pool.submit(_fitted, batch, settings): batch for batch in waiting}
-            for future in as_completed(futures):
-                try:
-                    rows = future.result()
-                except BrokenProcessPool:
-                    broken = True
-                    continue
-                del left[id(futures[future])]
-                yield rows
-            begun = {path.read_text(encoding="utf-8") for path in Path(where).iterdir()} if broken else set()
-        return list(left.values()), begun
+            going = {pool.submit(_fitted, batch, settings): batch for batch in waiting}
+            while going:
+                for future in wait_for(going, return_when=FIRST_COMPLETED).done:
+                    batch = going.pop(future)
+                    try:
+                        rows, passed = future.result()
+                    except BrokenProcessPool:
+                        left += batch
+                        continue
+                    moved = True
+                    alone.groups += passed
+                    yield rows
+                for batch in alone.batches(last=not going):
+                    try:
+                        going[pool.submit(_fitted, batch, settings)] = batch
+                    except BrokenProcessPool:
+                        left += batch
+            begun = {path.read_text(encoding="utf-8") for path in Path(where).iterdir()} - {""}
+        return left, begun, moved
 
     def _alone(self, group: Group, settings: Settings) -> Row:
         """The row of a plate that may have killed its process, from a process of its own."""
         with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(1, where) as pool:
             try:
-                return pool.submit(_fitted, [group], settings).result()[0]
+                rows, passed = pool.submit(_fitted, [group], settings).result()
+                return (rows or pool.submit(_fitted, passed, settings).result()[0])[0]
             except BrokenProcessPool:
                 return dead(group, settings)
 
@@ -126,26 +146,48 @@ class Dask:
             raise EngineError(said) from None
         with distributed.Client(self.address) as client:
             workers = max(sum(client.nthreads().values()), 1)
-            waiting = batches(groups, workers)
-            while waiting:
-                futures = client.map(_fitted, waiting, settings=settings, pure=False)
-                ordered, waiting = dict(zip(futures, waiting, strict=True)), []
-                for future in distributed.as_completed(futures):
-                    try:
-                        yield future.result()
-                    except distributed.KilledWorker:
-                        batch = ordered[future]
-                        waiting += [] if len(batch) == 1 else [[group] for group in batch]
-                        if len(batch) == 1:
-                            yield [dead(batch[0], settings)]
+            fitted = partial(_fitted, settings=settings)
+            waiting, alone = batches(groups, workers), _Alone()
+            ordered = dict(zip(client.map(fitted, waiting, pure=False), waiting, strict=True))
+            done = distributed.as_completed(ordered)
+            for future in done:
+                batch, more = ordered.pop(future), list[Batch]()
+                try:
+                    rows, passed = future.result()
+                    alone.groups += passed
+                    yield rows
+                except distributed.KilledWorker:
+                    if len(batch) == 1:
+                        yield [dead(batch[0], settings)]
+                    else:
+                        more += [[group] for group in batch]
+                more += alone.batches(last=not ordered and not more)
+                for batch in more:
+                    future = client.submit(fitted, batch, pure=False)
+                    ordered[future] = batch
+                    done.add(future)
 
 
-class _Spawned(SpawnContext):
+class _Alone:
+    """Plates that batches have passed on, and that wait to be fitted one by one."""
+
+    def __init__(self) -> None:
+        self.groups: list[Group] = []
+
+    def batches(self, last: bool) -> list[Batch]:
+        """Those of them that make a batch; all where it is the last of them."""
+        whole = len(self.groups) if last else len(self.groups) - len(self.groups) % FITS
+        taken, self.groups = self.groups[:whole], self.groups[whole:]
+        return [taken[k : k + FITS] for k in range(0, whole, FITS)]
+
+
+class _Anew(Context):
     """Makes processes anew, as a fork of one with JAX's threads may wait for ever, and knows those that it
-    made."""
+    made. On Linux they are forks of a server, which has loaded what they need and has no threads."""
 
     def __init__(self) -> None:
         super().__init__()
+        self.set_forkserver_preload(list(LOADED))
         self.made: list[BaseProcess] = []
 
     def Process(self, *args: Any, **kwargs: Any) -> BaseProcess:  # type: ignore[override]
@@ -160,7 +202,7 @@ def _pool(jobs: int, where: str) -> Iterator[Executor]:
     process. Raises EngineError where they do not begin."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read as a process loads its libraries
-    context = _Spawned()
+    context = _Anew()
     pool = ProcessPoolExecutor(jobs, context, _begin, (where,))
     try:
         _answer(pool, jobs)
@@ -186,14 +228,14 @@ def _answer(pool: Executor, jobs: int) -> None:
         raise EngineError(f"{said}; {guard}, as each loads the script; jobs=0 needs none") from None
 
 
-_place: list[Path] = []  # of this process's file that names the plate that it fits
+_place: list[TextIO] = []  # this process's file that names the plate that it fits
 
 
 def _begin(where: str) -> None:
     """In a process of a pool: interruptions are the parent's to answer, without which it ends; programs
     compile beside."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _place[:] = [Path(where) / str(os.getpid())]
+    _place[:] = [open(Path(where) / str(os.getpid()), "w", encoding="utf-8")]  # noqa: SIM115
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -207,15 +249,23 @@ def _end_with(sentinel: Any) -> None:
     os._exit(1)
 
 
-def _fitted(batch: Batch, settings: Settings) -> list[Row]:
-    """The rows of a batch; while a plate is fitted in a pool, a file names it, or the first of those that are
+def _names(plate: str) -> None:
+    """Write down, in a process of a pool, which plate it fits; "" none."""
+    for file in _place:
+        file.seek(0)
+        file.truncate()
+        file.write(plate)
+        file.flush()
+
+
+def _fitted(batch: Batch, settings: Settings) -> tuple[list[Row], list[Group]]:
+    """The rows of a batch, and the plates of it that are to be fitted one by one, as this one's are if that
+    is known of them; while a plate is fitted in a pool, a file names it, or the first of those that are
     fitted together."""
-
-    def begin(group: Group) -> None:
-        for path in _place:
-            path.write_text(group.plate, encoding="utf-8")
-
-    rows = list(rows_of(batch, settings, begin))
-    for path in _place:
-        path.unlink()
-    return rows
+    passed: list[Group] = []
+    begin = lambda group: _names(group.plate)  # noqa: E731
+    fresh = [group for group in batch if group.alone is None]
+    rows = [row for part in rows_together(fresh, settings, passed.append, begin) for row in part]
+    rows += rows_alone([group for group in batch if group.alone is not None], settings, begin)
+    _names("")
+    return rows, passed

@@ -29,11 +29,13 @@ alike = Alike()  # the heads of files that this process has met
 
 @dataclass(frozen=True)
 class Group:
-    """The logs of one plate, files or Logs; or the sentence by which its one file was `refused`."""
+    """The logs of one plate, files or Logs; or the sentence by which its one file was `refused`; or why it is
+    `alone`, to be fitted by itself."""
 
     plate: str
     logs: tuple[Given, ...] = field(repr=False)
     refused: str = ""
+    alone: str | None = None
 
 
 def grouped(

@@ -8,6 +8,7 @@ the normal approximation of the posterior.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,12 +38,33 @@ def rows_of(
 ) -> Iterator[Row]:
     """The rows of a batch, not in its order. `begin` is given each plate as it is fitted by itself, and the
     first of those that are fitted together."""
+    alone: list[Group] = []
+    for rows in rows_together(batch, settings, alone.append, begin):
+        yield from rows
+    yield from rows_alone(alone, settings, begin)
+
+
+def rows_alone(groups: Sequence[Group], settings: Settings, begin: Callable[[Group], None]) -> Iterator[Row]:
+    """The rows of plates that are fitted by themselves."""
+    for group in groups:
+        begin(group)
+        yield row_of(group, settings, why=group.alone or "")
+
+
+def rows_together(
+    batch: Sequence[Group],
+    settings: Settings,
+    passed: Callable[[Group], None],
+    begin: Callable[[Group], None],
+) -> Iterator[list[Row]]:
+    """The rows of the plates of a batch that are fitted with others; each other one is `passed` on, with the
+    reason why."""
     alike: dict[tuple, list[Plate]] = {}
     closed = _closed(settings)
     for group in batch:
-        begin(group)
         found: tuple | str = closed
         if not closed and not group.refused:
+            begin(group)
             try:
                 logs = read(group.logs, settings.columns)
                 found = layout(logs)
@@ -51,12 +73,12 @@ def rows_of(
                     continue
             except Exception:  # `row_of` says what it is, in the plate's row
                 found = ""
-        yield row_of(group, settings, why=str(found))
+        passed(replace(group, alone=str(found)))
     for key, plates in alike.items():
         size = together(plates[0][1])
         for k in range(0, len(plates), size):
             begin(plates[k][0])
-            yield from _rows(key, plates[k : k + size], settings, begin)
+            yield from _rows(key, plates[k : k + size], settings, passed)
 
 
 def together(logs: "Sequence[Log]") -> int:
@@ -146,9 +168,9 @@ def cells_of(key: tuple, logs: "Sequence[Log]") -> "Cells":
 
 
 def _rows(
-    key: tuple, plates: Sequence[Plate], settings: Settings, begin: Callable[[Group], None]
-) -> Iterator[Row]:
-    """The rows of plates of one layout."""
+    key: tuple, plates: Sequence[Plate], settings: Settings, passed: Callable[[Group], None]
+) -> Iterator[list[Row]]:
+    """The rows of plates of one layout; those that are for `sysid.fit` are `passed` on."""
     from sysid.fleet.told import told
     from sysid.precision import one_thread
 
@@ -159,20 +181,18 @@ def _rows(
     except np.linalg.LinAlgError:  # of a plate whose rows tell nothing
         half = len(plates) // 2
         for part in (plates[:half], plates[half:]) if half else ():
-            yield from _rows(key, part, settings, begin)
+            yield from _rows(key, part, settings, passed)
         if not half:
-            yield row_of(plates[0][0], settings, plates[0][1], "its rows tell nothing")
+            passed(replace(plates[0][0], alone="its rows tell nothing"))
         return
-    good = np.flatnonzero(why == "").tolist()
     left = [
         f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
     ]
-    rows = told(batch, good, plates, left, said, cells, settings)
+    rows = told(batch, np.flatnonzero(why == "").tolist(), plates, left, said, cells, settings)
     each = round((time.perf_counter() - started) / len(plates), 6)
-    yield from ({**row, "seconds": each} for row in rows)
+    yield [{**row, "seconds": each} for row in rows]
     for p in np.flatnonzero(why != "").tolist():
-        begin(plates[p][0])
-        yield row_of(plates[p][0], settings, plates[p][1], str(why[p]))
+        passed(replace(plates[p][0], alone=str(why[p])))
 
 
 def _judged(

@@ -66,8 +66,8 @@ def blank(
     logs, by which the bytes of their files are known already, unless each is made of several."""
     known = {log.path: log.sha256 for log in read} if settings.columns is None else {}
     logs = [{"name": _name(item), "sha256": known.get(str(item)) or digest(item)} for item in group.logs]
-    known = {"plate": group.plate, "settings": settings.digest, "logs": logs}
-    return known | {"way": way, "way_why": why, "seconds": 0.0}
+    row: Row = {"plate": group.plate, "settings": settings.digest, "logs": logs}
+    return row | {"way": way, "way_why": why, "seconds": 0.0}
 
 
 def dead(group: Group, settings: Settings) -> Row:
@@ -150,8 +150,9 @@ def stated(logs: "Sequence[Log]") -> dict[str, str]:
 
 
 def traces(log: "Log", kind: str, recorded: np.ndarray, model: np.ndarray) -> list[Row]:
-    """Of plates with the inputs of `log` their responses (P, n) beside the modelled ones as a few numbers: `x`,
-    what they go by, and as `parts` d and q, or the amplitude, each recorded and modelled, in whole `digit`s."""
+    """Of plates with the inputs of `log` their responses (P, n) beside the modelled ones as a few numbers:
+    `x`, what they go by, and as `parts` d and q, or the amplitude, each recorded and modelled, in whole
+    `digit`s."""
     swept = False
     x, label = np.arange(len(log), dtype=float), "row"
     if kind == "steady" and log.frequency is not None:

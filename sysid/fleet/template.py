@@ -118,6 +118,7 @@ class Template:
             if t.name != "saturation" or t.parts
         ]
         known += [(t, chances[0], phase) for i, v in enumerate(views) for t, phase in _saturations(i, v)]
+        fit.look([t for t, _, phase in known if phase is not None])
         tried = [
             Trying(t, scored, chance, phase)
             for t, chance, phase in known

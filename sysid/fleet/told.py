@@ -1,5 +1,5 @@
-"""Plates that were fitted together as rows of the table: what a batch has as arrays is told of all of its plates
-at once."""
+"""Plates that were fitted together as rows of the table: what a batch has as arrays is told of all of its
+plates at once."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -31,8 +31,8 @@ def told(
     cells: Cells,
     settings: Settings,
 ) -> list[Row]:
-    """The rows of those of a batch's plates that are `good`; `lefts` (P, n): what is left of each log, `said`:
-    of logs that differ."""
+    """The rows of those of a batch's plates that are `good`; `lefts` (P, n): what is left of each log,
+    `said`: of logs that differ."""
     if not len(good):
         return []
     numbers, covariances = _parameters(batch.theta[good], batch.covariance[good])
@@ -40,7 +40,9 @@ def told(
     parts = [left[good] for left in lefts]
     percents = np.max([_percent(y, left) for y, left in zip(responses, parts, strict=True)], axis=0)
     first = plates[0][1]
-    drawn = [traces(log, log.kind or "", y, y - left) for log, y, left in zip(first, responses, parts, strict=True)]
+    drawn = [
+        traces(log, log.kind or "", y, y - left) for log, y, left in zip(first, responses, parts, strict=True)
+    ]
     errors = np.sqrt(batch.covariance[:, 0, 0])
     rows = []
     for k, p in enumerate(good):
@@ -65,7 +67,8 @@ def told(
                 "findings": late,
                 "notes": notes,
                 "traces": [
-                    {"name": log.name, **each[k]} for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)
+                    {"name": log.name, **each[k]}
+                    for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)
                 ],
                 "stated": stated(logs),
             }

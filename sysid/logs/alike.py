@@ -87,38 +87,40 @@ class _Pattern:
         """Whether it is that of a file with such a head."""
         both = zip(self.told, top.told, strict=True)
         return all(
-            a == b
-            or a[0].casefold() in OWN
-            or (a[0] in self.constants and abs(float(b[1])) < NO_NUMBER)
+            a == b or a[0].casefold() in OWN or (a[0] in self.constants and abs(float(b[1])) < NO_NUMBER)
             for a, b in both
         )
-
-    def metadata(self, top: _Top) -> dict[str, str]:
-        """Those of a file with such a head."""
-        changed = dict(top.told)
-        return {key: changed.get(key, value) for key, value in self.plan.metadata.items()}
 
     def log_of(self, path: str, top: _Top, rows: "_Rows", sha256: str) -> Log | None:
         """The log of another file with such a head; None where it holds what is no plain number. Raises
         LogError."""
-        same = all(rows.cells[column :: rows.width] == known for column, known in self.cells.items())
-        wanted = [s.column for s in self.plan.sources.values() if s.column is not None]
-        numbers = {c: rows.column(c) for c in wanted if not (same and c in self.cells)}
-        if any(found is None for found in numbers.values()):
-            return None
-        body = Body({c: found for c, found in numbers.items() if found is not None}, None, sha256)
-        changed, metadata = dict(top.told), self.metadata(top)
-        plan, lines = replace(self.plan, metadata=metadata), top.lines.count(b"\n")
-        sample = self.head.sample if same else rows.sample
+        own = {
+            key: value for (key, value), known in zip(top.told, self.told, strict=True) if value != known[1]
+        }
+        others = {self.constants[key]: text for key, text in own.items() if key in self.constants}
+        same = not others and all(rows.cells[c :: rows.width] == known for c, known in self.cells.items())
+        wanted = {s.column for s in self.plan.sources.values() if s.column is not None}
+        numbers: dict[int, np.ndarray] = {}
+        for column in wanted - self.cells.keys() if same else wanted:
+            if (found := rows.column(column)) is None:
+                return None
+            numbers[column] = found
+        plan = replace(self.plan, metadata={**self.plan.metadata, **own})
+        lines, sample = top.lines.count(b"\n"), self.head.sample if same else rows.sample
         head = replace(
-            self.head, path=path, metadata=metadata, start=top.start, first_line=lines + 1, sample=sample
+            self.head,
+            path=path,
+            metadata=plan.metadata,
+            start=top.start,
+            first_line=lines + 1,
+            sample=sample,
         )
-        others = {k: (q, changed[k]) for k, q in self.constants.items() if changed[k] != dict(self.told)[k]}
-        if same and not others:
+        body = Body(numbers, None, sha256)
+        if same:
             return with_response(self.log, head, body, plan)
         sources = plan.sources | {
             quantity: replace(plan.sources[quantity], constant=float(text), written=text)
-            for quantity, text in others.values()
+            for quantity, text in others.items()
         }
         return log_of(head, body, replace(plan, sources=sources))
 
@@ -202,7 +204,7 @@ class Alike:
             return unsure
         if rows.column(rows.width - 1) is None:  # most of which are words in a table that lies across
             return unsure
-        return stated(pattern.metadata(top), "plate"), True
+        return stated({**pattern.plan.metadata, **dict(top.told)}, "plate"), True
 
     def _log(self, path: str) -> Log | None:
         """The log of one file; None where it is for the exact reader."""
@@ -283,6 +285,8 @@ def _is_plain(head: Head, plan: Plan, log: Log, top: _Top) -> bool:
     begins = (head.start, head.first_line) == (top.start, top.lines.count(b"\n") + 1)
     marks = head.dialect.decimal == "." and str(head.dialect.delimiter) in MARKS and len(head.names) > 1
     odd = [name for name in head.names if not name or name.casefold() in (*SAMPLES, "log")]
-    direct = plan.sources.keys() <= {*INPUTS, "wd", "wq", "w"} and not any(s.dated or s.spare for s in sources)
+    direct = plan.sources.keys() <= {*INPUTS, "wd", "wq", "w"} and not any(
+        s.dated or s.spare for s in sources
+    )
     spoken = log.warnings or plan.warnings or head.notes or plan.split is not None
     return bool(text and begins and marks and direct) and not (odd or spoken)

@@ -155,15 +155,22 @@ def log_of(
 def with_response(log: Log, head: Head, body: Body, plan: Plan) -> Log:
     """The log of a file with the inputs of `log`, and the response of `body`, of nothing but numbers."""
     count = len(body)
-    arrays = {
+    arrays: dict[str, tuple[np.ndarray, str]] = {
         key: _values(key, body, plan.sources[key], None, count)
         for key in ("w", "wd", "wq")
         if key in plan.sources
     }
     response, unit = _response(head, plan, arrays, log.frequency, (log.drive, log.drive_unit))
     response.flags.writeable = False
-    own = {"metadata": plan.metadata, "path": head.path, "sha256": body.sha256}
-    return dataclasses.replace(log, name=head.name, response=response, response_unit=unit, **own)
+    return dataclasses.replace(
+        log,
+        name=head.name,
+        response=response,
+        response_unit=unit,
+        metadata=plan.metadata,
+        path=head.path,
+        sha256=body.sha256,
+    )
 
 
 def _refuse_impossible(
