@@ -51,7 +51,7 @@ def step(seed: int, kind: str = "") -> tuple[np.ndarray, np.ndarray, np.ndarray]
     fine steps."""
     g, tau, f0, soft = numbers(seed, kind)
     time_, drive = 1e-4 * np.arange(ROWS), np.repeat([0.0, DRIVE], [20, ROWS - 20])
-    response, w, fine = np.zeros(ROWS, complex), 0j, 40
+    response, w, fine = np.zeros(ROWS, complex), 0j, 40 if soft else 1
     for k in range(ROWS - 1):
         for _ in range(fine):
             pole = -1 / tau + 2j * np.pi * (f0 - soft * abs(w / 2) ** 2 - AT)

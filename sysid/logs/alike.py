@@ -105,24 +105,22 @@ class _Pattern:
             if (found := rows.column(column)) is None:
                 return None
             numbers[column] = found
-        plan = replace(self.plan, metadata={**self.plan.metadata, **own})
-        lines, sample = top.lines.count(b"\n"), self.head.sample if same else rows.sample
+        metadata, body = {**self.plan.metadata, **own}, Body(numbers, None, sha256)
+        if same:
+            return with_response(self.log, path, metadata, self.head, body, self.plan)
         head = replace(
             self.head,
             path=path,
-            metadata=plan.metadata,
+            metadata=metadata,
             start=top.start,
-            first_line=lines + 1,
-            sample=sample,
+            first_line=top.lines.count(b"\n") + 1,
+            sample=rows.sample,
         )
-        body = Body(numbers, None, sha256)
-        if same:
-            return with_response(self.log, head, body, plan)
-        sources = plan.sources | {
-            quantity: replace(plan.sources[quantity], constant=float(text), written=text)
+        sources = self.plan.sources | {
+            quantity: replace(self.plan.sources[quantity], constant=float(text), written=text)
             for quantity, text in others.items()
         }
-        return log_of(head, body, replace(plan, sources=sources))
+        return log_of(head, body, replace(self.plan, metadata=metadata, sources=sources))
 
 
 @dataclass(frozen=True, eq=False)

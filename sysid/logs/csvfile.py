@@ -69,7 +69,12 @@ class Head:
     @property
     def name(self) -> str:
         """The file's name without its folder, on one line."""
-        return Path(self.path).name.replace("\n", " ")
+        return called(self.path)
+
+
+def called(path: str) -> str:
+    """A file's name without its folder, on one line."""
+    return Path(path).name.replace("\n", " ")
 
 
 def read_head(path: str, dialect: Dialect) -> Head:

@@ -12,7 +12,7 @@ from sysid.logs import units
 from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.cells import decimals, listed
 from sysid.logs.csvbody import Body, read_body
-from sysid.logs.csvfile import Head, LogError
+from sysid.logs.csvfile import Head, LogError, called
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.mapfile import load_mapping
@@ -152,11 +152,13 @@ def log_of(
     return log
 
 
-def with_response(log: Log, head: Head, body: Body, plan: Plan) -> Log:
-    """The log of a file with the inputs of `log`, and the response of `body`, of nothing but numbers."""
-    count = len(body)
+def with_response(
+    log: Log, path: str, metadata: Mapping[str, str], head: Head, body: Body, plan: Plan
+) -> Log:
+    """The log of the file at `path` with the inputs of `log` and its `head` and `plan`, but with metadata and
+    a response of its own, of nothing but numbers. Raises LogError, which does not name the file."""
     arrays: dict[str, tuple[np.ndarray, str]] = {
-        key: _values(key, body, plan.sources[key], None, count)
+        key: _values(key, body, plan.sources[key], None, len(body))
         for key in ("w", "wd", "wq")
         if key in plan.sources
     }
@@ -164,11 +166,11 @@ def with_response(log: Log, head: Head, body: Body, plan: Plan) -> Log:
     response.flags.writeable = False
     return dataclasses.replace(
         log,
-        name=head.name,
+        name=called(path),
         response=response,
         response_unit=unit,
-        metadata=plan.metadata,
-        path=head.path,
+        metadata=metadata,
+        path=path,
         sha256=body.sha256,
     )
 
