@@ -172,7 +172,7 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         control=calibrated(safe or law, asked),
         law=law,
         machine=None if safe is None else calibrated(switched(safe, asked), asked),
-        demodulator=None if plate.f0 is None else asked.rig.demodulator(plate.f0, asked.T),
+        demodulator=asked.demodulator,
         method=asked.method,
         G=plate.G,
         tau=plate.tau,

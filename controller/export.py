@@ -13,6 +13,7 @@ from controller.actuator import Dds
 from controller.adaptive import Adaptive
 from controller.demodulator import Demodulator
 from controller.design import Loop
+from controller.guard import Guard
 from controller.machine import Machine
 from controller.rig import Calibrated
 from controller.scalar import NO_LIMIT, typed
@@ -82,120 +83,89 @@ def _renamed(text: str, prefix: str) -> str:
 
 
 def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
-    """The fields of dq_params by name, in their order: an int, or a number of that precision."""
+    """The fields of dq_params by name, in the header's order: an int, or a number of that precision."""
     if loop.machine is None:
         raise ValueError(
             "found a loop without its guard, expected one with it: what is exported drives a bench"
         )
     outer = typed(loop.machine, KINDS[precision])
-    sensor = (outer.d, outer.q) if isinstance(outer, Calibrated) else (1.0, 0.0)
     m: Machine = outer.control if isinstance(outer, Calibrated) else outer
-    g, law = m.control, m.control.control
-    found = {
-        "layout": 2,
-        "gain": m.gain,
-        "f0": m.f0,
-        "sensor_d": sensor[0],
-        "sensor_q": sensor[1],
-        "amplitude": m.amplitude,
-    }
-    found |= _named("voltage", m.voltages, "lowest highest") | {
-        "voltage_slew": getattr(law, "amplitude", law).slew
-    }
-    found |= {"frequency_lowest": g.lowest, "frequency_highest": g.highest} | _named(
-        "tracker", m.window, "lowest highest"
-    )
-    found |= _named(
-        "temperature", m.temperatures or (m.temperature,) * 2, "lowest highest"
-    ) | _amplitude_loop(law)
-    found |= _tracker(law if isinstance(law, Adaptive) else law.tracker, m.temperature) | _observer(law)
-    counts = {
-        "patience": g.patience,
-        "repeats": g.repeats,
-        "doubts": g.doubts,
-        "follows": m.follows,
-        "swings": m.swings,
-    }
-    found |= {name: int(min(n, 2**24)) for name, n in (counts | {"swing_time": m.swing_time}).items()}
-    found |= {
-        "swing": m.swing,
-        "ceiling": g.ceiling,
-        "ceiling_least": g.least,
-        "dead_share": g.floor,
-        "dead_least": g.quiet,
-    }
-    found |= _named("guard", (g.gain, g.decay, g.edge, g.turn, g.memory), "gain decay edge turn memory")
-    found |= {"find": m.find, "ramp": m.ramp, "headroom": m.headroom, "heaviest": m.heaviest}
-    found |= {"settled": int(m.patience), "lost": int(m.limit), "memory": m.memory} | _named(
-        "beside", m.beside, "find lock run"
-    )
-    found |= _named("voltage", m.fits, "least most run")
+    law = m.control.control
+    values = _start(m) | _guard_of(m.control) | _law(law) | _tracker(law)
+    values |= {"layout": 3, "sensor_d": getattr(outer, "d", 1.0), "sensor_q": getattr(outer, "q", 0.0)}
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
-    found |= {
-        "sweep": m.sweep,
-        "demodulator_share": d.share,
-        "demodulator_scale": d.scale,
-        "sample_most": d.most,
+    names = "demodulator_share=share demodulator_scale=scale sample_most=most sample_patience=patience"
+    values |= _of(d, names)
+    return {
+        name: int(min(values[name], 2**24)) if kind.endswith("int32_t") else values[name]
+        for kind, name in _fields()
     }
-    return found | {"sample_patience": int(d.patience)}
 
 
-def _named(prefix: str, values: tuple, names: str) -> dict[str, Any]:
-    """Fields prefix_name."""
-    return {f"{prefix}_{name}": value for name, value in zip(names.split(), values, strict=True)}
+def _fields() -> list[tuple[str, str]]:
+    """Type and name of each field of dq_params."""
+    header = (files("controller") / "c" / "dq.h").read_text(encoding="ascii")
+    struct = header[header.index("uint32_t layout;") : header.index("} dq_params;")]
+    return re.findall(r"\b(dq_real|u?int32_t) (\w+);", struct)
 
 
-def _amplitude_loop(law: Any) -> dict[str, Any]:
-    adaptive = isinstance(law, Adaptive)
-    gains = (1.0 * np.sign(law.push), 0.0) if adaptive else (law.amplitude.Kp, law.amplitude.Ki_Ts)
-    model = None if adaptive else law.amplitude.model
-    found = {
-        "law": int(adaptive),
-        "kp": gains[0],
-        "ki": gains[1],
-        "model_delay": -1 if model is None else len(model.line) - 2,
-    }
-    values = (0.0, 1.0, 1.0) if model is None else (model.keep, model.push, model.latest)
-    return found | _named("model", values, "keep push latest")
+def _of(part: Any, names: str, otherwise: float = 0.0) -> dict[str, Any]:
+    """Numbers of a part, as field=name or both in one; `otherwise` for what it does not have."""
+    pairs = (name.partition("=") for name in names.split())
+    found = {field: getattr(part, name or field, None) for field, _, name in pairs}
+    return {field: otherwise if value is None else value for field, value in found.items()}
 
 
-def _tracker(t: Any, temperature: float) -> dict[str, Any]:
-    """Of what follows the resonance, a tracker or an observer; None: nothing does."""
-
-    def of(thing: Any, name: str, otherwise: float = 0.0) -> Any:
-        """A number of a part that may not be there."""
-        return getattr(thing, name, None) or otherwise
-
-    kind = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
-    found = {
-        "tracker": kind,
-        "every": int(of(t, "every", 1.0)),
-        "tracker_gain": of(t, "gain") or of(t, "size"),
-    }
-    found |= {f"tracker_{name}": of(t, name) for name in ("share", "lead")}
-    found |= {"tracker_half_bandwidth": of(t, "half_bandwidth", 1.0), "tracker_max_step": of(t, "max_step")}
-    found |= {
-        "tracker_most": of(t, "most"),
-        "gate": of(t, "gate"),
-        "k_T": of(t, "k_T"),
-        "temperature": temperature,
-    }
-    source = of(t, "source", 0.0)
-    found |= {"source": 0 if not source else 1 if isinstance(source, Multiples) else 2}
-    found |= {f"source_{name}": of(source, name) for name in ("step", "first", "periods", "centre")}
-    return found | {"dead_band": of(t, "dead_band")}
+def _ends(names: str, values: tuple) -> dict[str, Any]:
+    return dict(zip(names.split(), values, strict=True))
 
 
-def _observer(law: Any) -> dict[str, Any]:
-    names = ("K", "push", "damping", "turn", "keep_d", "keep_q", "sweep_most")
-    if not isinstance(law, Adaptive):
-        return dict.fromkeys(names, 1.0) | {"sent": 0, "late": 0, "between": 0.0}
-    values = (law.K, law.push, law.damping, law.turn, *law.keep, law.sweep)
-    return dict(zip(names, values, strict=True)) | {
-        "sent": len(law.delay),
-        "late": len(law.late),
-        "between": law.between,
-    }
+def _start(m: Machine) -> dict[str, Any]:
+    names = "gain f0 amplitude temperature find ramp headroom heaviest memory sweep swing swing_time follows"
+    return (
+        _of(m, f"{names} swings settled=patience lost=limit")
+        | _ends("voltage_lowest voltage_highest", m.voltages)
+        | _ends("tracker_lowest tracker_highest", m.window)
+        | _ends("temperature_lowest temperature_highest", m.temperatures or (m.temperature,) * 2)
+        | _ends("beside_find beside_lock beside_run", m.beside)
+        | _ends("voltage_least voltage_most voltage_run", m.fits)
+    )
+
+
+def _guard_of(g: Guard) -> dict[str, Any]:
+    names = "patience samples repeats doubts ceiling ceiling_least=least dead_share=floor dead_least=quiet"
+    names += " frequency_lowest=lowest frequency_highest=highest guard_gain=gain guard_decay=decay"
+    return _of(g, f"{names} guard_edge=edge guard_turn=turn guard_memory=memory")
+
+
+def _law(law: Any) -> dict[str, Any]:
+    """The amplitude loop with its feed-forward, and the observer; of what is not there, what does nothing."""
+    observer = "K push damping turn sweep_most=sweep"
+    if isinstance(law, Adaptive):
+        found = {"law": 1, "kp": 1.0 * np.sign(law.push), "ki": 0.0, "voltage_slew": law.slew}
+        found |= {"sent": len(law.delay), "late": len(law.late), "between": law.between}
+        found |= _of(law, observer) | _ends("keep_d keep_q", law.keep)
+        model = None
+    else:
+        found = {"law": 0, **_of(law.amplitude, "kp=Kp ki=Ki_Ts voltage_slew=slew")}
+        found |= {"sent": 0, "late": 0, "between": 0.0} | _of(None, f"{observer} keep_d keep_q", 1.0)
+        model = law.amplitude.model
+    found["model_delay"] = -1 if model is None else len(model.line) - 2
+    return found | _of(model, "model_keep=keep") | _of(model, "model_push=push model_latest=latest", 1.0)
+
+
+def _tracker(law: Any) -> dict[str, Any]:
+    """What follows the resonance, a tracker or an observer; None: nothing does."""
+    t = law if isinstance(law, Adaptive) else law.tracker
+    source = getattr(t, "source", None)
+    names = (
+        "tracker_share=share tracker_lead=lead tracker_max_step=max_step tracker_most=most gate k_T dead_band"
+    )
+    found = _of(t, f"tracker_gain={'size' if isinstance(t, SignTracker) else 'gain'} {names}")
+    found |= _of(t, "every tracker_half_bandwidth=half_bandwidth", 1.0)
+    found |= _of(source, "source_step=step source_first=first source_periods=periods source_centre=centre")
+    found["tracker"] = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
+    return found | {"source": 0 if source is None else 1 if isinstance(source, Multiples) else 2}
 
 
 PLATE = """\

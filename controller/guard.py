@@ -2,7 +2,8 @@
 
 A fault sets the voltage to zero and is latched: only `init` arms the controller again. Faults are
 
-    1 missing    no finite reading for `patience` samples
+    1 missing    no finite reading for `patience` samples; or, so many more than not, the sensor's own samples
+                 between two steps were less than half of what they should be, or steps did not come at all
     2 dead       the sensor shows less than `floor` of the response to the drive, and of what the voltage
                  would reach in time, for `patience` samples, where that is more than `quiet`
     3 stuck      the same reading to the last bit for `repeats` samples since the voltage moved by 0.1 % of
@@ -69,6 +70,7 @@ class Suspicion(NamedTuple):
     edge: Any
     turned: Any
     clipped: Any
+    behind: Any
 
 
 class GuardState(NamedTuple):
@@ -123,13 +125,14 @@ class Guard(NamedTuple):
     turn: float = 0.0
     memory: float = 0.0
     doubts: float = 50.0
+    samples: float = 0.0
 
     def init(self, begun: Any = 0.0, xp: Any = scalar) -> GuardState:
         """Armed, at rest, `begun` Hz above the start frequency."""
         frequency = self.rest(begun, xp).frequency
         answer = None if frequency is None else Answer(frequency, 0.0, 0.0)
         return GuardState(
-            self.control.init(begun, xp), 0.0, Suspicion(*(0.0,) * 7), *(0.0,) * 5, frequency, 0.0, answer
+            self.control.init(begun, xp), 0.0, Suspicion(*(0.0,) * 8), *(0.0,) * 5, frequency, 0.0, answer
         )
 
     def rest(self, begun: Any = 0.0, xp: Any = scalar) -> Command:
@@ -144,10 +147,11 @@ class Guard(NamedTuple):
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
         share: Any = 1.0,
         most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
-        stated: tuple[Any, Any, Any] | None = None,
+        stated: tuple[Any, Any, Any] | None = None, arrived: Any = None,
     ) -> tuple[GuardState, Command, GuardInfo]:  # fmt: skip
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where
-        it was. `stated`: whether a voltage and a frequency take the place of the controller's, and these."""
+        it was. `stated`: whether a voltage and a frequency take the place of the controller's, and these.
+        `arrived`: finite samples of the sensor since the step before; None: not told."""
         control, command, said = self.control.step(
             state.control, reference, W, temperature, xp, share, most, frozen
         )
@@ -171,6 +175,7 @@ class Guard(NamedTuple):
         suspected = suspected._replace(
             edge=xp.where(at_edge, state.suspected.edge + 1.0, 0.0), turned=turned,
             clipped=xp.where(clipped, state.suspected.clipped + 1.0, 0.0),
+            behind=self._behind(state.suspected.behind, arrived, xp),
         )  # fmt: skip
         fault = xp.where(state.fault == 0.0, self._found(suspected, xp), state.fault)
         most = xp.where(most < self.limit, most, self.limit)
@@ -187,11 +192,19 @@ class Guard(NamedTuple):
             name: getattr(suspected, name) >= self.patience
             for name in ("missing", "dead", "above", "edge", "clipped")
         }
+        fails["missing"] = fails["missing"] | (suspected.behind >= self.patience)
         fails |= {"stuck": suspected.stuck >= self.repeats, "reversed": suspected.turned >= self.doubts}
         found = 0.0
         for name in sorted(fails, key=FAULTS.index, reverse=True):
             found = xp.where(fails[name], CODES[name], found)
         return found
+
+    def _behind(self, was: Any, arrived: Any, xp: Any) -> Any:
+        """Steps that lack half of their samples, and those that did not come, less the others."""
+        if arrived is None or self.samples == 0.0:
+            return was
+        of_step = arrived * (1.0 / self.samples)
+        return clip(was + xp.where(of_step < 0.5, 1.0, of_step - 2.0), 0.0, self.patience, xp)
 
     def _suspicions(
         self, state: GuardState, W: Any, frequency: Any, high: Any, xp: Any

@@ -7,6 +7,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from controller.adaptive import Adaptive
+from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
@@ -65,6 +66,7 @@ QUIET_UNITS, QUIET_SHARE = (
     2.0,
     1e-3,
 )  # a sensor is not dead where less than so many of its units, or of the amplitude, is driven
+FEWEST = 4.0  # samples of the sensor in a step whose number is looked at
 SWEEPS = 20.0  # time constants in which a sweep passes over half a bandwidth: settled
 SENSIBLE = (-60.0, 200.0)  # degC, where neither a range nor a window is stated
 
@@ -153,7 +155,12 @@ class Asked(NamedTuple):
     @property
     def clock(self) -> Clock:
         """Sample time and delays."""
-        return Clock(self.T, self.latency, self.delay - self.latency)
+        return Clock(self.T, self.latency, self.rig.late, self.demodulator)
+
+    @property
+    def demodulator(self) -> Demodulator | None:
+        """What is exported before the controller; None without f0."""
+        return None if self.plate.f0 is None else self.rig.demodulator(self.plate.f0, self.T)
 
     @property
     def reference_temperature(self) -> float:
@@ -213,7 +220,7 @@ class Asked(NamedTuple):
                 f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without"
             )
         lowest, highest = self.voltages()
-        late = self.clock.late / T
+        late = (self.delay - self.latency) / T
         heard, fast = (
             OBSERVER[0],
             max(OBSERVER[1], self.delay),
@@ -260,8 +267,15 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
         asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
-        doubts=float(math.ceil(DOUBTS * period / T)),
+        doubts=float(math.ceil(DOUBTS * period / T)), samples=_samples(asked),
     )  # fmt: skip
+
+
+def _samples(asked: Asked) -> float:
+    """Of the sensor in a step; 0, not looked at, where there are so few that one more or less is as much as a
+    fault."""
+    found = 0.0 if asked.demodulator is None else asked.demodulator.rate * asked.T
+    return found if found >= FEWEST else 0.0
 
 
 def switched(control: Guard, asked: Asked) -> Machine:

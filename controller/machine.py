@@ -149,11 +149,12 @@ class Machine(NamedTuple):
         self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
         share: Any = 1.0,
         enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0,
-        clipped: Any = False,
+        clipped: Any = False, arrived: Any = None,
     ) -> tuple[MachineState, Command, MachineInfo]:  # fmt: skip
         """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of
         the bandwidth; `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS;
-        the `voltage` of an open loop, and its `offset` from f0, Hz, which is also where a tracker begins."""
+        the `voltage` of an open loop, and its `offset` from f0, Hz, which is also where a tracker begins.
+        `clipped` and `arrived`, the sensor's samples since the step before, as the guard takes them."""
         was = state.mode
         held = self._held(state, (reference, share, temperature, voltage, offset), task, xp)
         opened = (was == OPEN) | (was == SWEEP)
@@ -168,7 +169,7 @@ class Machine(NamedTuple):
         stated, swept = self._stated(state, held, xp)
         control, command, said = self.control.step(
             state.control, asked, W, held.temperature if self.temperatures is not None else None, xp,
-            held.share, most, frozen, clipped, (opened, *stated),
+            held.share, most, frozen, clipped, (opened, *stated), arrived,
         )  # fmt: skip
         means = self._means(state.means, W, xp.where(on, asked, 0.0), xp.where(on, command.voltage, 0.0), xp)
         shown = on & (was == FIND) & (means.d > 0.0)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller import scalar
+from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.machine import OFF, RUN
@@ -25,16 +26,17 @@ STARTED = 50  # plants that are switched on
 
 class Clock(NamedTuple):
     """Times in s: of a sample; from it to when its command takes effect, `latency`; by which its reading is
-    `late`."""
+    `late` beside the demodulator's `filters` (None: there are none)."""
 
     T: float
     latency: float
     late: float = 0.0
+    filters: Demodulator | None = None
 
     @property
     def delay(self) -> float:
         """From a motion of the plate to the command that answers it."""
-        return self.latency + self.late
+        return self.latency + self.late + (0.0 if self.filters is None else self.filters.delay)
 
 
 class Response(NamedTuple):
@@ -167,7 +169,7 @@ def played(
     straight line."""
     T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
     part = min(max(clock.latency - late * T, 0.0), T)
-    back, between = divmod(clock.late / T, 1.0)
+    whole, between = divmod(clock.late / T, 1.0)
     xp: Any = np
     rate, push, detuning = plants.rate, plants.push, plants.detuning
     Z: Any = np.zeros(len(rate), complex)
@@ -177,10 +179,12 @@ def played(
         xp, rate, push, detuning, Z, still = scalar, rate.item(), push.item(), detuning.item(), 0j, (0.0, 0.0)
         temperature = None if temperature is None else temperature.item()
     line = [still] * (late + 1)  # commands that were given, the latest first
-    seen = [Z] * (int(back) + 2)
+    seen, filters = [Z] * (int(whole) + 2), clock.filters
+    outputs = [] if filters is None else [Z] * filters.order
+    growth = np.exp if xp is np else cmath.exp
     state = control.init()
     for _ in range(count):
-        seen = [Z, *seen[:-1]]
+        seen = [outputs[-1] if outputs else Z, *seen[:-1]]
         told = seen[-2] + between * (seen[-1] - seen[-2])
         state, command, said = control.step(state, amplitude, told, temperature, xp)
         yield np.abs(Z), command.voltage, said
@@ -189,10 +193,41 @@ def played(
         for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
             pole = -rate + 2j * np.pi * (detuning - offset)
             settled = -push * voltage / pole
-            Z = settled + (Z - settled) * (
-                np.exp(pole * duration) if xp is np else cmath.exp(pole * duration)
-            )
+            moves, moved = Z - settled, growth(pole * duration)
+            if filters is not None:
+                outputs = behind(
+                    outputs,
+                    settled,
+                    moves,
+                    moved,
+                    filters,
+                    duration * filters.rate,
+                    growth(-pole / filters.rate),
+                )
+            Z = settled + moves * moved
         line.pop()
+
+
+def behind(
+    outputs: list[Any], settled: Any, moves: Any, moved: Any, filters: Demodulator, samples: float, back: Any
+) -> list[Any]:
+    """Outputs of the demodulator's filters, y <- y + share (x - y), after so many `samples`, in which their
+    input goes from `settled` + `moves` to `settled` + `moves` `moved`, by `back` from one sample to that
+    before. They follow it at a share each; what each was beside that dies away through those after it:
+    binomial, for parts of a sample too."""
+    left, share = 1.0 - filters.share, 1.0
+    beside: list[Any] = []
+    found: list[Any] = []
+    fades = [left**samples]
+    for k in range(filters.order - 1):
+        fades.append(fades[-1] * filters.share * (samples + k) / (k + 1))
+    for output in outputs:
+        share = share * (filters.share / (1.0 - left * back))
+        beside = [output - settled - moves * share, *beside]
+        found.append(
+            settled + moves * moved * share + sum(f * b for f, b in zip(fades, beside, strict=False))
+        )
+    return found
 
 
 def _told(law: Any, plants: Ensemble) -> np.ndarray | None:

@@ -215,8 +215,12 @@ class Rig(NamedTuple):
     def delay(self, f0: float | None) -> float:
         """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's
         filters."""
-        late = self.hold + (0.0 if self.sensor is None else self.sensor.delay)
-        return late if f0 is None else late + self.demodulator(f0, 1.0).delay
+        return self.late if f0 is None else self.late + self.demodulator(f0, 1.0).delay
+
+    @property
+    def late(self) -> float:
+        """The same without the demodulator."""
+        return self.hold + (0.0 if self.sensor is None else self.sensor.delay)
 
     @property
     def hold(self) -> float:

@@ -72,7 +72,7 @@ int main(void)
 }
 """
 REALS = ("reference", "share", "wd", "wq", "temperature", "voltage", "offset")
-WHOLE = ("task", "clipped", "enable", "reset")
+WHOLE = ("task", "clipped", "samples", "enable", "reset")
 STILL = dict.fromkeys((*REALS, *WHOLE), 0.0) | {"share": 1.0, "temperature": 24.0, "enable": 1.0}
 
 
@@ -146,6 +146,7 @@ def array_of(kind):
 def in_arrays(loop, inputs, precision):
     """The same by the step in floating-point arrays, one element for each sequence."""
     kind, shape = KIND[precision], inputs["wd"].shape
+    arrived = np.diff(inputs["samples"], prepend=0).astype(kind) if "samples" in inputs else None
     rows = {n: v.astype(kind) for n, v in given(inputs).items()}
     out, xp, machine = np.zeros(shape, output_type(precision)), array_of(kind), typed(loop.machine, kind)
     state = full(machine.init(), shape[0], kind)
@@ -155,6 +156,7 @@ def in_arrays(loop, inputs, precision):
             W = SimpleNamespace(real=now["wd"], imag=now["wq"])
             knobs = {name: now[name] for name in ("share", "voltage", "offset", "task")}
             knobs |= {name: now[name] != 0 for name in ("enable", "reset", "clipped")}
+            knobs["arrived"] = None if arrived is None else arrived[:, k]
             state, command, said = machine.step(state, now["reference"], W, now["temperature"], xp, **knobs)
             found = {
                 "voltage": command.voltage,

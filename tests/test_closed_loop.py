@@ -238,6 +238,33 @@ def test_figure_8(latency):
     assert trace.W[released].max() / 2 == pytest.approx(1.2, abs=0.03)
 
 
+def risen(whole, between, count=100):
+    """The amplitude after each sample of a step from rest to one. The PI's zero lies on the plate's pole, so
+    that  W <- W + K (1 - W_seen)  is left: of `whole` samples before, seen on a straight line between two."""
+    W, K = [0.0] * (whole + 2), -math.expm1(-T / (0.3 * TAU))
+    for k in range(count):
+        seen = W[-1 - whole] + between * (W[-2 - whole] - W[-1 - whole])
+        W.append(W[-1] + (K * (1.0 - seen) if k >= whole else 0.0))
+    return np.array(W[whole + 1 :])
+
+
+@pytest.mark.parametrize(
+    ("whole", "late", "taken"), [(0, False, 1.5e-3), (1, False, 1.3e-3), (1, True, 1.1e-3)]
+)
+def test_the_papers_loop_settles_sooner_the_later_it_is(whole, late, taken):
+    """The published 1.5 ms are three time constants of a closed loop of 0.3 tau without any delay. A sample
+    of latency brings its poles nearer to each other, 1.3 ms, and so do the exported demodulator's 52 us: 1.1.
+    Rows are 0.1 ms apart."""
+    loop = ours(method="paper")
+    between = loop.demodulator.delay / T if late else 0.0
+    W = risen(whole, between)
+    assert settling_time(np.arange(len(W)) * T, W, 1.0) == pytest.approx(taken, abs=1.01e-4)
+    loop = dataclasses.replace(loop, latency=whole * T, demodulator=loop.demodulator if late else None)
+    trace = closed_loop(loop, scene((), 0.01), reference=2.0)
+    np.testing.assert_allclose(trace.W[:100] / 2, W[:100], atol=2e-4)
+    assert settling_time(trace.time, trace.W, 2.0) == pytest.approx(taken, abs=1.01e-4)
+
+
 def test_figure_8_needs_the_voltage():
     """1.5 ms needs 1.6 times the steady voltage, and a finger that halves the amplitude twice of it."""
     said = scene([FINGER], 0.06, force=PRESS, volts=START)

@@ -159,7 +159,7 @@ def test_c_gives_the_same_bits_as_python(tmp_path, precision):
         compiled(loop, tmp_path, precision, DEMODULATE_C, *SANITIZERS, f"-DSAMPLES={SAMPLES}"),
         given.tobytes(),
     )
-    shown = np.dtype([("wd", kind), ("wq", kind), ("clipped", np.int32)], align=True)
+    shown = np.dtype([("wd", kind), ("wq", kind), ("clipped", np.int32), ("samples", np.uint32)], align=True)
     theirs = np.frombuffer(out, shown).reshape(phase.shape)
     mine, clipped = in_rows(demodulator, counts, phase, kind)
     assert 1000 < np.isnan(mine).sum() < 10000 and 1000 < clipped.sum() < 50000

@@ -1,6 +1,7 @@
 """What a design promises, against simulated plants; what it refuses; margins against closed forms and a root
 finder."""
 
+import cmath
 import dataclasses
 import math
 from types import SimpleNamespace
@@ -10,9 +11,10 @@ import pytest
 
 import controller
 from controller import Rig, RigError, Sensor, closed_loops, settling_time
+from controller.actuator import Adc
 from controller.ensemble import Ensemble
 from controller.margins import margins
-from controller.promise import Clock, steps
+from controller.promise import Clock, rises, steps
 from sysid import Plant, Profile, Scene
 from sysid.report.text import gains
 from sysid.scene.effects import FingerDamping
@@ -159,6 +161,39 @@ def test_steps_are_those_of_the_closed_loop():
     for k, trace in enumerate(closed_loops(loop, scenes, reference=2.0)):
         assert settling[k] == pytest.approx(settling_time(trace.time, trace.W, 2.0), abs=1e-9)
         assert overshoot[k] == pytest.approx(max(trace.W.max() / 2 - 1, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("finger", [0.0, 1.0])
+def test_a_promise_knows_the_filters_before_it(finger):
+    """Of a plate that is as fast as the filters, against the plate and the filters from sample to sample of
+    the sensor: as pure lateness they would leave the overshoot of 1 % out."""
+    tau, step, n = 0.34e-3, 5e-5, 22
+    rig = Rig(sample_time=step, adc=Adc(12.0, 5.0, n / step))
+    loop = controller.design(
+        Plant(0.04, tau, 32600.0), method="adaptive", rig=rig, voltage_limit=100.0, amplitude=3.2
+    )
+    filters, law = loop.demodulator, loop.law
+    state, W, outputs, rows, asked, driven = law.init(), 0j, [0j] * 4, [], [], (0.0, 0.0)
+    for k in range(200 * n):
+        if k % n == 0:
+            state, command, _ = law.step(state, 3.2, outputs[-1])
+            rows.append(abs(W))
+            asked.append((command.voltage, command.frequency - 32600.0))
+            driven = asked[-2] if k else driven  # one sample of latency
+        pole = -(1 + finger) / tau - 2j * math.pi * driven[1]
+        settled = -0.04 / tau * driven[0] / pole
+        W = settled + (W - settled) * cmath.exp(pole * step / n)
+        for i in range(4):
+            seen = W if i == 0 else outputs[i - 1]
+            outputs[i] += filters.share * (seen - outputs[i])
+    one = Ensemble(np.array([0.04 / tau]), np.array([(1 + finger) / tau]), np.zeros(1))
+    found, _ = rises(law, one, Clock(step, step, 0.0, filters), 3.2, 32600.0)
+    np.testing.assert_allclose(found[:, 0], rows[: len(found)], rtol=0, atol=1e-9)
+    assert finger or 0.005 < max(rows) / 3.2 - 1 < loop.promise.overshoot + 1e-9
+    pair = Ensemble(*(np.repeat(v, 2) for v in one[:3]))  # in arrays as in plain numbers
+    np.testing.assert_allclose(
+        rises(law, pair, Clock(step, step, 0.0, filters), 3.2, 32600.0)[0][:, 1], found[:, 0], atol=1e-9
+    )
 
 
 def test_logs_that_say_little_give_a_slower_loop_that_says_why():

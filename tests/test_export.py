@@ -58,6 +58,9 @@ def hard_samples(sequences=SEQUENCES, seed=4):
     found["clipped"] = ((kind == 10) & (t > 350)).astype(int)
     found["task"] = np.where(kind >= 11, kind - 10, 0) + np.where((kind == 0) & (at > 0.99), 7, 0)
     found["voltage"] = np.where(kind == 12, 80 + 20 * noise[0], 60.0)
+    # of the sensor, in a step: half of them or so, but for some that are lost, or whose steps are
+    few, many = (kind == 2) & late, (kind == 8) & (at > 0.998)
+    found["samples"] = np.cumsum(np.where(few, 10, np.where(many, 2000, 60)), 1)
     return found | {"offset": np.where(kind == 13, -100.0, np.where(kind == 12, 3 * noise[1], 0.0))}
 
 
@@ -121,6 +124,7 @@ def test_a_plain_float_gives_the_same_bits_as_an_array():
     for name in ("pi-rig", "adaptive-rig-3-samples"):
         loop = designed(**LOOPS[name])
         inputs = {n: v[:14, :250] for n, v in hard_samples().items()}
+        arrived = np.diff(inputs["samples"], prepend=0)
         mine = in_arrays(loop, inputs, "double")
         for i, row in enumerate(mine):
             state = loop.machine.init()
@@ -131,7 +135,13 @@ def test_a_plain_float_gives_the_same_bits_as_an_array():
                 }
                 W, task = complex(now["wd"], now["wq"]), float(now["task"])
                 state, command, said = loop.machine.step(
-                    state, now["reference"], W, now["temperature"], task=task, **knobs
+                    state,
+                    now["reference"],
+                    W,
+                    now["temperature"],
+                    task=task,
+                    arrived=float(arrived[i, k]),
+                    **knobs,
                 )
                 assert (*command, said.fault, said.mode) == tuple(
                     wanted[n] for n in ("voltage", "frequency", "fault", "mode")
@@ -201,7 +211,7 @@ BAD = {
     "a NaN": ("p.kp = (dq_real)NAN", "AMPLITUDE_LOOP"),
     "sign of kp": ("p.kp = -p.kp", "AMPLITUDE_LOOP"), "f0": ("p.f0 = 40000", "LIMITS"),
     "limit": ("p.voltage_highest = -1", "LIMITS"),
-    "every": ("p.every = 0", "TRACKER"), "patience": ("p.patience = 0", "GUARD"), "find": ("p.find = p.amplitude * 2", "START"),
+    "every": ("p.every = 0", "TRACKER"), "patience": ("p.patience = 0", "GUARD"), "samples": ("p.samples = -1", "GUARD"), "find": ("p.find = p.amplitude * 2", "START"),
     "erased flash": ("memset(&p, 0xff, sizeof p)", "LAYOUT"), "share": ("p.demodulator_share = 2", "DEMODULATOR"),
 }  # fmt: skip
 

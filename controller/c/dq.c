@@ -137,7 +137,7 @@ static int observer_is_sound(const dq_params *p)
 
 static int guard_is_sound(const dq_params *p)
 {
-    return count(p->patience) && count(p->repeats) && count(p->doubts) && count(p->follows) && count(p->swings)
+    return count(p->patience) && within(p->samples, C(0), LARGEST) && count(p->repeats) && count(p->doubts) && count(p->follows) && count(p->swings)
         && count(p->swing_time) && within(p->swing, C(0.01), C(2)) && within(p->ceiling, C(1), C(10))
         && within(p->ceiling_least, C(0), LARGEST) && share(p->dead_share) && within(p->dead_least, C(0), LARGEST)
         && p->guard_gain > C(0) && share(p->guard_decay) && within(p->guard_edge, C(0), LARGEST) && finite_real(p->guard_turn)
@@ -435,6 +435,14 @@ static void suspect_reading(dq_state *s, reading W, dq_real frequency, int clipp
     s->stuck = !repeated ? 0 : drive_moved(s, frequency) ? s->stuck + 1 : 1;
 }
 
+/* Steps that lack half of their samples, and those that did not come, less the others. */
+static void suspect_samples(dq_state *s)
+{
+    const dq_real more = s->arrived < C(0.5) ? C(1) : s->arrived - C(2);
+
+    s->behind = clip(s->behind + more, C(0), (dq_real)s->params.patience);
+}
+
 /* How Wq answers the frequency, and for how many steps it has done so the wrong way round. */
 static void suspect_answer(dq_state *s, dq_real frequency, int frozen)
 {
@@ -454,7 +462,7 @@ static int32_t suspected(const dq_state *s)
 {
     const dq_params *p = &s->params;
 
-    if (s->missing >= p->patience)
+    if (s->missing >= p->patience || s->behind >= (dq_real)p->patience)
         return DQ_FAULT_MISSING;
     if (s->dead >= p->patience)
         return DQ_FAULT_DEAD;
@@ -489,6 +497,7 @@ static int32_t supervise(dq_state *s, const request *asked, reading W, int clipp
     highest = faded > highest ? faded : highest;
     s->allowed = highest;
     suspect_reading(s, W, c->frequency, clipped);
+    suspect_samples(s);
     if (W.there) {
         s->last_d = W.d;
         s->last_q = W.q;
@@ -534,6 +543,7 @@ static void rest(dq_state *s)
     }
     s->missing = s->dead = s->stuck = s->above = s->edge = s->turned = s->clips = 0;
     s->expected = s->allowed = s->last_d = s->last_q = s->since_voltage = s->voltage = s->mean_seen_q = s->moves = C(0);
+    s->behind = C(0);
     s->since_frequency = s->mean_frequency = p->f0 + first;
 }
 
@@ -573,6 +583,10 @@ static void hold_inputs(dq_state *s, const dq_input *in)
         hold(s, &s->told, in->temperature, p->temperature_lowest, p->temperature_highest);
     hold(s, &s->stated_voltage, in->voltage, p->voltage_lowest, p->voltage_highest);
     hold(s, &s->stated_offset, in->offset, s->window_lowest, s->window_highest);
+    s->arrived = C(1);
+    if (in->samples != 0u && p->samples > C(0))
+        s->arrived = (dq_real)(int32_t)(in->samples - s->samples) * (C(1) / p->samples);
+    s->samples = in->samples;
     if (in->task < DQ_TASK_REGULATE || in->task > DQ_TASK_SWEEP)
         s->held++;
     else if (s->mode == DQ_MODE_OFF)
@@ -904,6 +918,7 @@ dq_response dq_demodulate(dq_demodulator *s, dq_real sample, uint32_t phase)
             d = s->poles[k].d = s->poles[k].d + s->share * (d - s->poles[k].d);
             q = s->poles[k].q = s->poles[k].q + s->share * (q - s->poles[k].q);
         }
+        s->samples++;
         s->missed = 0;
         s->clipped = sample >= s->most || sample <= -s->most ? s->patience : s->clipped - (s->clipped > 0);
     } else if (s->missed < s->patience) {
@@ -912,6 +927,7 @@ dq_response dq_demodulate(dq_demodulator *s, dq_real sample, uint32_t phase)
     out.wd = s->missed >= s->patience ? (dq_real)NAN : s->poles[3].d;
     out.wq = s->missed >= s->patience ? (dq_real)NAN : s->poles[3].q;
     out.clipped = s->clipped > 0;
+    out.samples = s->samples;
     return out;
 }
 
@@ -921,8 +937,8 @@ int dq_self_test(void)
         C(1), C(0.92387953251128674), C(0.70710678118654752), C(0.38268343236508977), C(0), C(-0.38268343236508977),
         C(-0.70710678118654752), C(-0.92387953251128674), C(-1), C(-0.92387953251128674), C(-0.70710678118654752),
         C(-0.38268343236508977), C(0), C(0.38268343236508977), C(0.70710678118654752), C(0.92387953251128674)};
-    dq_demodulator s = {C(0.2), C(2), C(10), 16, 0, 0, {{C(0), C(0)}, {C(0), C(0)}, {C(0), C(0)}, {C(0), C(0)}}};
-    dq_response out = {C(0), C(0), 0};
+    dq_demodulator s = {C(0.2), C(2), C(10), 16, 0, 0, 0u, {{C(0), C(0)}, {C(0), C(0)}, {C(0), C(0)}, {C(0), C(0)}}};
+    dq_response out = {C(0), C(0), 0, 0u};
     uint32_t k;
 
     for (k = 0; k < 400; k++) { /* w = -Wd cos p + Wq sin p */

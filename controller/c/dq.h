@@ -11,7 +11,8 @@
  *     if (dq_init(&loop, &params) != DQ_PARAMS_OK) ...      it then stays in DQ_FAULT_PARAMETERS
  *     dq_demodulator_init(&sensor, &params);
  *     each sample of the sensor:  response = dq_demodulate(&sensor, sample, phase);
- *     each step:  in.wd = response.wd; in.wq = response.wq; in.clipped = response.clipped;  out = dq_step(&loop, &in);
+ *     each step:  in.wd = response.wd; in.wq = response.wq; in.clipped = response.clipped;
+ *                              in.samples = response.samples;  out = dq_step(&loop, &in);
  *
  * No heap, no recursion, no library, and no loop but over at most DQ_DELAY_MAX numbers. Not reentrant for one dq_state.
  */
@@ -36,7 +37,7 @@ typedef double dq_real;
 #else
 typedef float dq_real;
 #endif
-#define DQ_LAYOUT 2u   /* of dq_params: what was saved to flash by another layout is refused */
+#define DQ_LAYOUT 3u   /* of dq_params: what was saved to flash by another layout is refused */
 #define DQ_DELAY_MAX 8 /* samples that a command may be on its way, at most */
 
 /* --- What is asked for, and what is said ------------------------------------------------------------------------------ */
@@ -61,7 +62,7 @@ typedef enum {
 
 typedef enum {
     DQ_FAULT_NONE = 0,
-    DQ_FAULT_MISSING = 1,     /* no finite reading */
+    DQ_FAULT_MISSING = 1,     /* no finite reading; too few samples between two steps, or steps that do not come */
     DQ_FAULT_DEAD = 2,        /* the sensor shows next to nothing of what is driven */
     DQ_FAULT_STUCK = 3,       /* the same reading to the last bit, though the drive has moved */
     DQ_FAULT_ABOVE = 4,       /* an amplitude well above what is asked for */
@@ -158,6 +159,7 @@ typedef struct {
 
     /* Guard: how long, in steps, and what for. */
     int32_t patience;     /* missing, dead, above, edge, clipped */
+    dq_real samples;      /* missing: of the sensor, in a step; 0: not looked at */
     int32_t repeats;      /* stuck */
     int32_t doubts;       /* reversed */
     int32_t follows;      /* follow, model */
@@ -210,6 +212,7 @@ typedef struct {
     dq_real offset;      /* Hz above f0: of these and of DQ_TASK_AMPLITUDE; of DQ_TASK_REGULATE where the tracker begins */
     int32_t task;        /* dq_task; looked at when it is switched on */
     int32_t clipped;     /* not zero: the sensor's converter is at its end */
+    uint32_t samples;    /* finite ones of the sensor so far, as dq_demodulate counts them; 0: not looked at */
     int32_t enable;      /* not zero: on */
     int32_t reset;       /* not zero, while enable is zero: ends a fault */
 } dq_input;
@@ -242,6 +245,8 @@ typedef struct {
     dq_real past_d[DQ_DELAY_MAX + 2], past_q[DQ_DELAY_MAX + 2]; /* the first: the prediction of this step */
     /* guard */
     int32_t missing, dead, stuck, above, edge, turned, clips;
+    uint32_t samples;
+    dq_real arrived, behind; /* steps: of samples since the one before; by which samples, or steps, stay away */
     dq_real expected, allowed, last_d, last_q, since_voltage, since_frequency, voltage, mean_frequency, mean_seen_q, moves;
 } dq_state;
 
@@ -263,6 +268,7 @@ typedef struct {
 typedef struct {
     dq_real share, scale, most;
     int32_t patience, missed, clipped;
+    uint32_t samples;
     dq_pole poles[4];
 } dq_demodulator;
 
@@ -270,6 +276,7 @@ typedef struct {
     dq_real wd;
     dq_real wq;
     int32_t clipped; /* the converter was at its end within the last sample_patience samples */
+    uint32_t samples; /* finite ones so far */
 } dq_response;
 
 /* At rest. */

@@ -108,6 +108,7 @@ static port_output control_interrupt(bench *b)
     in.wd = replaced(s->told_d, b->told.wd);
     in.wq = replaced(s->told_q, b->told.wq);
     in.clipped = b->told.clipped;
+    in.samples = b->told.samples;
     out = port_step(&in);
     *c = (command){out.voltage, out.frequency, b->p.now + lround(s->latency / b->p.tick)};
     return out;

@@ -7,11 +7,13 @@
 typedef struct {
     double wd, wq;
     int clipped;
+    uint32_t samples;
 } port_response;
 
 typedef struct {
     double reference, share, wd, wq, temperature, voltage, offset;
     int task, clipped, enable, reset, guard;
+    uint32_t samples;
 } port_input;
 
 typedef struct {

@@ -27,7 +27,7 @@ int port_init(void)
 void port_sample(double sample, uint32_t phase, port_response *found)
 {
     const dq_response r = dq_demodulate(&sensor, (dq_real)sample, phase);
-    *found = (port_response){r.wd, r.wq, r.clipped};
+    *found = (port_response){r.wd, r.wq, r.clipped, r.samples};
 }
 
 port_output port_step(const port_input *given)
@@ -36,7 +36,7 @@ port_output port_step(const port_input *given)
         .reference = (dq_real)given->reference, .share = (dq_real)given->share,
         .wd = (dq_real)given->wd, .wq = (dq_real)given->wq, .temperature = (dq_real)given->temperature,
         .voltage = (dq_real)given->voltage, .offset = (dq_real)given->offset, .task = given->task,
-        .clipped = given->clipped, .enable = given->enable, .reset = given->reset,
+        .clipped = given->clipped, .samples = given->samples, .enable = given->enable, .reset = given->reset,
     };
     dq_output out;
     if (given->guard != guarded) {

@@ -9,7 +9,7 @@ int port_init(void)
 
 void port_sample(double sample, uint32_t phase, port_response *found)
 {
-    *found = (port_response){sample, phase, 0};
+    *found = (port_response){sample, phase, 0, 0};
 }
 
 port_output port_step(const port_input *in)

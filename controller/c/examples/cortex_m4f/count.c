@@ -114,6 +114,7 @@ int main(void)
         in.wd = response.wd;
         in.wq = response.wq;
         in.clipped = response.clipped;
+        in.samples = response.samples;
         COUNT(step, out = dq_step(&loop, &in));
     }
     tell("dq_demodulate", &demodulate);

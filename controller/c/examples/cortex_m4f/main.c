@@ -54,6 +54,7 @@ void control_interrupt(void)
     in.wd = response.wd;
     in.wq = response.wq;
     in.clipped = response.clipped;
+    in.samples = response.samples;
     board_unlock();
     command = dq_step(&loop, &in);
     if (count < ROWS) { /* the reading, and what is driven from it on */
