@@ -255,7 +255,7 @@ def row(name, found):
     """Of the benches of a kind; in brackets what was before."""
     calls = [onboard.fault_name(o.fault) for _, o in found if o.fault]
     said = (
-        ", ".join(f"{n} {calls.count(n)}" for n in sorted(set(calls), key=lambda n: -calls.count(n)))
+        ", ".join(f"{n} {calls.count(n)}" for n in sorted(set(calls), key=lambda n: (-calls.count(n), n)))
         or "none"
     )
     halves = [[o for c, o in found if (c.at == 0) == power] for power in (True, False)]

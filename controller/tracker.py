@@ -30,69 +30,6 @@ class TrackerInfo(NamedTuple):
     step: Any
 
 
-def _due(
-    tracker: Any, state: TrackerState, reference: Any, W: Any, braked: Any, xp: Any
-) -> tuple[Any, Any, Any, Any]:
-    """Whether the measurement is there, whether an update is due, whether it may be made, and the count after
-    it."""
-    there = seen(reference, W, xp)
-    count = state.count + 1.0
-    due = count >= tracker.every
-    # Squares instead of a root or hypot: the same bits in C on every machine.
-    threshold = tracker.gate * reference
-    vibrates = (
-        (reference > 0.0) & (W.real > 0.0) & (W.real * W.real + W.imag * W.imag > threshold * threshold)
-    )
-    return there, due, due & there & vibrates & xp.logical_not(braked), xp.where(due, 0.0, count)
-
-
-class SignTracker(NamedTuple):
-    """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f
-    holds at Wq = 0.
-
-    Held unless reference > 0, Wd > 0 and |W| > gate * reference, and while the voltage brakes: without
-    vibration the sign of Wq is noise, and under a negative voltage it is the other one. `start` is the first
-    frequency. All in Hz. Source: Ben Messaoud et al., ACTUATOR 2014: steps of 10 Hz, one each millisecond.
-    """
-
-    start: float
-    every: float
-    size: float = 10.0
-    gate: float = 0.2
-    lowest: float = 0.0
-    highest: float = NO_LIMIT
-
-    def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
-        """At `begun` Hz above the start frequency; the first update comes after one full period."""
-        return TrackerState(begun, begun, 0.0)
-
-    def learned(self, state: TrackerState) -> Any:
-        """The resonance, Hz above the start."""
-        return state.estimate
-
-    def step(
-        self,
-        state: TrackerState,
-        reference: Any,
-        W: Any,
-        temperature: Any = None,
-        braked: Any = False,
-        xp: Any = scalar,
-    ) -> tuple[TrackerState, Any, TrackerInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz
-        out."""
-        there, due, moves, count = _due(self, state, reference, W, braked, xp)
-        step = xp.where(W.imag > 0.0, self.size, xp.where(W.imag < 0.0, -self.size, 0.0))
-        step = xp.where(moves, step, 0.0)
-        offset = clip(state.offset + step, self.lowest - self.start, self.highest - self.start, xp)
-        after = TrackerState(offset, offset, count)
-        return (
-            after,
-            self.start + offset,
-            TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step),
-        )
-
-
 def _begun(tracker: Any, begun: Any, ratio: float | None, xp: Any) -> TrackerState:
     """At `begun` Hz above the start, or what the source makes of it."""
     offset = first(tracker.source, begun, xp)
@@ -127,20 +64,22 @@ def _moved(tracker: Any, state: TrackerState, step: Any, temperature: Any, xp: A
 def _followed(
     tracker: Any, state: TrackerState, reference: Any, W: Any, temperature: Any, braked: Any, xp: Any
 ) -> tuple[TrackerState, Any, TrackerInfo]:
-    """One sample of a tracker that says what is `wanted` of the ratio Wq / Wd; without vibration that is
-    nothing."""
-    there, due, moves, count = _due(tracker, state, reference, W, braked, xp)
+    """One sample of a tracker that says what is `wanted` of the ratio Wq / Wd: an update is made where it is
+    due, the measurement is there, the plate vibrates and the voltage does not brake."""
+    there, count = seen(reference, W, xp), state.count + 1.0
+    due = count >= tracker.every
+    # Squares instead of a root or hypot: the same bits in C on every machine.
+    size, threshold = W.real * W.real + W.imag * W.imag, tracker.gate * reference
+    vibrates = (reference > 0.0) & (W.real > 0.0) & (size > threshold * threshold)
+    moves = due & there & vibrates & xp.logical_not(braked)
     # Without vibration no division by what may be zero.
     ratio = clip(W.imag / xp.where(moves, W.real, 1.0), -tracker.most, tracker.most, xp)
     wanted, ratio = tracker.wanted(state, ratio, moves, xp)
     step = xp.where(moves, clip(wanted, -tracker.max_step, tracker.max_step, xp), 0.0)
     offset, estimate, known = _moved(tracker, state, step, temperature, xp)
-    after = TrackerState(offset, estimate, count, known, ratio)
-    return (
-        after,
-        tracker.start + offset,
-        TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step),
-    )
+    after = TrackerState(offset, estimate, xp.where(due, 0.0, count), known, ratio)
+    said = TrackerInfo(xp.logical_not(there), due & xp.logical_not(moves), step)
+    return after, tracker.start + offset, said
 
 
 class Tracker(NamedTuple):
@@ -189,14 +128,9 @@ class Tracker(NamedTuple):
         return _learned(self, state)
 
     def step(
-        self,
-        state: TrackerState,
-        reference: Any,
-        W: Any,
-        temperature: Any = None,
-        braked: Any = False,
+        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False,
         xp: Any = scalar,
-    ) -> tuple[TrackerState, Any, TrackerInfo]:
+    ) -> tuple[TrackerState, Any, TrackerInfo]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out.
 
         A measurement that is missing (not finite) when an update is due holds the frequency for that period.
@@ -206,6 +140,47 @@ class Tracker(NamedTuple):
     def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, None]:
         """The step in Hz that `ratio` = Wq / Wd asks for, and nothing to remember."""
         return self.gain * ratio + self.share * (state.offset - state.estimate), None
+
+
+class SignTracker(NamedTuple):
+    """The paper's rule: f <- f + step where Wq > 0, f - step where Wq < 0, on every `every`-th sample; f
+    holds at Wq = 0, and where `Tracker` is held. All in Hz. Source: Ben Messaoud et al., ACTUATOR 2014: steps
+    of 10 Hz, one each millisecond.
+    """
+
+    start: float
+    every: float
+    size: float = 10.0
+    gate: float = 0.2
+    lowest: float = 0.0
+    highest: float = NO_LIMIT
+    source: Source | None = None
+    k_T: float | None = None
+    most: float = NO_LIMIT
+
+    @property
+    def max_step(self) -> float:
+        """Each step is as large."""
+        return self.size
+
+    def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
+        """As `Tracker`."""
+        return _begun(self, begun, None, xp)
+
+    def learned(self, state: TrackerState) -> Any:
+        """As `Tracker`."""
+        return _learned(self, state)
+
+    def step(
+        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False,
+        xp: Any = scalar,
+    ) -> tuple[TrackerState, Any, TrackerInfo]:  # fmt: skip
+        """As `Tracker`."""
+        return _followed(self, state, reference, W, temperature, braked, xp)
+
+    def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, None]:
+        """The step in Hz that `ratio` = Wq / Wd asks for, and nothing to remember."""
+        return xp.where(ratio > 0.0, self.size, xp.where(ratio < 0.0, -self.size, 0.0)), None
 
 
 class PLL(NamedTuple):
@@ -237,28 +212,22 @@ class PLL(NamedTuple):
     every: float = 1.0
 
     def init(self, begun: Any = 0.0, xp: Any = scalar) -> TrackerState:
-        """At `begun` Hz above the start frequency."""
+        """As `Tracker`."""
         return _begun(self, begun, 0.0, xp)
 
     def learned(self, state: TrackerState) -> Any:
-        """The resonance, Hz above the start, at the temperature of the start."""
+        """As `Tracker`."""
         return _learned(self, state)
 
     def step(
-        self,
-        state: TrackerState,
-        reference: Any,
-        W: Any,
-        temperature: Any = None,
-        braked: Any = False,
+        self, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False,
         xp: Any = scalar,
-    ) -> tuple[TrackerState, Any, TrackerInfo]:
-        """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz
-        out."""
+    ) -> tuple[TrackerState, Any, TrackerInfo]:  # fmt: skip
+        """As `Tracker`."""
         return _followed(self, state, reference, W, temperature, braked, xp)
 
     def wanted(self, state: TrackerState, ratio: Any, moves: Any, xp: Any) -> tuple[Any, Any]:
-        """The step in Hz that `ratio` = Wq / Wd asks for, and the ratio that is remembered."""
+        """As `Tracker`; the ratio is remembered."""
         ratio = xp.where(moves, ratio, state.ratio)
         left = ratio + (state.offset - state.estimate) * (1.0 / self.half_bandwidth)
         return self.lead * (ratio - state.ratio) + self.gain * left, ratio
