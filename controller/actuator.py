@@ -30,6 +30,11 @@ class Dac(NamedTuple):
     bits: float
     full_scale: float
 
+    @property
+    def most(self) -> float:
+        """The largest voltage that it can make."""
+        return self.full_scale
+
 
 class Inverter(NamedTuple):
     """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty

@@ -103,13 +103,9 @@ def _suited(asked: Asked) -> None:
 def _limit(asked: Asked) -> float:
     """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted,
     PREDICTED_K."""
-    samples = asked.delay / asked.T
-    if asked.method == "adaptive":
-        K = PREDICTED_K
-    else:
-        K = math.exp(
-            samples * math.log(max(samples, 1e-300)) - (samples + 1) * math.log1p(samples)
-        )  # may be thousands
+    d, K = asked.delay / asked.T, PREDICTED_K
+    if asked.method != "adaptive":
+        K = math.exp(d * math.log(max(d, 1e-300)) - (d + 1) * math.log1p(d))  # d may be thousands
     # without delay every K has a real pole; 2 leaves 14 % of the error each sample
     return (-math.log1p(-K) if K < 1 else 2.0) / (2 * math.pi * asked.T)
 
@@ -118,37 +114,27 @@ def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandw
     """The lowest bandwidth whose promise settles within `wanted` s; where none does, the highest with
     feed-forward. Raises ValueError with the limit that stands in the way."""
     positive("settling_time", wanted)
-    tried = np.geomspace(fastest / 8, fastest, 10)
-    times = [
-        _taken(asked, b) for b in tried[::-1]
-    ]  # from the fastest: overshoot may make it settle later than a slower one
+    enough, tried = wanted * (1 + 1e-9), np.geomspace(fastest / 8, fastest, 10)
+    # From the fastest: overshoot may make it settle later than a slower one.
+    times = [_taken(asked, b) for b in tried[::-1]]
     best = min(times)
-    if best > wanted * (1 + 1e-9) and asked.leads:
+    if best > enough and asked.leads:
         best = min(best, led := _taken(asked, fastest, True))
-        if led <= wanted * (1 + 1e-9):
+        if led <= enough:
             return Bandwidth(fastest, limit, "settling", True)
-    if not math.isfinite(best):
-        raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {unkept(asked, fastest)}")
-    if best > wanted * (1 + 1e-9):
-        bound = _voltage_bound(asked)
-        if bound > wanted:
-            why = (
-                f"the voltage limit {asked.limits.voltage:g} stands in the way ({asked.limits.said}): at"
-                f" full voltage the"
-                f" slowest of the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
-            )
+    if best > enough:
+        if not math.isfinite(best):
+            why = unkept(asked, fastest)
         else:
-            why = _in_the_way(asked, tried, wanted)
-        raise ValueError(
-            f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}; the nearest that can be had is"
-            f" {1e3 * best:.4g} ms"
-        )
-    slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= wanted * (1 + 1e-9))
+            why = _too_little_voltage(asked, wanted) or _in_the_way(asked, tried, enough)
+            why += f"; the nearest that can be had is {1e3 * best:.4g} ms"
+        raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}")
+    slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= enough)
     return Bandwidth(float(slowest), limit, "settling")
 
 
-def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
-    """That without which the loop would settle in `wanted` s, in words: resonances that lie apart, a finger,
+def _in_the_way(asked: Asked, tried: Iterable[float], enough: float) -> str:
+    """That without which the loop would settle in `enough` s, in words: resonances that lie apart, a finger,
     or both; where it would not without them either, the sample time and the delay."""
     untouched = asked.over(asked.ranged._replace(finger=0.0)) if asked.ranged.finger else asked
     low, high = asked.ranged.warming
@@ -173,30 +159,31 @@ def _in_the_way(asked: Asked, tried: Iterable[float], wanted: float) -> str:
     ]
     tried, leads = list(tried), {False, asked.leads}
     for without, why in cases:
-        if without is not asked and any(
-            _taken(without, b, lead) <= wanted * (1 + 1e-9) for b in tried for lead in leads
-        ):
+        if without is not asked and any(_taken(without, b, lead) <= enough for b in tried for lead in leads):
             return why
     why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
     return why + ("" if asked.leads else ": a faster loop oscillates")
 
 
 def _taken(asked: Asked, bandwidth: float, lead: bool = False) -> float:
-    return settling(
-        asked.control(bandwidth, lead), asked.plants, asked.clock, asked.amplitude, asked.plate.f0
+    return settling(asked.control(bandwidth, lead), asked.steps)
+
+
+def _too_little_voltage(asked: Asked, wanted: float) -> str | None:
+    """That the voltage limit stands in the way, where the slowest plant takes longer than wanted at full
+    voltage: tau ln(r / (r - 0.95)) to 95 % of the amplitude, r = limit / steady voltage."""
+    limit, plants = asked.limits.voltage, asked.plants
+    if limit is None:
+        return None
+    r = limit * np.abs(plants.push) / plants.rate / abs(asked.amplitude)
+    with np.errstate(divide="ignore"):
+        bound = float(np.max(np.log(r / np.maximum(r - 0.95, 0.0)) / plants.rate))
+    if bound <= wanted:
+        return None
+    return (
+        f"the voltage limit {limit:g} stands in the way ({asked.limits.said}): at full voltage the slowest of"
+        f" the plates takes {1e3 * bound:.3g} ms to 95 % of {asked.amplitude:g}"
     )
-
-
-def _voltage_bound(asked: Asked) -> float:
-    """Time at full voltage to 95 % of the amplitude, of the slowest plant: tau ln(r / (r - 0.95)), r = limit
-    / steady voltage."""
-    if asked.limits.voltage is None:
-        return 0.0
-    plants = asked.plants
-    r = asked.limits.voltage * np.abs(plants.push) / plants.rate / abs(asked.amplitude)
-    short = r <= 0.95
-    times = np.log(np.where(short, 2.0, r) / np.where(short, 1.0, r - 0.95)) / plants.rate
-    return float(np.max(np.where(short, np.inf, times)))
 
 
 def unpromised(asked: Asked, law: DQ | Adaptive) -> str | None:
@@ -204,64 +191,61 @@ def unpromised(asked: Asked, law: DQ | Adaptive) -> str | None:
     would not."""
     if (needed := samples(law, asked.plants, asked.T)) <= LONGEST:
         return None
-    # s; the samples are inversely as their time, but for a few
-    enough = f"{1.01 * asked.T * needed / LONGEST:.2g}"
+    enough = 1.01 * asked.T * needed / LONGEST  # s; the samples are inversely as their time, but for a few
     return (
         f"no settling time is promised: plate and loop take so long that {needed} samples would have to be"
-        f" looked at, and"
-        f" {LONGEST} are; a longer sample_time, {enough} s say"
+        f" looked at, and {LONGEST} are; a longer sample_time, {enough:.2g} s say"
     )
 
 
 def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
     """Why more than 1 % of the plants do not settle at that bandwidth, and the nearest that can be had."""
-    law = asked.control(bandwidth, lead)
-    if long := unpromised(asked, law):
+    if long := unpromised(asked, asked.control(bandwidth, lead)):
         return long
-    if math.isfinite(_taken(asked, bandwidth, lead)):
+    if _settles(asked, bandwidth, lead):
         return (
-            f"the guard ends the drive of more than 1 % of the plates that the logs allow, the resonance up"
-            f" to {asked.beside:.4g}"
-            f" Hz beside the frequency at which the loop starts: what stays so small, or at the edge of its"
-            f" window, is taken for"
-            f" a fault; a narrower range, or guard=False, with which nothing is exported"
+            "the guard ends the drive of more than 1 % of the plates that the logs allow, the resonance up to"
+            f" {asked.beside:.4g} Hz beside the frequency at which the loop starts: what stays so small, or"
+            " at the edge of its window, is taken for a fault; a narrower range, or guard=False, with which"
+            " nothing is exported"
         )
     if hindered := _hindered(asked, bandwidth, lead):
         return hindered
     still = asked._replace(plants=asked.plants.resonant)
-    if math.isfinite(_taken(still, bandwidth)):
-        least, most = asked.ranged.warming
-
-        def warmed(share: float) -> Asked:
-            """With a share of the range of temperatures."""
-            return asked.over(asked.ranged._replace(warming=(share * least, share * most)))
-
-        share = _nearest(lambda s: math.isfinite(_taken(warmed(s), bandwidth)))
-        offer = "record a sweep, which determines f0 better"
-        if share and asked.plants.warming is None and (least, most) != (0.0, 0.0):
-            offer = f"the nearest that can be had is warming = ({share * least:.3g}, {share * most:.3g})"
+    if _settles(still, bandwidth):
         return (
             f"the loop cannot lock: the resonance lies up to {asked.beside:.4g} Hz beside the frequency at"
-            f" which it starts, where"
-            f" the voltage that there is makes too small an amplitude to be tracked; {offer}"
+            " which it starts, where the voltage that there is makes too small an amplitude to be tracked;"
+            f" {_narrower(asked, bandwidth)}"
         )
-    share = _nearest(
-        lambda s: math.isfinite(_taken(still._replace(amplitude=s * asked.amplitude), bandwidth))
-    )
-    limit = (
-        ""
-        if asked.limits.voltage is None
-        else f", with the voltage limit {asked.limits.voltage:g} ({asked.limits.said})"
-    )
-    offer = (
-        f"the nearest that can be had is {share * asked.amplitude:.4g}"
-        if share
-        else "none that is smaller settles either"
-    )
+    share = _nearest(lambda s: _settles(still._replace(amplitude=s * asked.amplitude), bandwidth))
+    limit, offer = asked.limits, "none that is smaller settles either"
+    if share:
+        offer = f"the nearest that can be had is {share * asked.amplitude:.4g}"
+    said = "" if limit.voltage is None else f", with the voltage limit {limit.voltage:g} ({limit.said})"
     return (
         f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do"
-        f" not come within 5 % of it{limit}; {offer}"
+        f" not come within 5 % of it{said}; {offer}"
     )
+
+
+def _settles(asked: Asked, bandwidth: float, lead: bool = False) -> bool:
+    return math.isfinite(_taken(asked, bandwidth, lead))
+
+
+def _narrower(asked: Asked, bandwidth: float) -> str:
+    """The widest share of the range of temperatures with which the loop locks; where it is not they that keep
+    it, what determines f0."""
+    ranged, ends = asked.ranged, asked.ranged.warming
+
+    def within(share: float) -> bool:
+        """Whether it locks with that share."""
+        warming = share * ends[0], share * ends[1]
+        return _settles(asked.over(ranged._replace(warming=warming)), bandwidth)
+
+    if asked.plants.warming is not None or ends == (0.0, 0.0) or not (share := _nearest(within)):
+        return "record a sweep, which determines f0 better"
+    return f"the nearest that can be had is warming = ({share * ends[0]:.3g}, {share * ends[1]:.3g})"
 
 
 def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
@@ -271,23 +255,28 @@ def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
     def settles(name: str, value: float | None) -> bool:
         """With another value of that part."""
         changed: dict[str, Any] = {name: value}
-        return math.isfinite(_taken(asked._replace(rig=asked.rig._replace(**changed)), bandwidth, lead))
+        return _settles(asked._replace(rig=asked.rig._replace(**changed)), bandwidth, lead)
 
-    for name, unit in (("voltage_slew", "a second"), ("timer", "Hz"), ("frequency_step", "Hz")):
+    for name, unit, power in (
+        ("voltage_slew", "a second", -1),
+        ("timer", "Hz", -1),
+        ("frequency_step", "Hz", 1),
+    ):
         given = getattr(asked.rig, name)
-        if given is None or not settles(name, None):
-            continue
-        power = 1 if name == "frequency_step" else -1  # a finer step, a faster slew, a faster clock
+        if given is not None and settles(name, None):
+            break
+    else:
+        return None
 
-        def settles_at(share: float, name=name, given=given, power=power) -> bool:
-            return settles(name, given * max(share, 1e-6) ** power)
+    def eased(share: float) -> float:
+        """A faster slew or clock, a finer step."""
+        return given * max(share, 1e-6) ** power
 
-        share = _nearest(settles_at)
-        return (
-            f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that"
-            f" can be had is {given * max(share, 1e-6) ** power:.4g} {unit}"
-        )
-    return None
+    share = _nearest(lambda share: settles(name, eased(share)))
+    return (
+        f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that can be"
+        f" had is {eased(share):.4g} {unit}"
+    )
 
 
 def _nearest(can: Callable[[float], bool]) -> float:

@@ -66,10 +66,9 @@ def _law(law: DQ | Adaptive) -> dict[str, Any]:
         observer = {"K": law.K, "keep_d": law.keep[0], "keep_q": law.keep[1], "push": law.push}
         observer["damping"] = law.damping
         return {"gains": observer, "anti_windup": None, "feed_forward": None}
-    pi, fed = law.amplitude, law.amplitude.model
+    pi, m = law.amplitude, law.amplitude.model
     gains = {"Kp": pi.Kp, "Ki_Ts": pi.Ki_Ts}
-    if fed is not None:
-        fed = {"keep": fed.keep, "push": fed.push, "latest": fed.latest, "remembered": len(fed.line)}
+    fed = m and {"keep": m.keep, "push": m.push, "latest": m.latest, "remembered": len(m.line)}
     return {"gains": {"d": gains, "q": dict(gains)}, "anti_windup": pi.anti_windup, "feed_forward": fed}
 
 

@@ -29,23 +29,11 @@ from controller import scalar
 from controller.dq import Command
 from controller.scalar import NO_LIMIT, clip, seen
 
+# as dq_fault in C
 FAULTS = (
-    *(
-        "none",
-        "missing",
-        "dead",
-        "stuck",
-        "above",
-        "edge",
-        "reversed",
-        "lost",
-        "clipped",
-        "follow",
-        "model",
-        "oscillates",
-    ),
-    "parameters",
-)  # as dq_fault in C
+    "none", "missing", "dead", "stuck", "above", "edge", "reversed",
+    "lost", "clipped", "follow", "model", "oscillates", "parameters",
+)  # fmt: skip
 CODES = {name: float(code) for code, name in enumerate(FAULTS)}
 ALIKE = 1 / 3, 3.0  # of its answer to the frequency, between which Wq counts as that, turned round
 ANSWER = 0.1  # of what the drive makes of the plate, above which an answer stands out from the noise

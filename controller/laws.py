@@ -15,7 +15,7 @@ from controller.limits import Limits, Range
 from controller.machine import ANY, Machine
 from controller.pi import PI, Model
 from controller.plate import Plate
-from controller.promise import Clock, Promise, promise
+from controller.promise import Clock, Promise, Steps, promise
 from controller.rig import Calibrated, Rig, Sensor
 from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
@@ -32,20 +32,15 @@ RESTS, ANSWERS, SPARE = 2.0, 3.0, 4.0
 # Tracker periods: of the means against which the guard sees how Wq answers the frequency, and for which it
 # must be wrong. A resonance that jumps is chased within half of the latter (benchmarks/faults.md).
 MEMORY, DOUBTS = 3.0, 5.0
-BEGIN, RAMP, WAIT = (
-    0.1,
-    10.0,
-    0.5,
-)  # share of the amplitude to look with; time constants of a soft start; s until it is lost
+# share of the amplitude to look with; time constants of a soft start; s until it is lost
+BEGIN, RAMP, WAIT = 0.1, 10.0, 0.5
 TRIES = 20.0  # times the samples for which it has to be near, until it is lost at the earliest
 MEAN = 4.0  # times that the mean of readings follows them within the samples for which they have to be near
 # Dead bands, of a step of the source: of a quiet estimate, and of one whose noise is half a Hz where W has
 # one of 1 %. There and back is twice as far.
 QUIET, LOUD = 0.1, 0.15
-OBSERVER = (
-    5e-4,
-    2e-4,
-)  # s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+# s, time constants of the observer for the resonance, whose noise is heard, and for the damping
+OBSERVER = 5e-4, 2e-4
 
 # The amplitude may reach CEILING times what is asked: a heavy finger's release comes to 1.25. Until a loop
 # runs its voltage is at most HEADROOM times what its plate needs: 1 + 1/RAMP to rise so fast, and room for
@@ -54,18 +49,14 @@ OBSERVER = (
 CEILING, HEADROOM = 1.35, 1.25
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
 HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
-FOLLOW_AFTER, FOLLOWS = (
-    0.1,
-    20.0,
-)  # s, and time constants, for which a loop in run may be off, or at the end of its voltage
+# s, and time constants, for which a loop in run may be off, or at the end of its voltage
+FOLLOW_AFTER, FOLLOWS = 0.1, 20.0
 # Of its limit, the swing of a voltage that oscillates: a reading's noise of 5 % makes it move by 0.1 rms.
 # SWINGS turns, of half a period of a loop at its margin, 2 d + 1 samples with d of delay; LONGER than that
 # they are no oscillation.
 SWING, SWINGS, LONGER = 0.3, 40.0, 2.0
-QUIET_UNITS, QUIET_SHARE = (
-    2.0,
-    1e-3,
-)  # a sensor is not dead where less than so many of its units, or of the amplitude, is driven
+# a sensor is not dead where less than so many of its units, or of the amplitude, is driven
+QUIET_UNITS, QUIET_SHARE = 2.0, 1e-3
 FEWEST = 4.0  # samples of the sensor in a step whose number is looked at
 SWEEPS = 20.0  # time constants in which a sweep passes over half a bandwidth: settled
 SENSIBLE = (-60.0, 200.0)  # degC, where neither a range nor a window is stated
@@ -150,12 +141,13 @@ class Asked(NamedTuple):
         # Readings without noise repeat themselves to the last bit, and no sensor is stuck.
         sound = None if guard is None else guard._replace(repeats=NO_LIMIT)
         started = None if guard is None else switched(guard._replace(repeats=NO_LIMIT), self)
-        return promise(law, self.plants, self.clock, self.amplitude, self.plate.f0, sound, started)
+        return promise(law, self.steps, sound, started)
 
     @property
-    def clock(self) -> Clock:
-        """Sample time and delays."""
-        return Clock(self.T, self.latency, self.rig.late, self.demodulator)
+    def steps(self) -> Steps:
+        """Those that are promised."""
+        clock = Clock(self.T, self.latency, self.rig.late, self.demodulator)
+        return Steps(self.plants, clock, self.amplitude, self.plate.f0)
 
     @property
     def demodulator(self) -> Demodulator | None:
@@ -169,23 +161,18 @@ class Asked(NamedTuple):
 
     def voltages(self) -> tuple[float, float]:
         """The lowest and the highest."""
-        limit = self.limits.voltage
-        free = PI(1.0, 1.0)
-        return (
-            (free.lowest if self.rig.bipolar else 0.0, free.highest)
-            if limit is None
-            else (-limit * self.rig.bipolar, limit)
-        )
+        limit = NO_LIMIT if self.limits.voltage is None else self.limits.voltage
+        return -limit * self.rig.bipolar, limit
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Hz, of the drive's frequency."""
+        return self.limits.frequency or (0.0, NO_LIMIT)
 
     def _tracker(self, f0: float) -> Tracker | SignTracker | PLL:
-        window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
         if self.method == "paper":
-            return SignTracker(
-                f0,
-                float(max(1, round(self.rig.tracker_period / self.T))),
-                lowest=window[0],
-                highest=window[1],
-            )
+            every = float(max(1, round(self.rig.tracker_period / self.T)))
+            return SignTracker(f0, every, lowest=self.window[0], highest=self.window[1])
         half_bandwidth = 1 / (2 * math.pi * self.plate.tau)
         if self.method == "pll":
             kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
@@ -199,7 +186,6 @@ class Asked(NamedTuple):
         return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
     def _frequency(self, dead: float = QUIET) -> dict[str, Any]:
-        window = self.limits.frequency or (0.0, PI(1.0, 1.0).highest)
         source = self.rig.source(self.plate.f0)
         k_T = self.plate.k_T if self.rig.thermometer else None
         if self.rig.thermometer and k_T is None:
@@ -210,7 +196,7 @@ class Asked(NamedTuple):
         step = 0.0 if source is None else source.step
         # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within
         # the window.
-        given = {"lowest": window[0] + 0.52 * step, "highest": window[1] - 0.52 * step}
+        given = {"lowest": self.window[0] + 0.52 * step, "highest": self.window[1] - 0.52 * step}
         return given | {"source": source, "dead_band": dead * step, "k_T": k_T, "temperature": at}
 
     def _adaptive(self, bandwidth: float) -> Adaptive:
@@ -221,10 +207,8 @@ class Asked(NamedTuple):
             )
         lowest, highest = self.voltages()
         late = (self.delay - self.latency) / T
-        heard, fast = (
-            OBSERVER[0],
-            max(OBSERVER[1], self.delay),
-        )  # a damping seen before its answer comes eats the margin
+        # A damping seen before its answer comes eats the margin.
+        heard, fast = OBSERVER[0], max(OBSERVER[1], self.delay)
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
         slow, fast = (
             math.exp(-T / max(t, 2 * T))
@@ -252,18 +236,16 @@ def calibrated(control: Any, asked: Asked) -> Any:
 
 def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     """The controller in its guard: faults after 5 ms, or `Asked.patience`."""
-    plate, limits, T = asked.plate, asked.limits, asked.T
-    limit = NO_LIMIT if limits.voltage is None else limits.voltage
-    window = limits.frequency or (0.0, NO_LIMIT)
+    plate, T = asked.plate, asked.T
     repeats = float(math.ceil(max(STUCK_AFTER / T, ANSWERS * plate.tau / T, asked.patience)))
     period = max(asked.period, T)
     source = None if plate.f0 is None else asked.rig.source(plate.f0)
     decay = -math.expm1(-T / plate.tau)
     adc, gain = asked.rig.adc, 1.0 if asked.rig.sensor is None else asked.rig.sensor.gain
     return Guard(
-        control, limit, abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING,
+        control, asked.voltages()[1], abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING,
         CEILING * BEGIN * asked.amplitude,
-        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *window,
+        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *asked.window,
         asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),

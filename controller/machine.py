@@ -38,10 +38,8 @@ from controller.scalar import NO_LIMIT, clip, either, seen
 OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
 MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
 TASKS = ("regulate", "amplitude", "open loop", "sweep")  # as dq_task in C
-ROUGH, NEAR = (
-    0.5,
-    0.1,
-)  # of the amplitude that is asked, by which it may be off to leave find; to leave lock, and in run
+# of the amplitude that is asked, by which it may be off: to leave find; to leave lock, and in run
+ROUGH, NEAR = 0.5, 0.1
 ANY = 1e3  # |Wq|/Wd, or a ratio of voltages, that is no condition
 
 

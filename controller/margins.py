@@ -24,10 +24,8 @@ from controller.scalar import NO_LIMIT
 
 POINTS = 400  # frequencies
 SHOWN = 40  # of a picture
-MOST, TRIED = (
-    40.0,
-    24,
-)  # gains that are tried, up to this one, for an observer; between two of them by bisection to 0.1 %
+# gains that are tried for an observer: up to this one, so many; between two of them by bisection to 0.1 %
+MOST, TRIED = 40.0, 24
 
 
 class Margins(NamedTuple):

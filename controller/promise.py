@@ -13,7 +13,7 @@ from controller.demodulator import Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.machine import OFF, RUN
-from controller.margins import Bode, Margins, bode, margins
+from controller.margins import Bode, bode, margins
 from controller.tracker import SignTracker
 
 SHARE = 0.005  # of the plants that may miss one promise: of margin and settling together, 1 %
@@ -22,6 +22,7 @@ SHOWN = 50  # points of a step response
 LONGEST = 4000  # samples that are looked at
 SMALL = 0.1  # of the amplitude: a step for which the voltage has no limit
 STARTED = 50  # plants that are switched on
+LEVELS = (0.05, 0.5, 0.95)  # quantiles that are shown
 
 
 class Clock(NamedTuple):
@@ -37,6 +38,16 @@ class Clock(NamedTuple):
     def delay(self) -> float:
         """From a motion of the plate to the command that answers it."""
         return self.latency + self.late + (0.0 if self.filters is None else self.filters.delay)
+
+
+class Steps(NamedTuple):
+    """From rest to `amplitude`, of each of the `plants`; `start`: the design's resonance, Hz, None without
+    one."""
+
+    plants: Ensemble
+    clock: Clock
+    amplitude: float
+    start: float | None
 
 
 class Response(NamedTuple):
@@ -69,62 +80,49 @@ class Promise(NamedTuple):
     bode: Bode | None = None
 
 
-def promise(
-    law: Any,
-    plants: Ensemble,
-    clock: Clock,
-    amplitude: float,
-    start: float | None,
-    guard: Any = None,
-    machine: Any = None,
-) -> Promise:
-    """The promise for steps from rest to `amplitude`; `start` is the design's resonance, Hz, None without
-    one. With the `guard` of the law a plate whose drive it ends does not settle; the `machine` around it is
-    what is switched on."""
+def promise(law: Any, taken: Steps, guard: Any = None, machine: Any = None) -> Promise:
+    """The promise for steps. With the `guard` of the law a plate whose drive it ends does not settle; the
+    `machine` around it is what is switched on."""
+    plants, clock = taken.plants, taken.clock
     found = margins(law, plants, clock.T, clock.delay)
-    W, V = rises(law, plants, clock, amplitude, start, guard)
-    settling, overshoot = judged(W, clock.T, amplitude)
-    small = SMALL * amplitude
-    overshoot = np.maximum(overshoot, judged(rises(law, plants, clock, small, start)[0], clock.T, small)[1])
-    each = {"settling": settling, "overshoot": overshoot} | margins_by_name(found)
+    W, V = rises(law, taken, guard)
+    settling, overshoot = judged(W, taken)
+    small = taken._replace(amplitude=SMALL * taken.amplitude)
+    overshoot = np.maximum(overshoot, judged(rises(law, small)[0], small)[1])
+    each = {"settling": settling, "overshoot": overshoot}
+    each |= found._replace(phase=np.rad2deg(found.phase))._asdict()
     worst = {
         name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()
     }
-    spread = {name: _quantiles(values) for name, values in each.items()}
-    begun = math.inf if machine is None else startup(machine, law, plants, clock, amplitude, start)
+    rows = [round(q * (len(plants.rate) - 1)) for q in LEVELS]
+    spread = {name: tuple(np.sort(values)[rows].tolist()) for name, values in each.items()}
+    begun = math.inf if machine is None else startup(machine, law, taken)
     shown = _shown(W, V, clock.T, worst["settling"])
     return Promise(
         **worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay)
     )
 
 
-def settling(control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None) -> float:
+def settling(law: Any, taken: Steps) -> float:
     """The settling time that is promised, alone."""
-    return _worst(steps(control, plants, clock, amplitude, start)[0], -1)
+    return _worst(judged(rises(law, taken)[0], taken)[0], -1)
 
 
-def startup(
-    machine: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None
-) -> float:
+def startup(machine: Any, law: Any, taken: Steps) -> float:
     """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not
     come to run."""
-    few = plants.every(math.ceil(len(plants.rate) / STARTED))
-    if amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
+    few = taken.plants.every(math.ceil(len(taken.plants.rate) / STARTED))
+    if taken.amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
         return math.inf
-    most = int(min(3 * LONGEST, 4 * machine.limit))
     rows, last = [], 0
-    for k, (W, _, said) in enumerate(played(machine, law, few, clock, amplitude, start, most)):
+    most = int(min(3 * LONGEST, 4 * machine.limit))
+    for k, (W, _, said) in enumerate(played(machine, law, taken._replace(plants=few), most)):
         rows.append(W)
         last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
         if k > last + 4 * machine.patience:
             break
-    taken, _ = judged(np.reshape(rows, (len(rows), -1)), clock.T, amplitude)
-    return _worst(np.where(said.mode == RUN, taken, np.inf) + np.zeros_like(few.rate), -1)
-
-
-def margins_by_name(found: Margins) -> dict[str, np.ndarray]:
-    """As controller.json names them: the phase in degrees, the delay in s."""
-    return {"gain": found.gain, "phase": np.rad2deg(found.phase), "disk": found.disk, "delay": found.delay}
+    settled, _ = judged(np.reshape(rows, (len(rows), -1)), taken)
+    return _worst(np.where(said.mode == RUN, settled, np.inf) + np.zeros_like(few.rate), -1)
 
 
 def _worst(values: np.ndarray, sign: int) -> float:
@@ -132,41 +130,21 @@ def _worst(values: np.ndarray, sign: int) -> float:
     return float(sign * ordered[int(SHARE * len(ordered))])
 
 
-def _quantiles(values: np.ndarray) -> tuple[float, float, float]:
-    ordered, last = np.sort(values), len(values) - 1
-    return (
-        float(ordered[round(0.05 * last)]),
-        float(ordered[round(0.5 * last)]),
-        float(ordered[round(0.95 * last)]),
-    )
-
-
-def steps(
-    control: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| from rest to
-    `amplitude`."""
-    return judged(rises(control, plants, clock, amplitude, start)[0], clock.T, amplitude)
-
-
-def rises(
-    law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, guard: Any = None
-) -> tuple[np.ndarray, np.ndarray]:
+def rises(law: Any, taken: Steps, guard: Any = None) -> tuple[np.ndarray, np.ndarray]:
     """|W| and V (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the
     law."""
-    count = min(samples(law, plants, clock.T), LONGEST)
-    rows = np.empty((2, count, len(plants.rate)))
-    for k, (W, V, _) in enumerate(played(guard or law, law, plants, clock, amplitude, start, count)):
+    count = min(samples(law, taken.plants, taken.clock.T), LONGEST)
+    rows = np.empty((2, count, len(taken.plants.rate)))
+    for k, (W, V, _) in enumerate(played(guard or law, law, taken, count)):
         rows[0, k], rows[1, k] = W, V
     return rows[0], rows[1]
 
 
-def played(
-    control: Any, law: Any, plants: Ensemble, clock: Clock, amplitude: float, start: float | None, count: int
-) -> Iterator[tuple[np.ndarray, Any, Any]]:
+def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[np.ndarray, Any, Any]]:
     """|W|, V and what is said at each of `count` samples: the slow envelope of each plant, exact under held
     inputs. A command takes effect a latency after its sample; between two samples a late reading lies on a
     straight line."""
+    plants, clock, amplitude, start = taken
     T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
     part = min(max(clock.latency - late * T, 0.0), T)
     whole, between = divmod(clock.late / T, 1.0)
@@ -238,11 +216,12 @@ def _told(law: Any, plants: Ensemble) -> np.ndarray | None:
     return follower.temperature + plants.warming
 
 
-def judged(W: np.ndarray, T: float, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
-    """Settling time and overshoot, both (n,), of |W| (m, n); see `steps`."""
+def judged(W: np.ndarray, taken: Steps) -> tuple[np.ndarray, np.ndarray]:
+    """Settling time (n,) s, inf where it does not settle, and overshoot (n,) of |W| (m, n)."""
+    amplitude = taken.amplitude
     outside = np.abs(W - abs(amplitude)) > BAND * abs(amplitude)
     last = len(W) - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
-    settling = np.where(outside[-1], np.inf, (last + 1) * T)
+    settling = np.where(outside[-1], np.inf, (last + 1) * taken.clock.T)
     return settling, np.maximum(np.max(W, axis=0) / abs(amplitude) - 1, 0.0)
 
 
@@ -259,6 +238,5 @@ def samples(control: Any, plants: Ensemble, T: float) -> int:
 def _shown(W: np.ndarray, V: np.ndarray, T: float, settling: float) -> Response:
     until = min(len(W), math.ceil(2 * settling / T) + 1) if math.isfinite(settling) else len(W)
     rows = np.unique(np.linspace(0, until - 1, min(SHOWN, until)).round().astype(int))
-    levels = [0.05, 0.5, 0.95]
-    low, middle, high = np.quantile(W[rows], levels, axis=1)
-    return Response(rows * T, low, middle, high, np.quantile(V[rows], levels, axis=1))
+    low, middle, high = np.quantile(W[rows], LEVELS, axis=1)
+    return Response(rows * T, low, middle, high, np.quantile(V[rows], LEVELS, axis=1))

@@ -52,7 +52,7 @@ calibration = "both.csv"     # or instead of these a log of both sensors at once
 import cmath
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -69,19 +69,12 @@ TABLES: dict[str, tuple[Any, dict[str, str]]] = {
     "dac": (Dac, {"bits": "1", "full_scale": ""}),
     "inverter": (lambda supply, law="linear": Inverter(supply, law == "sine"), {"supply": ""}),
 }
-ABOVE_ZERO = (
-    *(
-        "sample_time",
-        "voltage_limit",
-        "voltage_slew",
-        "frequency_step",
-        "tracker_period",
-        "timer",
-        "dds",
-        "drive_update",
-    ),
-    *("amplitude", "settling", "lowest_frequency", "highest_frequency"),
-)
+# Numbers of a rig in units of their own; the voltages and the amplitude are in the logs'.
+UNITS = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
+UNITS |= dict.fromkeys(("frequency_step", "timer", "dds", "drive_update"), "Hz")
+UNITS |= dict.fromkeys(("lowest_frequency", "highest_frequency"), "Hz")
+UNITS |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1"}
+ANY_SIGN, OR_ZERO = ("coldest", "warmest"), ("latency", "force", "finger")  # the others are above zero
 METHODS = ("pi", "paper", "pll", "adaptive")
 
 
@@ -105,10 +98,8 @@ class Sensor(NamedTuple):
     def correction(self, frequency: float, hold: float = 0.0) -> complex:
         """What its reading is multiplied by at a carrier of `frequency` Hz: a delay turns W by -360 f delay
         degrees, and so does the drive's, `hold` s."""
-        return (
-            cmath.exp(1j * (2 * math.pi * frequency * (self.delay + hold) - math.radians(self.rotation)))
-            / self.gain
-        )
+        angle = 2 * math.pi * frequency * (self.delay + hold) - math.radians(self.rotation)
+        return cmath.exp(1j * angle) / self.gain
 
 
 class Vector(NamedTuple):
@@ -180,30 +171,19 @@ class Rig(NamedTuple):
             raise RigError(f"{path}: cannot be read: {error}") from None
         read = _Reader(Path(path))
         tables = {name: read.subtable(document, name) for name in ("sensor", *TABLES)}
-        times = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
-        sources = dict.fromkeys(
-            ("frequency_step", "timer", "dds", "drive_update", "lowest_frequency", "highest_frequency"), "Hz"
-        )
-        units = times | sources | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
-        units |= {
-            "coldest": "degC",
-            "warmest": "degC",
-            "force": "N",
-            "finger": "1",
-            "amplitude": response_unit,
-        }
+        units = UNITS | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
+        units["amplitude"] = response_unit
         words = {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC, "method": METHODS}
         values = read.table("", document, units, words)
         if tables["sensor"] is not None:
             values["sensor"] = read.sensor(tables["sensor"])
-        for name, (make, units) in TABLES.items():
+        for name, (make, keys) in TABLES.items():
             if (table := tables[name]) is not None:
-                units = {key: unit or drive_unit for key, unit in units.items()}
-                found = read.table(
-                    f"{name}.", table, units, {"law": ("linear", "sine")} if name == "inverter" else {}
-                )
-                values[name] = make(**read.whole(f"{name}.", found, units))
-        return read.checked(cls(**values))
+                keys = {key: unit or drive_unit for key, unit in keys.items()}
+                law = {"law": ("linear", "sine")} if name == "inverter" else {}
+                found = read.table(f"{name}.", table, keys, law)
+                values[name] = make(**read.whole(f"{name}.", found, keys))
+        return read.checked(cls(**values), units)
 
     def source(self, start: float) -> Source | None:
         """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to
@@ -270,11 +250,8 @@ class _Reader:
         except (ValueError, OSError) as error:
             raise RigError(f"{self.path}: sensor.calibration: {error}") from None
         if found.delay < 0 and -found.delay > 3 * found.delay_error:
-            self.refuse(
-                "sensor.calibration",
-                f"a delay of {found.delay:.3g} s",
-                "a sensor that is no earlier than the logs'",
-            )
+            early = f"a delay of {found.delay:.3g} s"
+            self.refuse("sensor.calibration", early, "a sensor that is no earlier than the logs'")
         if found.delay < 0:  # within its error none; the whole angle is what counts
             found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
         return Sensor(
@@ -286,7 +263,7 @@ class _Reader:
         prefix: str,
         values: dict[str, Any],
         units: dict[str, str],
-        words: dict[str, tuple[str, ...] | None],
+        words: Mapping[str, tuple[str, ...] | None],
     ) -> dict[str, Any]:
         """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true
         or false."""
@@ -299,51 +276,41 @@ class _Reader:
             if name in found:
                 self.refuse(prefix + key, "it twice", "it once")
             if name in words:
-                choices = words[name]
-                if (not isinstance(value, bool)) if choices is None else (value not in choices):
-                    self.refuse(
-                        prefix + key,
-                        value,
-                        "true or false" if choices is None else f"one of {', '.join(choices)}",
-                    )
+                choices = words[name] or (True, False)
+                if value not in choices or isinstance(value, bool) != (words[name] is None):
+                    said = "true or false" if words[name] is None else f"one of {', '.join(words[name])}"
+                    self.refuse(prefix + key, value, said)
                 found[name] = value
                 continue
             if name not in units:
                 known = (*units, *words)
-                self.refuse(
-                    prefix + key, "an unknown key", f"one of {', '.join(known)}{did_you_mean(key, known)}"
-                )
+                said = f"one of {', '.join(known)}{did_you_mean(key, known)}"
+                self.refuse(prefix + key, "an unknown key", said)
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 self.refuse(prefix + key, value, f"a number in {units[name]}")
             unit = key[len(name) + 1 :].replace("_per_", "/") or units[name]
             if unit != units[name] and not same_kind(unit, units[name]):
                 self.refuse(prefix + key, f"the unit {unit!r}", f"{units[name]} or another of its kind")
-            found[name] = (
-                float(value) if unit == units[name] else float(convert(float(value), unit, units[name]))
-            )
+            found[name] = float(value if unit == units[name] else convert(float(value), unit, units[name]))
         return found
 
     def whole(self, prefix: str, found: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
         """The same; refused where one of all names that belong there is missing or not above zero."""
         for name in names:
             if not found.get(name, 0.0) > 0 or (name == "bits" and found[name] not in range(4, 25)):
-                self.refuse(
-                    prefix + name, found.get(name), "4 to 24" if name == "bits" else "a number above zero"
-                )
+                said = "4 to 24" if name == "bits" else "a number above zero"
+                self.refuse(prefix + name, found.get(name), said)
         return found
 
-    def checked(self, rig: Rig) -> Rig:
+    def checked(self, rig: Rig, names: Iterable[str]) -> Rig:
         """The rig; refused where a number has the wrong sign."""
-        for name in ABOVE_ZERO:
-            if (value := getattr(rig, name)) is not None and not value > 0:
-                self.refuse(name, value, "a number above zero")
-        if rig.latency is not None and rig.latency < 0:
-            self.refuse("latency", rig.latency, "zero or more")
+        for name in names:
+            value = getattr(rig, name)
+            if name in ANY_SIGN or value is None or value > 0 or (name in OR_ZERO and value == 0):
+                continue
+            self.refuse(name, value, "zero or more" if name in OR_ZERO else "a number above zero")
         if rig.sensor is not None and not (rig.sensor.gain > 0 and rig.sensor.delay >= 0):
             self.refuse("sensor", tuple(rig.sensor), "a gain above zero and a delay of zero or more")
-        for name in ("force", "finger"):
-            if (getattr(rig, name) or 0.0) < 0:
-                self.refuse(name, getattr(rig, name), "zero or more")
         if rig.force is not None and rig.finger is not None:
             self.refuse("finger", "force as well", "one of them: each decides the other")
         for low, high in (("coldest", "warmest"), ("lowest_frequency", "highest_frequency")):

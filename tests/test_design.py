@@ -14,7 +14,7 @@ from controller import Rig, RigError, Sensor, closed_loops, settling_time
 from controller.actuator import Adc
 from controller.ensemble import Ensemble
 from controller.margins import margins
-from controller.promise import Clock, rises, steps
+from controller.promise import Clock, Steps, judged, rises
 from sysid import Plant, Profile, Scene
 from sysid.report.text import gains
 from sysid.scene.effects import FingerDamping
@@ -151,9 +151,8 @@ def test_a_promise_holds_for_fresh_draws(method):
 
 def test_steps_are_those_of_the_closed_loop():
     loop = controller.design(PLATE, voltage_limit=300.0, guard=False, latency=0.4e-4)
-    settling, overshoot = steps(
-        loop.law, plants(1.0, 2.0), Clock(T, 0.4e-4, loop.delay - 0.4e-4), 2.0, 32300.0
-    )
+    taken = Steps(plants(1.0, 2.0), Clock(T, 0.4e-4, loop.delay - 0.4e-4), 2.0, 32300.0)
+    settling, overshoot = judged(rises(loop.law, taken)[0], taken)
     finger = FingerDamping(law="power", exponent=1.0)
     inputs = [{"drive": 100.0, "frequency": 32300.0, "force": force} for force in (0.0, 1.5)]
     profiles = [{name: Profile.constant(value) for name, value in given.items()} for given in inputs]
@@ -187,13 +186,12 @@ def test_a_promise_knows_the_filters_before_it(finger):
             seen = W if i == 0 else outputs[i - 1]
             outputs[i] += filters.share * (seen - outputs[i])
     one = Ensemble(np.array([0.04 / tau]), np.array([(1 + finger) / tau]), np.zeros(1))
-    found, _ = rises(law, one, Clock(step, step, 0.0, filters), 3.2, 32600.0)
+    taken = Steps(one, Clock(step, step, 0.0, filters), 3.2, 32600.0)
+    found, _ = rises(law, taken)
     np.testing.assert_allclose(found[:, 0], rows[: len(found)], rtol=0, atol=1e-9)
     assert finger or 0.005 < max(rows) / 3.2 - 1 < loop.promise.overshoot + 1e-9
-    pair = Ensemble(*(np.repeat(v, 2) for v in one[:3]))  # in arrays as in plain numbers
-    np.testing.assert_allclose(
-        rises(law, pair, Clock(step, step, 0.0, filters), 3.2, 32600.0)[0][:, 1], found[:, 0], atol=1e-9
-    )
+    two = taken._replace(plants=Ensemble(*(np.repeat(v, 2) for v in one[:3])))  # in arrays, as plain numbers
+    np.testing.assert_allclose(rises(law, two)[0][:, 1], found[:, 0], atol=1e-9)
 
 
 def test_logs_that_say_little_give_a_slower_loop_that_says_why():

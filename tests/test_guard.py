@@ -12,7 +12,7 @@ import controller
 from controller.ensemble import Ensemble
 from controller.guard import FAULTS
 from controller.machine import RUN
-from controller.promise import Clock, promise
+from controller.promise import Clock, Steps, promise
 
 TAU = 5e-3 / math.log(20)
 LATE = 1e-12  # of a sample
@@ -146,7 +146,7 @@ def test_the_promise_is_that_of_what_runs():
     loop, one = designed(), np.ones(1)
     plants = Ensemble(0.02 / TAU * one, one / TAU, 0 * one)
     hasty = loop.control._replace(patience=1.0)
-    given = (loop.law, plants, Clock(1e-4, 1e-4, loop.demodulator.delay), 2.0, 32300.0)
+    given = loop.law, Steps(plants, Clock(1e-4, 1e-4, loop.demodulator.delay), 2.0, 32300.0)
     assert (
         math.isfinite(promise(*given).settling)
         and promise(*given, loop.control).settling == promise(*given).settling
