@@ -33,16 +33,6 @@ class AdaptiveState(NamedTuple):
     past: tuple
 
 
-class AdaptiveInfo(NamedTuple):
-    """For people: the measurement was `missing`, the voltage `saturated`; the estimated `tau` over the
-    design's, and `resonance` in Hz."""
-
-    missing: Any
-    saturated: Any
-    tau: Any
-    resonance: Any
-
-
 class Adaptive(NamedTuple):
     """The controller of a plate with  b T = `push` (response per drive),  T/tau = `damping`, from the
     frequency `start` (Hz).
@@ -102,9 +92,10 @@ class Adaptive(NamedTuple):
         self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
         share: Any = 1.0,
         most: Any = NO_LIMIT, frozen: Any = None,
-    ) -> tuple[AdaptiveState, Command, AdaptiveInfo]:  # fmt: skip
+    ) -> tuple[AdaptiveState, Command, None]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of
-        K, the most voltage and whether the frequency is `frozen` in, what to drive with out.
+        K, the most voltage and whether the frequency is `frozen` in, what to drive with out; the state tells
+        the rest.
 
         A missing measurement (not finite) is not zero: the prediction stands in for it.
         """
@@ -133,9 +124,7 @@ class Adaptive(NamedTuple):
             *after, damping, resonance, temperature,
             (voltage, *state.voltages[:-1]), (frequency, *state.frequencies[:-1]), ((d, q), *state.past[:-1]),
         )  # fmt: skip
-        missing, saturated = xp.logical_not(there), there & (voltage != wanted)
-        said = AdaptiveInfo(missing, saturated, self.damping / damping, self.start + resonance)
-        return state, Command(voltage, self.start + frequency), said
+        return state, Command(voltage, self.start + frequency), None
 
     def _observed(
         self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any

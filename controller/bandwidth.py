@@ -257,25 +257,20 @@ def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
         changed: dict[str, Any] = {name: value}
         return _settles(asked._replace(rig=asked.rig._replace(**changed)), bandwidth, lead)
 
-    for name, unit, power in (
-        ("voltage_slew", "a second", -1),
-        ("timer", "Hz", -1),
-        ("frequency_step", "Hz", 1),
-    ):
-        given = getattr(asked.rig, name)
-        if given is not None and settles(name, None):
-            break
-    else:
+    units = {"voltage_slew": "a second", "timer": "Hz", "frequency_step": "Hz"}
+    stated = (name for name in units if getattr(asked.rig, name) is not None)
+    if (name := next((name for name in stated if settles(name, None)), None)) is None:
         return None
+    given = getattr(asked.rig, name)
 
     def eased(share: float) -> float:
         """A faster slew or clock, a finer step."""
-        return given * max(share, 1e-6) ** power
+        return given * max(share, 1e-6) ** (1 if name == "frequency_step" else -1)
 
     share = _nearest(lambda share: settles(name, eased(share)))
     return (
-        f"{name} = {given:g} {unit} stands in the way: without it the plates settle; the nearest that can be"
-        f" had is {eased(share):.4g} {unit}"
+        f"{name} = {given:g} {units[name]} stands in the way: without it the plates settle; the nearest that"
+        f" can be had is {eased(share):.4g} {units[name]}"
     )
 
 

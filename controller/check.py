@@ -41,28 +41,55 @@ class Finding(NamedTuple):
     hint: str = ""
 
 
+class _Record(NamedTuple):
+    """A record and the controller.json that predicts it: from `begin`, the last row before the voltage rises,
+    to `end`, from which on the amplitude is at its `target`, with a standard deviation of `noise`; `row`: s
+    from one to the next."""
+
+    controller: Mapping[str, Any]
+    log: Log
+    begin: int
+    end: int
+    target: float
+    noise: float
+    row: float
+
+    @classmethod
+    def of(cls, controller: Mapping[str, Any], log: Log) -> "_Record":
+        """Raises LogError for a record that cannot be judged."""
+        _same_plate(controller, log)
+        end = int((1 - LAST) * len(log))
+        begin = _begin(controller, log, end)
+        last = np.abs(log.response[end:])
+        if (target := float(np.median(last))) == 0:
+            raise LogError(
+                f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude"
+                " that was asked for"
+            )
+        return cls(
+            controller, log, begin, end, target, float(np.std(last)), float(np.median(np.diff(log.time)))
+        )
+
+    @property
+    def W(self) -> np.ndarray:
+        """The amplitude (n,)."""
+        return np.abs(self.log.response)
+
+    @property
+    def half_bandwidth(self) -> float:
+        """Hz, of the plate."""
+        return 1 / (2 * math.pi * self.controller["plant"]["tau"])
+
+
 def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     """The predictions of a controller.json against a record of its loop. Raises LogError for a record that
     cannot be judged."""
-    _same_plate(controller, log)
-    end = int((1 - LAST) * len(log))
-    begin = _begin(controller, log, end)
-    W, V = np.abs(log.response), np.abs(log.drive)
-    target = float(np.median(W[end:]))
-    noise = float(np.std(W[end:]))
-    if target == 0:
-        raise LogError(
-            f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude"
-            f" that was asked for"
-        )
-    found = [
-        _settling(controller, log, W, target, noise, begin),
-        _overshoot(controller, W[begin:], target, noise),
-    ]
-    found += [_delay(controller, log, begin, target)]
-    found += [_voltage(controller, V, target, float(np.median(V[end:])))]
+    record = _Record.of(controller, log)
+    found = [_settling(record), _overshoot(record), _delay(record), _voltage(record)]
     if controller["plant"]["f0"] is not None and controller["tracker"]:
-        found += _frequency(controller, log, end)
+        found.append(_tracked(record))
+        if log.frequency is not None:
+            found += [_beside(record), _window(record)]
     return [f for f in found if f is not None]
 
 
@@ -106,51 +133,59 @@ def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
     return begin
 
 
-def _settling(
-    controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float, noise: float, begin: int
-) -> Finding | None:
-    started = _switched_on(controller, log, W, target)
-    begin = begin if started is None else started
+def _settling(record: _Record) -> Finding | None:
+    controller, log, target = record.controller, record.log, record.target
+    started = _switched_on(record)
+    begin = record.begin if started is None else started
     promised = controller["promise"]["settling_s" if started is None else "startup_s"]
     if promised is None:
         return None
-    outside = np.flatnonzero(np.abs(W[begin:] - target) > BAND * target + NOISE * noise)
+    outside = np.flatnonzero(np.abs(record.W[begin:] - target) > BAND * target + NOISE * record.noise)
     last = begin + (int(outside[-1]) if len(outside) else 0)
-    row = float(np.median(np.diff(log.time)))
     # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage
     # follows.
     taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
     late = (controller.get("demodulator") or {}).get("delay_s", 0.0)  # by which what is recorded is
-    kept = taken <= promised + row + controller["sample_time_s"] + late
+    kept = taken <= promised + record.row + controller["sample_time_s"] + late
     hint = "a slower plate (a finger?), a voltage at its limit, or more delay than was designed for"
     what = "settled to 5 %" if started is None else "switched on, to 5 %"
     return Finding(what, f"{1e3 * taken:.3g} ms", f"at most {1e3 * promised:.3g} ms", kept, hint)
 
 
-def _switched_on(controller: Mapping[str, Any], log: Log, W: np.ndarray, target: float) -> int | None:
+def _switched_on(record: _Record) -> int | None:
     """The row at which the loop was switched on, where the record is of that: at first it holds the small
     amplitude with which it looks. Before, the voltage is zero, whatever the noise."""
-    start = controller.get("start_up")
-    if start is None or target < 2 * start["find"]:
+    start, log, W = record.controller.get("start_up"), record.log, record.W
+    if start is None or record.target < 2 * start["find"]:
         return None
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(W, ROWS), axis=1)
     there = int(np.argmax(smooth > 0.5 * start["find"]))
     looks = (log.time >= log.time[there]) & (log.time <= log.time[there] + 0.5 * start["settled_s"])
-    resting = np.flatnonzero(
-        np.abs(log.drive[: there + ROWS]) < 0.1 * start["find"] / abs(controller["plant"]["G"])
-    )
+    small = 0.1 * start["find"] / abs(record.controller["plant"]["G"])
+    resting = np.flatnonzero(np.abs(log.drive[: there + ROWS]) < small)
     holds = abs(float(np.median(W[looks])) / start["find"] - 1) < 0.5
     return int(resting[-1]) if len(resting) and holds else None
 
 
-def _delay(controller: Mapping[str, Any], log: Log, begin: int, target: float) -> Finding | None:
+def _overshoot(record: _Record) -> Finding | None:
+    promised, target = record.controller["promise"]["overshoot"], record.target
+    if promised is None:
+        return None
+    most = max(float(np.max(record.W[record.begin :])) / target - 1, 0.0)
+    kept = most <= promised + 0.01 + NOISE * record.noise / target
+    hint = "more delay in the loop than latency_s says, or a sensor with another gain"
+    expected = f"at most {100 * promised:.2g} %, and noise"
+    return Finding("overshoot", f"{100 * most:.2g} %", expected, kept, hint)
+
+
+def _delay(record: _Record) -> Finding | None:
     """From a command to the reading that shows it: the lateness, gain and damping with which the plate's own
     equation, driven with the recorded voltage, comes nearest to Wd. None where the record does not tell."""
+    controller, log, begin = record.controller, record.log, record.begin
     expected, T, tau = controller.get("delay_s"), controller["sample_time_s"], controller["plant"]["tau"]
-    row = float(np.median(np.diff(log.time)))
-    rows = slice(begin, begin + int(6 * tau / row) + 20)
+    rows = slice(begin, begin + int(6 * tau / record.row) + 20)
     V, Wd = np.real(log.drive[rows]), log.response.real[rows]
-    if expected is None or abs(row / T - 1) > 0.01 or len(Wd) < 20:
+    if expected is None or abs(record.row / T - 1) > 0.01 or len(Wd) < 20:
         return None
     fine = np.repeat(V, FINE)  # the command holds from row to row
     best, lates = [], range(int(expected / T) * FINE + 5 * FINE)
@@ -162,89 +197,60 @@ def _delay(controller: Mapping[str, Any], log: Log, begin: int, target: float) -
             gain = float(shape @ Wd) / max(float(shape @ shape), 1e-300)
             best.append((float(np.sum((Wd - gain * shape) ** 2)), late))
     left, late = min(best)
-    if math.sqrt(left / len(Wd)) > TOLD * target or np.ptp(V) < TOLD * np.max(np.abs(V)):
+    if math.sqrt(left / len(Wd)) > TOLD * record.target or np.ptp(V) < TOLD * np.max(np.abs(V)):
         return None
     found = late * T / FINE
-    kept = found <= expected + MORE * T
     hint = (
-        f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency"
-        f" in the rig file"
+        f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency in"
+        " the rig file"
     )
+    kept = found <= expected + MORE * T
     return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
 
 
-def _overshoot(controller: Mapping[str, Any], W: np.ndarray, target: float, noise: float) -> Finding | None:
-    promised = controller["promise"]["overshoot"]
-    if promised is None:
-        return None
-    most = max(float(np.max(W)) / target - 1, 0.0)
-    kept = most <= promised + 0.01 + NOISE * noise / target
-    hint = "more delay in the loop than latency_s says, or a sensor with another gain"
-    return Finding(
-        "overshoot", f"{100 * most:.2g} %", f"at most {100 * promised:.2g} %, and noise", kept, hint
-    )
+def _voltage(record: _Record) -> Finding:
+    controller, V = record.controller, np.abs(record.log.drive)
+    steady, most = float(np.median(V[record.end :])), float(np.max(V))
+    expected = record.target / abs(controller["plant"]["G"])
+    unit, ratio, limit = controller["units"]["drive"] or "", steady / expected, controller["voltage_limit"]
+    beyond = limit is not None and most > limit * (1 + 1e-6)
+    hint = f"{ratio:.3g} times as much: the plate is damped, beside its resonance, or the sensor's gain is"
+    hint += " another"
+    if beyond:
+        hint = f"up to {most:.4g} {unit}, above the limit of {limit:.4g}"
+    kept, said = abs(ratio - 1) <= NEAR_STEADY and not beyond, f"{expected:.4g} {unit} within 10 %"
+    return Finding("voltage at the end", f"{steady:.4g} {unit}", said, kept, hint)
 
 
-def _beside(controller: Mapping[str, Any], log: Log, end: int, hb: float) -> Finding:
+def _tracked(record: _Record) -> Finding:
+    hb, last = record.half_bandwidth, np.mean(record.log.response[record.end :])
+    beside = float(last.imag / last.real) * hb if last.real else math.inf
+    hint = "the tracker is off or has not come so far; by Wq/Wd, a rotation of the sensor is not seen in it"
+    kept, said = abs(beside) <= TRACKED * hb, f"within {TRACKED * hb:.3g} Hz"
+    return Finding("resonance less frequency", f"{beside:+.3g} Hz", said, kept, hint)
+
+
+def _beside(record: _Record) -> Finding:
     """The frequency at the end beside the plate's own: by Wq/Wd alone a sensor that is turned is not seen."""
+    controller, log, hb = record.controller, record.log, record.half_bandwidth
     k_T, (low, high) = controller["plant"].get("k_T"), controller["range"]["warming_degC"]
     at = controller["reference_temperature_degC"]
     if log.temperature is not None and k_T is not None and at is not None:
-        low = high = float(np.median(log.temperature[end:])) - at
+        low = high = float(np.median(log.temperature[record.end :])) - at
     ends = sorted((k_T or 0.0) * warm for warm in (low, high))
-    beside = float(np.median(log.frequency[end:])) - controller["plant"]["f0"]
+    beside = float(np.median(log.frequency[record.end :])) - controller["plant"]["f0"]
     over = beside - min(max(beside, ends[0]), ends[1])
     turned = math.degrees(math.atan(over / hb))
     hint = (
         f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than"
-        f" that of the logs"
     )
+    hint += " that of the logs"
     expected = f"{ends[0] - TURNED * hb:+.3g} to {ends[1] + TURNED * hb:+.3g} Hz"
     return Finding("frequency less f0", f"{beside:+.4g} Hz", expected, abs(over) <= TURNED * hb, hint)
 
 
-def _voltage(controller: Mapping[str, Any], V: np.ndarray, target: float, steady: float) -> Finding:
-    expected = target / abs(controller["plant"]["G"])
-    unit, ratio = controller["units"]["drive"] or "", steady / expected
-    limit = controller["voltage_limit"]
-    kept = abs(ratio - 1) <= NEAR_STEADY and (limit is None or float(np.max(V)) <= limit * (1 + 1e-6))
-    hint = (
-        f"{ratio:.3g} times as much: the plate is damped, beside its resonance, or the sensor's gain is"
-        f" another"
-    )
-    if limit is not None and float(np.max(V)) > limit * (1 + 1e-6):
-        hint = f"up to {np.max(V):.4g} {unit}, above the limit of {limit:.4g}"
-    return Finding(
-        "voltage at the end", f"{steady:.4g} {unit}", f"{expected:.4g} {unit} within 10 %", kept, hint
-    )
-
-
-def _frequency(controller: Mapping[str, Any], log: Log, end: int) -> list[Finding]:
-    hb = 1 / (2 * np.pi * controller["plant"]["tau"])
-    last = np.mean(log.response[end:])
-    beside = float(last.imag / last.real) * hb if last.real else np.inf
-    found = [
-        Finding(
-            "resonance less frequency",
-            f"{beside:+.3g} Hz",
-            f"within {TRACKED * hb:.3g} Hz",
-            abs(beside) <= TRACKED * hb,
-            "the tracker is off or has not come so far; by Wq/Wd, a rotation of the sensor is not seen in it",
-        )
-    ]
-    if log.frequency is None:
-        return found
-    found.append(_beside(controller, log, end, hb))
-    low, high = controller["frequency_window_Hz"] or (0.0, np.inf)
-    inside = bool(np.all((log.frequency >= low) & (log.frequency <= high)))
-    seen = f"{np.min(log.frequency):.7g} to {np.max(log.frequency):.7g} Hz"
-    return [
-        *found,
-        Finding(
-            "frequency",
-            seen,
-            f"{low:.7g} to {high:.7g} Hz",
-            inside,
-            "beyond the window that was designed for",
-        ),
-    ]
+def _window(record: _Record) -> Finding:
+    f, (low, high) = record.log.frequency, record.controller["frequency_window_Hz"] or (0.0, math.inf)
+    seen, said = f"{np.min(f):.7g} to {np.max(f):.7g} Hz", f"{low:.7g} to {high:.7g} Hz"
+    inside = bool(np.all((f >= low) & (f <= high)))
+    return Finding("frequency", seen, said, inside, "beyond the window that was designed for")
