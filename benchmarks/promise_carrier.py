@@ -267,7 +267,7 @@ Before, the generated code of 24 November 2026 on the same cases; margins with i
 def report(done, refused, cases):
     """The page."""
     by = {method: [(c, s) for _, c, s in done if c.method == method] for method in METHODS}
-    line = "\n"
+    line, wrong = "\n", [shown(*d) for d in done if broken(d[1], d[2])]
     return f"""# Promises at the carrier
 
 Made by `python benchmarks/promise_carrier.py --cases {cases}` on {date.today():%d %B %Y}. Random plates (20 to 60 kHz, quality 30 to 600), sample times, latencies,
@@ -287,10 +287,9 @@ or {100 * NEAR:.0f} % of a margin.
 {BEFORE}
 ## Cases with a broken promise
 
-Found, and in brackets promised.
+{"Found, and in brackets promised." if wrong else "None."}
 
-{HEAD}
-{line.join(shown(*d) for d in done if broken(d[1], d[2]))}
+{line.join([HEAD, *wrong]) if wrong else ""}
 
 Refused: {"; ".join(f"{n}: {why}" for n, why in refused) or "none"}
 """

@@ -325,6 +325,20 @@ def test_a_promise_that_would_take_too_long_says_which_sample_time_has_one():
     assert any("have margins of at least: gain" in line for line in lines)
 
 
+@pytest.mark.parametrize(
+    ("range_", "said"),
+    [
+        ({}, "without a finger, at 24 degC"),
+        ({"finger": 1.0}, "under a finger that adds up to 1 times the plate's damping, at 24 degC"),
+        ({"warming": (-4.0, 8.0)}, "without a finger, at 20 to 32 degC"),
+    ],
+)
+def test_the_screen_says_what_a_promise_covers(range_, said):
+    loop = controller.design(posterior(), voltage_limit=300.0, amplitude=1.0, **range_)
+    note = controller.as_dict(dataclasses.replace(loop, drive_unit="V", response_unit="um"))
+    assert said in " ".join(gains(note))
+
+
 def test_a_rig_s_voltage_that_the_logs_have_not_seen_is_said_to_be_cut():
     source, rig = posterior(logs=logs_up_to(20.0)), Rig(voltage_limit=350.0)
     loop = controller.design(source, rig=rig)

@@ -3,6 +3,7 @@ the drive."""
 
 import dataclasses
 import math
+import re
 import subprocess
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ import pytest
 import controller
 import sysid
 from controller.actuator import Adc
+from controller.commission import sheet
 from controller.export import texts
 
 TAU = 5e-3 / math.log(20)
@@ -63,7 +65,7 @@ def overshoot(rows, asked, step):
 
 
 def test_it_starts_and_holds_the_amplitude(each):
-    _, bench = each
+    loop, bench = each
     rows = bench.run(duration=0.4)
     modes = [int(m) for m, before in zip(rows["mode"], [OFF, *rows["mode"]], strict=False) if m != before]
     assert modes == [1, 2, 3, 4] and not rows.fault.any()
@@ -72,6 +74,38 @@ def test_it_starts_and_holds_the_amplitude(each):
     np.testing.assert_allclose(amplitude(late).mean(), ASKED, rtol=2e-3)
     assert abs(late.made.mean() - PLATE.f0) < 1.0
     assert rows.drive.max() <= LIMIT
+    outside = np.flatnonzero(np.abs(amplitude(rows) / ASKED - 1) > 0.05)
+    assert 0.01 < rows.time[outside[-1] + 1] <= loop.promise.startup + loop.sample_time
+
+
+def test_each_line_of_the_commissioning_sheet_can_be_done(pi):
+    """What it says that the step is told: it drives as is said, and nothing is a fault."""
+    loop, bench = pi
+    tasks = {f"DQ_TASK_{word.upper().replace(' ', '_')}": n for n, word in onboard.named("DQ_TASK_").items()}
+    stages, names = sheet(controller.as_dict(loop)), {"voltage": "volts", "offset": "begin"}
+    for stage in (stage for stage in stages if stage.inputs):
+        told = dict(part.split(" = ") for part in stage.inputs.split(", "))
+        told = {names.get(name, name): float(tasks.get(value, value)) for name, value in told.items()}
+        told = {"reference": 0.0} | told
+        rows = bench.run(duration=0.5, **told)
+        assert not rows.fault.any() and rows["mode"][-1] == (6 if told["task"] == 2 else RUN)
+        last = rows[-500:]
+        if told["task"] == 2:
+            detuned = 1 + 2j * math.pi * told["begin"] * TAU
+            wanted = PLATE.G * told["volts"] / abs(detuned)
+            np.testing.assert_allclose(last.V, told["volts"], rtol=1e-4)
+        else:
+            wanted = told["reference"]
+        np.testing.assert_allclose(amplitude(last).mean(), wanted, rtol=5e-3)
+        begun = told["begin"] if told["task"] else 0.0
+        assert abs(last.made.mean() - PLATE.f0 - begun) < 2.0
+    assert [stage.name for stage in stages if stage.inputs] == [
+        "demodulator",
+        "sign of q",
+        "slow loop",
+        "tracker",
+        "full",
+    ]
 
 
 def test_a_plate_that_is_not_quite_the_design_s(each):
@@ -171,9 +205,11 @@ def test_what_goes_wrong_in_run_ends_the_drive(pi, name):
     "changes", [{"gain": -1.0}, {"amplifier": -1.0}, {"rotation": 120.0}, {"gain": 0.0}, {"frozen": 1.0}]
 )
 def test_miswired_at_power_up_it_never_drives_hard(each, changes):
-    _, bench = each
+    loop, bench = each
     rows = bench.run(duration=0.8, **changes)
     assert rows.peak.max() < 0.5 * ASKED
+    stated = re.search(r"find: ([\d.]+) drive-unit, ([\d.]+) response-unit\n", texts(loop, "dq_pi.h")[2])
+    assert np.abs(rows.V).max() <= 1.001 * float(stated[1]) and rows.peak.max() <= 1.02 * float(stated[2])
     assert rows["mode"][-1] == FAULT and not rows.V[-10:].any()
 
 
