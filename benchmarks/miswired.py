@@ -311,8 +311,9 @@ Silent: {quiet}. These are:
 
 What is left is a sensor that shows too little while a finger is allowed for, by its gain or as its front end clips. The loop holds
 what is shown. A sensor of gain g on the free plate and a sound one on a plate whose damping is 1/g times as large show the same
-response to the same voltage, W = g G V = G V / (1 + finger), at the same resonance: in rest nothing tells them apart. Up to the
-finger of the design, and in run up to one of 1.5, this is taken for a finger; the plate's header states both bounds.
+response to the same voltage, W = g G V = G V / (1 + finger), at the same resonance: in rest nothing tells them apart. (A frequency
+that is moved on purpose would: Wq answers by tau, whatever the sensor's gain. No method does that.) Up to the finger of the design,
+and in run up to one of 1.5, this is taken for a finger; the plate's header states both bounds.
 
 ## Sound benches
 

@@ -73,9 +73,8 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
         )
         raise ValueError(
             f"bandwidth_hz = {wanted:g} cannot be had: with a delay of {asked.delay:g} s the loop"
-            f" oscillates above"
-            f" {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be had is"
-            f" {safe:.6g} Hz"
+            f" oscillates above {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be"
+            f" had is {safe:.6g} Hz"
         )
     return Bandwidth(min(float(wanted), safe), limit, "stated")
 
@@ -87,8 +86,7 @@ def _suited(asked: Asked) -> None:
     if asked.method == "paper" and asked.plate.f0 is not None and step > half_bandwidth:
         raise ValueError(
             f"method = 'paper' cannot be had: its frequency goes to and fro by {step:g} Hz, and half of the"
-            f" plate's bandwidth is"
-            f" {half_bandwidth:.3g} Hz; methods that can be had: pi, pll, adaptive"
+            f" plate's bandwidth is {half_bandwidth:.3g} Hz; methods that can be had: pi, pll, adaptive"
         )
     slowest = tau / (1 + asked.ranged.finger)
     if asked.method == "adaptive" and slowest * (1 + 1e-9) < asked.T:

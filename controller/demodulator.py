@@ -89,9 +89,8 @@ class Demodulator(NamedTuple):
         if apart < LEAST:
             raise ValueError(
                 f"found a sensor sampled at {rate:g} Hz, at which the image of the carrier of {carrier:.8g}"
-                f" Hz falls on the"
-                f" response itself; expected a rate away from 2 f0, f0, 2 f0/3, ...: four times the carrier"
-                f" is best"
+                " Hz falls on the response itself; expected a rate away from 2 f0, f0, 2 f0/3, ...: four"
+                " times the carrier is best"
             )
         # |H|^2 = s^2 / (s^2 + 2 (1 - s) apart) = g^2, solved for the share s.
         g = IMAGE ** (2 / ORDER)

@@ -206,8 +206,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
     if plate.tau < asked.T:
         found.append(
             f"the sample time, {asked.T:g} s, is longer than the plate's time constant, {plate.tau:.3g} s:"
-            f" what touches it is"
-            f" seen when it has settled, and a fault ends the drive after"
+            " what touches it is seen when it has settled, and a fault ends the drive after"
             f" {1e3 * asked.patience * asked.T:.3g} ms"
         )
     if plate.f0 is None:
@@ -222,8 +221,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
     if most is not None and limits.voltage is not None and limits.voltage < most and limits.said != "stated":
         found.append(
             f"the voltage limit is {limits.voltage:.4g}, {limits.said}, and not the rig's {most:.4g}: a log"
-            f" with a larger drive"
-            f" raises it, or controller.design(voltage_limit=...)"
+            " with a larger drive raises it, or controller.design(voltage_limit=...)"
         )
     sensor = asked.rig.sensor
     if sensor is None:
@@ -233,9 +231,8 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
         beside = math.tan(math.radians(sensor.angle_error)) / (2 * math.pi * plate.tau)
         found.append(
             f"the loop's sensor is known to {100 * sensor.gain_error / sensor.gain:.2g} % and"
-            f" {sensor.angle_error:.2g} degrees"
-            f" (standard deviations): the amplitude to as much, and the tracker settles within {beside:.2g}"
-            f" Hz of the resonance"
+            f" {sensor.angle_error:.2g} degrees (standard deviations): the amplitude to as much, and the"
+            f" tracker settles within {beside:.2g} Hz of the resonance"
         )
     if plate.f0 is not None and asked.rig.adc is None:
         found.append(

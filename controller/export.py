@@ -194,9 +194,7 @@ PLATE = """\
 
 
 def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
-    drive, response = (
-        _text(unit) for unit in (loop.drive_unit or "drive-unit", loop.response_unit or "response-unit")
-    )
+    drive, response = _text(loop.drive_unit or "drive-unit"), _text(loop.response_unit or "response-unit")
     rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
     macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop).items()]
     return PLATE.format(
@@ -207,34 +205,35 @@ def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
 
 
 def _macros(loop: Loop) -> dict[str, str]:
-    """Limits, scales and times, for the code around the law."""
-    T, demodulator = loop.sample_time, loop.demodulator
-    found = {"SAMPLE_TIME": _real(T), "LATENCY": _real(loop.latency), "DELAY": _real(loop.delay)}
-    if loop.limits.voltage is not None:
-        found |= {"VOLTAGE_LIMIT": _real(loop.limits.voltage)}
-    found |= {"AMPLITUDE": _real(loop.amplitude), "GAIN": _real(loop.G), "TAU": _real(loop.tau)}
-    if loop.f0 is not None:
-        found |= {"F0": _real(loop.f0)}
-    if demodulator is not None:
-        found |= {"SAMPLE_RATE": _real(demodulator.rate), "SAMPLE_SCALE": _real(demodulator.scale)}
-    rig = loop.rig
+    """Limits, scales and times, for the code around the law; none for what there is not."""
+    d, rig, limit = loop.demodulator, loop.rig, loop.limits.voltage
+    found: dict[str, Any] = {"SAMPLE_TIME": loop.sample_time, "LATENCY": loop.latency, "DELAY": loop.delay}
+    found |= {
+        "VOLTAGE_LIMIT": limit,
+        "AMPLITUDE": loop.amplitude,
+        "GAIN": loop.G,
+        "TAU": loop.tau,
+        "F0": loop.f0,
+    }
+    if d is not None:
+        found |= {"SAMPLE_RATE": d.rate, "SAMPLE_SCALE": d.scale}
     if rig.dac is not None:
-        found |= {"DAC_BITS": str(int(rig.dac.bits)), "DAC_FULL_SCALE": _real(rig.dac.full_scale)}
+        found |= {"DAC_BITS": int(rig.dac.bits), "DAC_FULL_SCALE": rig.dac.full_scale}
     if rig.inverter is not None:
-        rig.inverter.check(loop.limits.voltage)
-        series = [_real(a) for a in rig.inverter.series(loop.limits.voltage)]
-        found |= {"DUTY_TERMS": str(len(series)), "DUTY": "{" + ", ".join(series) + "}"}
+        rig.inverter.check(limit)
+        series = [_real(a) for a in rig.inverter.series(limit)]
+        found |= {"DUTY_TERMS": len(series), "DUTY": "{" + ", ".join(series) + "}"}
     if rig.dds is not None and loop.f0 is not None:
         dds = Dds(rig.dds, loop.f0)
-        found |= {
-            "DDS_BASE": f"{dds.base}u",
-            "DDS_FRACTION": _real(dds.fraction),
-            "DDS_PER_HZ": _real(2**32 / rig.dds),
-        }
+        found |= {"DDS_BASE": f"{dds.base}u", "DDS_FRACTION": dds.fraction, "DDS_PER_HZ": 2**32 / rig.dds}
     if rig.timer is not None and loop.f0 is not None:
         found |= {"TIMER_TICKS": f"{int(Timer.of(rig.timer, loop.f0).periods)}u"}
     found |= {"RECORD_HEADER": f'"{_record_header(loop)}"', "RECORD_FORMAT": '"%.6f,%.7g,%.7g,%.7g,%.3f\\n"'}
-    return found
+    return {
+        name: str(value) if isinstance(value, int | str) else _real(value)
+        for name, value in found.items()
+        if value is not None
+    }
 
 
 def _record_header(loop: Loop) -> str:
@@ -243,9 +242,8 @@ def _record_header(loop: Loop) -> str:
     lines = ["# sampling: instant"]
     if (d := loop.demodulator) is not None:  # the rows are behind its filters, each of one pole
         lines += [f"# lockin_tau_s: {d.delay / d.order:.6g}", f"# lockin_order: {d.order}"]
-    if (
-        loop.plate is not None and _text(loop.plate, 40) == loop.plate
-    ):  # another name would be another plate's
+    # Another name would be another plate's.
+    if loop.plate is not None and _text(loop.plate, 40) == loop.plate:
         lines.append(f"# plate: {loop.plate}")
     drive, response = (_text(unit or "1") for unit in (loop.drive_unit, loop.response_unit))
     lines.append(
@@ -272,18 +270,15 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
 
     needed = machine.headroom * machine.amplitude / gain
     finds = machine.headroom * machine.heaviest * machine.find / gain
-    lines = [f"find: {most(min(limit, finds))}", f"soft start and lock: {most(min(limit, needed))}"]
-    if machine.heaviest > 1:
-        lines[-1] += (
-            f"; {most(min(limit, machine.heaviest * needed))} where find has seen the heaviest finger"
-        )
-    lines += [
+    heaviest, stuck = most(min(limit, machine.heaviest * needed)), after(guard.repeats)
+    lines = [
+        f"find: {most(min(limit, finds))}",
+        f"soft start and lock: {most(min(limit, needed))}"
+        + (f"; {heaviest} where find has seen the heaviest finger" if machine.heaviest > 1 else ""),
         f"run, and the tasks in open loop: {most(limit)}",
         f"missing, dead, above, edge, clipped: in each of these after {after(guard.patience)}, above from"
-        f" {guard.ceiling:g} times"
-        " what is asked",
-        f"stuck: in each of these {after(guard.repeats)} after the drive has moved; reversed: after"
-        f" {after(guard.doubts)}",
+        f" {guard.ceiling:g} times what is asked",
+        f"stuck: in each of these {stuck} after the drive has moved; reversed: after {after(guard.doubts)}",
         f"lost: find or lock after {after(machine.limit)}; model: the same, and run as follow",
         f"follow: run after {after(machine.follows)} more than it was right",
         f"oscillates: lock or run after {after(machine.swings * machine.swing_time)} at most",
@@ -293,9 +288,8 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
         lines += [
             "A sensor that reads low by as much as the stated finger explains is not seen: the amplitude is"
             " then up to",
-            f"{machine.fits[1]:.3g} times what is asked, and {machine.fits[2]:.3g} times where it comes"
-            f" about in run, within the"
-            " voltage.",
+            f"{machine.fits[1]:.3g} times what is asked, and {machine.fits[2]:.3g} times where it comes about"
+            " in run, within the voltage.",
         ]
     return lines
 

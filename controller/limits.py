@@ -48,8 +48,7 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
     if (low, high) != (0.0, 0.0) and plate.k_T is None:
         raise ValueError(
             f"warming = ({low:g}, {high:g}) cannot be answered for: k_T is not determined; record a sweep"
-            f" at another temperature,"
-            f" or design for one temperature"
+            " at another temperature, or design for one temperature"
         )
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
 
@@ -135,11 +134,10 @@ def limits_of(
     reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
     if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
         raise ValueError(
-            f"the tracker cannot follow: over the stated temperatures the resonance goes from"
-            f" {reached[0]:.6g} to"
-            f" {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to {window[1]:.6g} Hz"
-            " (frequency_window, or a rig's lowest_frequency and highest_frequency, state another)"
-            f"{_coolest(plate, window, warming)}"
+            "the tracker cannot follow: over the stated temperatures the resonance goes from"
+            f" {reached[0]:.6g} to {reached[-1]:.6g} Hz, and the frequency window is {window[0]:.6g} to"
+            f" {window[1]:.6g} Hz (frequency_window, or a rig's lowest_frequency and highest_frequency,"
+            f" state another){_coolest(plate, window, warming)}"
         )
     return Limits(voltage, window, said)
 
