@@ -1,18 +1,21 @@
 """Lots of plates: how fast `sysid.fit_fleet` is beside a loop of pandas and scipy, and which odd plates it
 finds.
 
-python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2] [--only lots | lane]: writes
-benchmarks/fleet.md, of which only one half is made anew; `lane` are the tables of `fleet_lane.py`.
+python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2] [--only lots | engines | lane]: writes
+benchmarks/fleet.md, of which only one part is made anew; `engines` is the table of `fleet_engines.py`, of `--plates`
+and of a tenth of them, and `lane` are those of `fleet_lane.py`.
 """
 
 import argparse
 import os
+import re
 import tempfile
 import time
 from contextlib import suppress
 from datetime import date
 from pathlib import Path
 
+import fleet_engines
 import fleet_lane
 import numpy as np
 import pandas as pd
@@ -24,7 +27,7 @@ from sysid.fleet.odd import with_odd
 
 ROWS, POINTS, DRIVE, AT, NOISE = 240, np.linspace(31800, 32800, 101), 100.0, 32290.0, 0.02
 NAMES = ("G", "tau", "f0")
-LANE = "## The fast lane"
+ENGINES, LANE = "## Killed on the way", "## The fast lane"
 KINDS = (
     "G and tau at 0.6",
     "f0 3 sd off",
@@ -282,6 +285,27 @@ parameter is more than {fleet_lane.WRONG:g} of its errors off.
 {fleet_lane.spoiled(jobs=jobs)}"""
 
 
+def engines(plates: int, jobs: int) -> str:
+    """The table of runs that are killed on the way."""
+
+    def write(folder: Path, count: int) -> np.ndarray:
+        written(folder, count, {})
+        return np.array([numbers(seed)[:3] for seed in range(count)])
+
+    begun = os.getloadavg()[2]
+    table = fleet_engines.compared([plates // 10, plates], jobs, write)
+    return f"""{ENGINES}
+
+Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py --only engines --plates {plates}` on {date.today()}; {os.cpu_count()}
+cores, whose load average was {begun:.0f} as it began and {os.getloadavg()[2]:.0f} as it ended, {jobs} workers. Two files a plate ({ROWS} and {len(POINTS)}
+rows), one plate of {fleet_engines.SHARE} with a damaged file: {", ".join(fleet_engines.DAMAGE)}. As a quarter of the plates were
+done a worker was killed by its pid, as half were a second one, and the run itself as three quarters were; then the same command went on.
+Plates a second are those before the first was killed.
+
+{table}
+"""
+
+
 def lots(plates: int, count: int, jobs: int) -> str:
     """The tables of lots."""
     parts = [found_in_tables(count), found_in_fits(plates, jobs)]
@@ -297,11 +321,17 @@ if __name__ == "__main__":
     command.add_argument("--plates", type=int, default=300)
     command.add_argument("--lots", type=int, default=100)
     command.add_argument("--jobs", type=int, default=2)
-    command.add_argument("--only", choices=("lots", "lane"))
+    command.add_argument("--only", choices=("lots", "engines", "lane"))
     arguments = command.parse_args()
     place = Path(__file__).with_suffix(".md")
-    first, _, second = place.read_text(encoding="utf-8").partition(LANE)
-    if arguments.only != "lane":
-        first = lots(arguments.plates, arguments.lots, arguments.jobs)
-    second = lane(arguments.jobs) if arguments.only != "lots" else LANE + second
-    place.write_text(first + second, encoding="utf-8")
+    parts = re.split(f"^(?={ENGINES}|{LANE})", place.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    makers = {
+        "lots": lambda: lots(arguments.plates, arguments.lots, arguments.jobs),
+        "engines": lambda: engines(arguments.plates, arguments.jobs),
+        "lane": lambda: lane(arguments.jobs),
+    }
+    told = zip(makers.items(), parts, strict=True)
+    place.write_text(
+        "".join(make() if arguments.only in (None, name) else part for (name, make), part in told),
+        encoding="utf-8",
+    )

@@ -1,10 +1,12 @@
 """Many plates: found, fitted in processes that may be killed, in one table; those that are not like the
 others."""
 
+import errno
 import multiprocessing
 import os
 import re
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -135,17 +137,18 @@ def test_the_table_is_what_fit_and_sample_say():
 
 
 class Deadly(dict):
-    """Metadata that kill the process of a pool that reads them, as often as there are files to take away."""
+    """Metadata that kill the process of a pool that reads them, or what `victim` gives, as often as there are
+    files to take away."""
 
     def items(self):
         if multiprocessing.parent_process() is not None:
             for path in sorted(self["lives"].glob("*")):
                 path.unlink()
-                os.kill(os.getpid(), signal.SIGKILL)
+                os.kill(self.get("victim", os.getpid)(), signal.SIGKILL)
         return super().items()
 
 
-@pytest.mark.parametrize("deaths", [study(1), 2])
+@pytest.mark.parametrize("deaths", [study(1), study(2), 3])
 def test_a_killed_process_costs_nobody_else_a_row(tmp_path, deaths):
     from dataclasses import replace
 
@@ -156,11 +159,44 @@ def test_a_killed_process_costs_nobody_else_a_row(tmp_path, deaths):
     done = []
     table = sysid.fit_fleet(logs, jobs=2, meanwhile=lambda *counts: done.append(counts))
     ended = {name: "successful" for name in logs} | (
-        {"P2": "the fit ended its process twice"} if deaths == 2 else {}
+        {"P2": "the fit ended its process twice"} if deaths == 3 else {}
     )
     assert dict(zip(table["plate"], table["result"], strict=True)) == ended
     assert sorted(done)[-1] == (4, 4) and len(set(done)) == len(done)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there processes are forks of a server")
+def test_a_killed_server_costs_nobody_a_row(tmp_path):
+    from dataclasses import replace
+
+    (tmp_path / "0").touch()
+    logs = {f"P{seed}": [step(seed)] for seed in range(4)}
+    logs["P2"] = [replace(step(2), metadata=Deadly(lives=tmp_path, victim=os.getppid))]
+    table = sysid.fit_fleet(logs, jobs=2)
+    assert list(table["plate"]) == [*logs] and {*table["result"]} == {"successful"}
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_ends_the_run_and_keeps_what_is_done(tmp_path, monkeypatch):
+    logs, fitted, sync = {f"P{seed}": [step(seed)] for seed in range(10)}, [], os.fsync
+
+    def full(file):
+        if len(fitted) >= 4:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(file)
+
+    def run():
+        fitted.clear()
+        told = lambda done, _: fitted.append(done)  # noqa: E731
+        return sysid.fit_fleet(logs, jobs=0, folder=tmp_path, meanwhile=told)
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        run()
+    assert fitted == [1, 2, 3, 4] and len(list((tmp_path / "parts").iterdir())) == 4
+    monkeypatch.setattr(os, "fsync", sync)
+    assert list(run()["plate"]) == [*logs] and fitted == [5, 6, 7, 8, 9, 10]
 
 
 class TestGroups:
@@ -256,6 +292,30 @@ def test_through_a_dask_scheduler(tmp_path):
         hurt = sysid.fit_fleet(deadly, scheduler=cluster.scheduler_address)
     pd.testing.assert_frame_equal(table.drop(columns="seconds"), here.drop(columns="seconds"))
     assert list(hurt["result"]) == ["successful", "the fit ended its process twice", "successful"]
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("default")
+def test_a_dask_scheduler_that_ends_ends_the_run(tmp_path, monkeypatch):
+    """What it has done is kept; and one without workers is waited for only for a while."""
+    distributed = pytest.importorskip("distributed")
+    from sysid.fleet import engine
+
+    logs = {f"P{seed}": [step(seed)] for seed in range(8)}
+    settings = {"threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    with distributed.LocalCluster(n_workers=1, processes=False, **settings) as cluster:
+        run = lambda end: sysid.fit_fleet(  # noqa: E731
+            logs, folder=tmp_path, scheduler=cluster.scheduler_address, meanwhile=end
+        )
+        with pytest.raises(engine.EngineError, match="ended; what is done is kept"):
+            run(lambda done, _: cluster.close())
+    assert list((tmp_path / "parts").iterdir())
+    monkeypatch.setattr(engine, "COMES", 1)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, **settings) as cluster,
+        pytest.raises(engine.EngineError, match="found no worker"),
+    ):
+        sysid.fit_fleet(logs, scheduler=cluster.scheduler_address)
 
 
 def test_the_page_s_example_runs(monkeypatch, capsys):

@@ -4,7 +4,7 @@ An engine maps one function over batches of plates and gives their rows as they 
 batch passes on, to be fitted by itself, makes small batches of its own: only processes that get one load the
 programs of `sysid.fit`, and no process has all of them.
 Processes may be killed: a new pool goes on with what is left, the plates that were being fitted are tried one
-by one, and one that ends its process again becomes a row that says so.
+by one, and one that ends its process twice more becomes a row that says so.
 """
 
 import multiprocessing
@@ -13,11 +13,12 @@ import signal
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
@@ -43,6 +44,11 @@ THREADS = (
     "MKL_NUM_THREADS",
 )  # of matrices too small for more than one
 LOADED = ("sysid.fleet.told", "sysid.fleet.differ", "sysid.fitting", "sysid.posterior.posterior")
+TRIES = 3  # to begin processes, which something may kill
+GONE = 0.5  # s that a server takes to go once it was killed, before which no other begins; more at each try
+COMES = 60  # s that a Dask scheduler may have no worker, as they begin
+# how a pool says that one of its processes, or the server whose forks they are, was killed
+KILLED = (BrokenProcessPool, EOFError, ConnectionError)
 Batch = Sequence[Group]
 
 
@@ -80,14 +86,15 @@ class Processes:
 
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
         """As `Engine.rows`. Raises EngineError where no process begins."""
-        waiting = batches(groups, self.jobs)
+        waiting, moved = batches(groups, self.jobs), True
         while waiting:
+            before = moved
             left, begun, moved = yield from self._through(waiting, settings)
             suspects = [g for g in left if g.plate in begun]
             for group in suspects:
                 yield [self._alone(group, settings)]
-            rest = [g for g in left if g.plate not in begun]
-            if rest and not suspects and not moved:
+            rest, moved = [g for g in left if g.plate not in begun], moved or bool(suspects)
+            if rest and not (moved or before):
                 raise EngineError(
                     "the processes that fit end between two plates, without a word: something kills them"
                 )
@@ -100,8 +107,13 @@ class Processes:
         those that were being fitted, and whether any batch came back."""
         left, alone, moved = list[Group](), _Alone(), False
         with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(self.jobs, where) as pool:
-            going = {pool.submit(_fitted, batch, settings): batch for batch in waiting}
-            while going:
+            going: dict[Future, Batch] = {}
+            while waiting or going:
+                for batch in waiting:
+                    try:
+                        going[pool.submit(_fitted, batch, settings)] = batch
+                    except KILLED:
+                        left += batch
                 for future in wait_for(going, return_when=FIRST_COMPLETED).done:
                     batch = going.pop(future)
                     try:
@@ -112,22 +124,22 @@ class Processes:
                     moved = True
                     alone.groups += passed
                     yield rows
-                for batch in alone.batches(last=not going):
-                    try:
-                        going[pool.submit(_fitted, batch, settings)] = batch
-                    except BrokenProcessPool:
-                        left += batch
+                waiting = alone.batches(last=not going)
             begun = {path.read_text(encoding="utf-8") for path in Path(where).iterdir()} - {""}
         return left, begun, moved
 
     def _alone(self, group: Group, settings: Settings) -> Row:
-        """The row of a plate that may have killed its process, from a process of its own."""
-        with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(1, where) as pool:
-            try:
+        """The row of a plate that may have killed its process, from a process of its own; tried twice, as
+        something else may have killed either."""
+        for _ in range(2):
+            with (
+                tempfile.TemporaryDirectory(prefix="fleet-") as where,
+                _pool(1, where) as pool,
+                suppress(*KILLED),
+            ):
                 rows, passed = pool.submit(_fitted, [group], settings).result()
                 return (rows or pool.submit(_fitted, passed, settings).result()[0])[0]
-            except BrokenProcessPool:
-                return dead(group, settings)
+        return dead(group, settings)
 
 
 class Dask:
@@ -137,35 +149,48 @@ class Dask:
         self.address = address
 
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
-        """As `Engine.rows`. Raises EngineError without the package distributed, OSError where no scheduler
-        answers."""
+        """As `Engine.rows`. Raises EngineError without the package distributed, where no worker comes, or as
+        the scheduler ends; OSError where none answers."""
         try:
             import distributed
         except ImportError:
             said = "a Dask scheduler needs the package distributed: pip install 'sysid[dask]'"
             raise EngineError(said) from None
         with distributed.Client(self.address) as client:
-            workers = max(sum(client.nthreads().values()), 1)
-            fitted = partial(_fitted, settings=settings)
-            waiting, alone = batches(groups, workers), _Alone()
-            ordered = dict(zip(client.map(fitted, waiting, pure=False), waiting, strict=True))
-            done = distributed.as_completed(ordered)
-            for future in done:
-                batch, more = ordered.pop(future), list[Batch]()
-                try:
-                    rows, passed = future.result()
-                    alone.groups += passed
-                    yield rows
-                except distributed.KilledWorker:
-                    if len(batch) == 1:
-                        yield [dead(batch[0], settings)]
-                    else:
-                        more += [[group] for group in batch]
-                more += alone.batches(last=not ordered and not more)
-                for batch in more:
-                    future = client.submit(fitted, batch, pure=False)
-                    ordered[future] = batch
-                    done.add(future)
+            try:
+                client.wait_for_workers(1, timeout=COMES)
+                yield from self._through(client, groups, settings)
+            except TimeoutError:
+                raise EngineError(f"{self.address}: found no worker within {COMES} s, expected one") from None
+            except CancelledError:
+                said = "the Dask scheduler ended; what is done is kept, and the same command goes on"
+                raise EngineError(f"{self.address}: {said}") from None
+
+    def _through(self, client: Any, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
+        """The rows of all plates. A batch that Dask gives up, as workers were killed with it, is tried by
+        plates."""
+        from distributed import KilledWorker, as_completed
+
+        fitted = partial(_fitted, settings=settings)
+        waiting, alone = batches(groups, max(sum(client.nthreads().values()), 1)), _Alone()
+        going = dict(zip(client.map(fitted, waiting, pure=False), waiting, strict=True))
+        done = as_completed(going)
+        for future in done:
+            batch, more = going.pop(future), list[Batch]()
+            try:
+                rows, passed = future.result()
+                alone.groups += passed
+                yield rows
+            except KilledWorker:
+                if len(batch) == 1:
+                    yield [dead(batch[0], settings)]
+                else:
+                    more += [[group] for group in batch]
+            more += alone.batches(last=not going and not more)
+            for batch in more:
+                future = client.submit(fitted, batch, pure=False)
+                going[future] = batch
+                done.add(future)
 
 
 class _Alone:
@@ -202,30 +227,37 @@ def _pool(jobs: int, where: str) -> Iterator[Executor]:
     process. Raises EngineError where they do not begin."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # read as a process loads its libraries
-    context = _Anew()
-    pool = ProcessPoolExecutor(jobs, context, _begin, (where,))
+    context, pools = _Anew(), list[Executor]()
     try:
-        _answer(pool, jobs)
-        yield pool
-        pool.shutdown()
+        while not (pools and _answers(pools[-1], jobs)):
+            if len(pools) == TRIES:
+                said = "the processes that fit end before they begin; in a script, what calls this must stand"
+                guard = "under `if __name__ == '__main__':`, as each loads the script; jobs=0 needs none"
+                raise EngineError(f"{said} {guard}")
+            time.sleep(GONE * len(pools))
+            pools.append(ProcessPoolExecutor(jobs, context, _begin, (where,)))
+        yield pools[-1]
+        pools[-1].shutdown()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in context.made:
+        for pool in pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+        begun = [process for process in context.made if process.pid is not None]
+        for process in begun:
             process.terminate()
-        for process in context.made:
+        for process in begun:
             process.join()
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
-def _answer(pool: Executor, jobs: int) -> None:
-    begun = [pool.submit(os.getpid) for _ in range(jobs)]  # so that all of them begin at once
+def _answers(pool: Executor, jobs: int) -> bool:
+    """Whether the processes of a pool begin."""
     try:
+        begun = [pool.submit(os.getpid) for _ in range(jobs)]  # so that all of them begin at once
         begun[0].result()
-    except BrokenProcessPool:
-        guard = "in a script, what calls this must stand under `if __name__ == '__main__':`"
-        said = "the processes that fit end before they begin"
-        raise EngineError(f"{said}; {guard}, as each loads the script; jobs=0 needs none") from None
+    except KILLED:
+        return False
+    return True
 
 
 _place: list[TextIO] = []  # this process's file that names the plate that it fits

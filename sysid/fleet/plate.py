@@ -72,7 +72,7 @@ def blank(
 
 def dead(group: Group, settings: Settings) -> Row:
     """The row of a plate whose fit killed its process."""
-    said = "its process was killed, by a lack of memory or by a library, and again as it was fitted alone"
+    said = "its process was killed, by a lack of memory or a library, and twice more as it was fitted alone"
     return blank(group, settings) | {"result": DIED, "error": said}
 
 
