@@ -297,10 +297,9 @@ def engines(plates: int, jobs: int) -> str:
     return f"""{ENGINES}
 
 Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py --only engines --plates {plates}` on {date.today()}; {os.cpu_count()}
-cores, whose load average was {begun:.0f} as it began and {os.getloadavg()[2]:.0f} as it ended, {jobs} workers. Two files a plate ({ROWS} and {len(POINTS)}
+cores that others used too (load average {begun:.0f} as it began, {os.getloadavg()[2]:.0f} as it ended), {jobs} workers. Two files a plate ({ROWS} and {len(POINTS)}
 rows), one plate of {fleet_engines.SHARE} with a damaged file: {", ".join(fleet_engines.DAMAGE)}. As a quarter of the plates were
 done a worker was killed by its pid, as half were a second one, and the run itself as three quarters were; then the same command went on.
-Plates a second are those before the first was killed.
 
 {table}
 """

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
-from conftest import most, seeds, study
+from conftest import most, seeds, study, tiers
 
 import sysid
 from sysid.fleet import lane
@@ -122,6 +122,37 @@ def test_rows_are_those_of_the_single_fit(kind, bench):
             assert (a["x"], a["name"], a["label"]) == (b["x"], b["name"], b["label"])
 
 
+def fed_through(seed, share, phase):
+    """A step and a sweep, which a share of the response feeds through to, in the plate's frame."""
+    background = share * 100 * plant(seed).G * np.exp(1j * (phase - 0.2))
+    return [step(seed), sweep(seed, background=background)]
+
+
+@pytest.mark.parametrize("plates", tiers(range(50, 54), range(400, 440)))
+def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(plates):
+    rng, logs = np.random.default_rng(plates[0]), {}
+    for k in plates:
+        share, phase = np.exp(rng.uniform(*np.log([0.004, 0.05]))), rng.choice([0, np.pi])
+        logs[str(k)] = fed_through(k, share, phase + 0.1 * rng.standard_normal())
+    rows, beside = told(logs), told({str(k): made("both", k) for k in plates})
+    assert [row["way"] for row in rows.values()].count("batch") >= 0.95 * len(plates)
+    off, wider = [], []
+    for name, ours in rows.items():
+        single = row_of(Group(name, tuple(logs[name])), Settings())
+        wider.append(ours["parameters"]["G"]["std"] / beside[name]["parameters"]["G"]["std"])
+        for parameter in ("G", "tau", "f0"):
+            p, q = single["parameters"][parameter], ours["parameters"][parameter]
+            off.append(
+                max(abs(q[number] - p[number]) for number in ("value", "std", "ci95_low", "ci95_high"))
+                / p["std"]
+            )
+        for told_of in ("result", "warnings", "notes", "findings"):
+            assert ours[told_of] == single[told_of]
+    assert np.mean(np.array(off) < 0.02) > 0.85 and np.quantile(off, 0.95) < 0.1
+    assert np.median(wider) > 1.3
+    assert sum("that is late by" in " ".join(row["notes"]) for row in rows.values()) > len(plates) / 2
+
+
 @seeds(150, 2000)
 def test_clean_plates_stay_and_their_intervals_hold(seeds, unfitted):
     rows = told({str(k): made("both", k) for k in seeds})
@@ -157,6 +188,7 @@ def test_a_file_that_cannot_be_read_is_a_row(tmp_path):
 def test_rows_do_not_depend_on_who_is_fitted_beside(unfitted):
     plates = {str(k): made("both", k) for k in range(9)}
     spoilt = {"late": [step(60, clean=np.roll(ringing(plant(60)), 5)), sweep(60)]}
+    spoilt |= {"fed through": fed_through(61, 0.01, 0.0)}
     together = told(plates | spoilt)
     for name, logs in plates.items():
         alone = told({name: logs})[name]
@@ -211,7 +243,7 @@ def spoilt(kind, seed):
         )
         return [step(seed, clean=late), sweep(seed)]
     if kind == "background":
-        bend = 0.02 * top * ((POINTS - 32300) / 500) ** 2
+        bend = 0.04 * top * ((POINTS - 32300) / 500) ** 2
         return [step(seed), sweep(seed, background=bend)]
     return [step(seed), sweep(seed, off=20.0)]
 

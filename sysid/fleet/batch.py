@@ -9,11 +9,12 @@ are complex with an isotropic prior, and are eliminated in it,
 the rotation after them; the sum over the logs gives a Gauss-Newton step of log G, log tau and f0. The noise
 is that of the residual, sum of squares over degrees of freedom, and the covariance that of the single fit
 (`minimum.minimise`). Where the error of G is that of a feedthrough and a lateness that cancel, their priors
-are those of `verdict.coincidence`; where logs differ, errors are widened as in `verdict.differing`.
+are those of `verdict.coincidence`; where logs differ, errors are widened as in `verdict.differing`. A log may
+have a real gain of its own with a normal prior, whose column is that of log G: it is eliminated last.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,8 @@ class Seen(NamedTuple):
 class Reduced:
     """One log at a linearisation, all but the plant eliminated: `information` (P, 3, 3) of log G, log tau and
     f0, the `slope` (P, 3) by which they rise, and what is needed to follow them. `left` (P,): sum of squares
-    of the residual, with that of the priors."""
+    of the residual, with that of the priors. `gain` (P,): standard deviation of the prior of the log's own
+    gain, 0 where it has none, which `follow` (P, 4) gives by the step and 1."""
 
     block: Block
     rows: np.ndarray = field(repr=False)  # (P, 5, m) as `look` gives them
@@ -53,6 +55,8 @@ class Reduced:
     information: np.ndarray
     slope: np.ndarray
     left: np.ndarray
+    gain: np.ndarray
+    follow: np.ndarray = field(repr=False)
 
     @classmethod
     def of(
@@ -60,9 +64,11 @@ class Reduced:
         seen: "Seen",
         std: np.ndarray,
         prior: np.ndarray,
+        gain: np.ndarray,
         kept: Sequence[int] | None = None,
     ) -> "Reduced":
-        """With noise `std` (P,); `kept`: of the bench's numbers those that are there (all)."""
+        """With noise `std` (P,) and these priors; `kept`: of the bench's numbers those that are there
+        (all)."""
         block, products, rows = seen
         index = np.arange(*block.bench.indices(99)) if kept is None else block.bench.start + np.asarray(kept)
         prior = prior if kept is None else prior[:, kept]
@@ -76,16 +82,31 @@ class Reduced:
         turned = np.maximum(whole[:, 3, 3], 1e-300)
         rest = whole - whole[:, :, 3:4] * whole[:, 3:4] / turned[:, None, None]
         square = (std**2)[:, None]
-        information, slope = rest[:, :3, :3] / square[:, :, None], rest[:, :3, 4] / square
-        return cls(
-            block, rows, inverse, pull, whole, std, prior, information, slope, np.maximum(rest[:, 4, 4], 0.0)
-        )
+        both = np.concatenate([rest[:, :3, :3], rest[:, :3, 4:]], axis=2) / square[:, :, None]
+        own = both[:, 0]  # (P, 4) of the gain, with the plant and with what is left
+        variance = gain**2 / (1 + gain**2 * own[:, 0])
+        follow = variance[:, None] * own
+        both = both - own[:, :3, None] * follow[:, None]
+        left = np.maximum(rest[:, 4, 4] - std**2 * follow[:, 3] * own[:, 3], 0.0)
+        follow = follow * (-1, -1, -1, 1)
+        information, slope = both[:, :, :3], both[:, :, 3]
+        return cls(block, rows, inverse, pull, whole, std, prior, information, slope, left, gain, follow)
+
+    @property
+    def freedom(self) -> np.ndarray:
+        """(P,) degrees of freedom that the bench leaves."""
+        return self.block.freedom - (self.gain > 0)
+
+    def gained(self, step: np.ndarray) -> np.ndarray:
+        """(P,) the log's own gain less 1 after the step (P, 3)."""
+        return np.sum(self.follow[:, :3] * step, axis=1) + self.follow[:, 3]
 
     def full(self, step: np.ndarray) -> np.ndarray:
-        """(P, 4) the step (P, 3) and that of the rotation beside it."""
-        a = self.whole
-        turn = (a[:, 3, 4] - np.sum(a[:, 3, :3] * step, axis=1)) / np.maximum(a[:, 3, 3], 1e-300)
-        return np.concatenate([step, turn[:, None]], axis=1)
+        """(P, 4) the step (P, 3), with the log's own gain, and that of the rotation beside it."""
+        a, felt = self.whole, step.copy()
+        felt[:, 0] += self.gained(step)
+        turn = (a[:, 3, 4] - np.sum(a[:, 3, :3] * felt, axis=1)) / np.maximum(a[:, 3, 3], 1e-300)
+        return np.concatenate([felt, turn[:, None]], axis=1)
 
     def along(self, step: np.ndarray) -> np.ndarray:
         """(P, m) coefficients of the columns in the residual after the step, but for the bench's."""
@@ -99,12 +120,13 @@ class Reduced:
         """(P,) level per channel after the step."""
         gained = 2 * np.sum(step * self.slope, axis=1) - _form(self.information, step)
         held = np.sum(np.abs(values / self.prior) ** 2, axis=1)
+        held = held + (self.gained(step) / np.where(self.gain > 0, self.gain, 1.0)) ** 2
         square = np.maximum(self.left - self.std**2 * (gained + held), 0.0)
-        return np.maximum(np.sqrt(square / self.block.freedom), FLOOR * self.block.scale)
+        return np.maximum(np.sqrt(square / self.freedom), FLOOR * self.block.scale)
 
     def error(self, form: np.ndarray, covariance: np.ndarray) -> np.ndarray:
         """(P,) standard deviation per channel of a linear form (P, K) of the bench's numbers, with the plant
-        of that covariance (P, 3, 3)."""
+        of that covariance (P, 3, 3); of a log without a gain of its own."""
         a, square = self.whole, self.std**2
         turn = -a[:, 3, :3] / np.maximum(a[:, 3, 3], 1e-300)[:, None]  # that goes with the plant
         moves = (form[:, None] @ self.pull @ self.rows[:, :4].swapaxes(1, 2))[:, 0]  # (P, 4)
@@ -120,7 +142,8 @@ class Batch:
     """The fits of P plates: `theta` (P, 3) of log G, log tau and f0 (Hz), their `covariance` by the
     likelihood, and each log at the last linearisation, whose `step` (P, 3) led there; `converged` (P,).
     `tight` (P,): with the narrower priors of a feedthrough and a lateness; `hung` (2, P): G is known no
-    better than these that cancel, or than an offset and a start."""
+    better than these that cancel, or than an offset and a start. `notes`: of each plate what there is to say
+    of how it was fitted."""
 
     blocks: tuple[Block, ...]
     theta: np.ndarray
@@ -132,6 +155,8 @@ class Batch:
     converged: np.ndarray
     tight: np.ndarray
     hung: np.ndarray
+    going: "_Going" = field(repr=False)
+    notes: tuple[tuple[str, ...], ...] = ()
 
     @property
     def tau(self) -> np.ndarray:
@@ -157,14 +182,15 @@ def _form(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 @dataclass(eq=False)
 class _Going:
     """A fit as it goes on, of which each plate is followed until it is done, whatever the others are: theta,
-    and for each log noise, rotation, the bench's numbers and their priors; whether these are `narrowed` where
-    they are to be, and are `tight`."""
+    and for each log noise, rotation, the bench's numbers, their priors and that of its own gain; whether
+    priors are `narrowed` where they are to be, and are `tight`."""
 
     theta: np.ndarray
     std: list[np.ndarray]
     turns: list[np.ndarray]
     values: list[np.ndarray]
     priors: list[np.ndarray]
+    gains: Sequence[np.ndarray]
     narrowed: np.ndarray
     tight: np.ndarray
 
@@ -178,6 +204,7 @@ class _Going:
             [np.ones(len(none), complex) for _ in blocks],
             [np.zeros_like(b.prior, complex) for b in blocks],
             [b.prior for b in blocks],
+            [np.zeros(len(none)) for _ in blocks],
             none,
             none,
         )
@@ -205,9 +232,20 @@ class _Going:
 
 def fitted(blocks: Sequence[Block]) -> Batch:
     """Fit the plates of these blocks, one for each log, from no start values."""
-    going = _Going.of(blocks)
+    return _fitted(blocks, _Going.of(blocks), True)
+
+
+def with_gains(batch: Batch, gains: Sequence[np.ndarray]) -> Batch:
+    """The fits of a batch, whose columns they take over, of which each log has a gain of its own with a prior
+    of this standard deviation (P,), 0 where it has none; plates without any stay as they are."""
+    none = ~np.any(np.array(gains) > 0, axis=0)
+    return _fitted(batch.blocks, replace(batch.going, gains=gains, narrowed=none), False)
+
+
+def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
+    """The fits from there on."""
     for look in range(LOOKS):
-        seen = going.seen(blocks, look == 0)
+        seen = going.seen(blocks, first and look == 0)
         logs, covariance, step, moved = _settled(seen, going)
         left = _left(logs, step)
         if np.any(near := (left < NEAR) & ~going.narrowed):
@@ -232,6 +270,7 @@ def fitted(blocks: Sequence[Block]) -> Batch:
         done,
         going.tight,
         np.stack([going.tight & late, start]),
+        going,
     )
 
 
@@ -250,7 +289,7 @@ def _settled(seen: Sequence[Seen], going: _Going) -> tuple[list[Reduced], np.nda
     """Each log reduced, the covariance, the step and by how much the noise moves, which is followed once."""
     std = going.std
     for again in (True, False):
-        logs = [Reduced.of(x, s, p) for x, s, p in zip(seen, std, going.priors, strict=True)]
+        logs = [Reduced.of(*each) for each in zip(seen, std, going.priors, going.gains, strict=True)]
         covariance = solved(_sum([x.information for x in logs]))
         step = (covariance @ _sum([x.slope for x in logs])[:, :, None])[:, :, 0]
         found = [x.noise(step, x.values(step)) for x in logs]
@@ -276,7 +315,7 @@ def _short(step: np.ndarray, theta: np.ndarray) -> np.ndarray:
 def hangs(logs: Sequence[Reduced], given: Sequence[Seen], covariance: np.ndarray, name: str) -> np.ndarray:
     """(P,) whether the error of G is that of the bench's "late" or "start" (`coincidence.hangs_on`)."""
     without = [
-        Reduced.of(g, x.std, x.prior, [k for k, n in enumerate(x.block.names) if n != name])
+        Reduced.of(g, x.std, x.prior, x.gain, [k for k, n in enumerate(x.block.names) if n != name])
         if name in x.block.names
         else x
         for x, g in zip(logs, given, strict=True)
@@ -332,7 +371,6 @@ def _informed(logs: Sequence[Reduced], covariance: np.ndarray) -> np.ndarray:
     """The covariance, each log's information less the share of its residual that the plant has absorbed
     (`minimise._informed`)."""
     left = [
-        1 - np.minimum(np.einsum("pij,pji->p", x.information, covariance) / x.block.freedom, SHARE)
-        for x in logs
+        1 - np.minimum(np.einsum("pij,pji->p", x.information, covariance) / x.freedom, SHARE) for x in logs
     ]
     return solved(_sum([f[:, None, None] * x.information for f, x in zip(left, logs, strict=True)]))

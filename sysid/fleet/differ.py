@@ -46,7 +46,7 @@ def _alone(batch: Batch, i: int) -> Reduced:
     ring = sized(values[:, 0] + values[:, 2], log.error(rest, batch.covariance))
     ring = np.where(log.block.rest < batch.tau, ring, np.inf)
     sizes = {"feedthrough": size, "late": size / rise, "offset": ring, "start": ring}
-    return Reduced.of(batch.seen[i], log.std, narrow(log, sizes))
+    return Reduced.of(batch.seen[i], log.std, narrow(log, sizes), log.gain)
 
 
 def _differing(logs: Sequence[Reduced], k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

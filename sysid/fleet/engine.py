@@ -46,6 +46,7 @@ THREADS = (
 LOADED = ("sysid.fleet.told", "sysid.fleet.differ", "sysid.fitting", "sysid.posterior.posterior")
 TRIES = 3  # to begin processes, which something may kill
 GONE = 0.5  # s that a server takes to go once it was killed, before which no other begins; more at each try
+REFUSED = 1  # exit code of a process that cannot load the script, which none that is killed has
 COMES = 60  # s that a Dask scheduler may have no worker, as they begin
 # how a pool says that one of its processes, or the server whose forks they are, was killed
 KILLED = (BrokenProcessPool, EOFError, ConnectionError)
@@ -230,7 +231,9 @@ def _pool(jobs: int, where: str) -> Iterator[Executor]:
     context, pools = _Anew(), list[Executor]()
     try:
         while not (pools and _answers(pools[-1], jobs)):
-            if len(pools) == TRIES:
+            for pool in pools[-1:]:
+                pool.shutdown(cancel_futures=True)  # tells how its processes ended
+            if len(pools) == TRIES or any(process.exitcode == REFUSED for process in context.made):
                 said = "the processes that fit end before they begin; in a script, what calls this must stand"
                 guard = "under `if __name__ == '__main__':`, as each loads the script; jobs=0 needs none"
                 raise EngineError(f"{said} {guard}")

@@ -200,14 +200,17 @@ def _judged(
 ) -> "tuple[Batch, list[np.ndarray], np.ndarray, list[list[Said]]]":
     """The fits of plates of one layout; what each leaves of its logs; why it goes to `sysid.fit`, "" where it
     need not; and what is said of logs that differ."""
+    from sysid.fleet.delayed import spanned
     from sysid.fleet.differ import dispersion, widened
     from sysid.fleet.screen import passed_on, residual, vague
 
     with np.errstate(all="ignore"):
         batch = fit_together(plates)
         lefts = [residual(log, batch.step) for log in batch.logs]
-        why = passed_on(batch, lefts, cells)
-        added, said = dispersion(batch, [[log.name for log in logs] for _, logs in plates])
+        why, names = passed_on(batch, lefts, cells), [[log.name for log in logs] for _, logs in plates]
+        batch = spanned(batch, names)
+        lefts = [residual(log, batch.step) for log in batch.logs]
+        added, said = dispersion(batch, names)
         batch = widened(batch, added)
         return batch, lefts, np.where(why == "", vague(batch), why), said
 

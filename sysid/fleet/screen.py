@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.fleet.batch import Batch, Reduced, both
 from sysid.fleet.closed import Block, Step
+from sysid.fleet.delayed import shares
 from sysid.fleet.template import PHASES, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
@@ -23,8 +24,6 @@ from sysid.verdict.identify import limits
 from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
 from sysid.verdict.linear import ENOUGH, MOVES
-from sysid.verdict.through import FELT as GAINED
-from sysid.verdict.through import MOST, REAL
 
 # width of a cell: in log tau, in half bandwidths, and of noise over the response a factor
 WIDTHS = (0.2, 0.4, 2.0)
@@ -118,13 +117,18 @@ def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
 
 
 def vague(batch: Batch) -> np.ndarray:
-    """(P,) "not determined" where an error is larger than `identify.limits` let it be, else ""."""
+    """(P,) why the numbers of a plate are not for the table, as far as its own fit says, else ""; "not
+    determined" where an error is larger than `identify.limits` let it be."""
     most = limits(1.0, 1.0)
     widest = np.stack(
         [np.full(len(batch.tau), most["G"]), np.full(len(batch.tau), most["tau"]), most["f0"] / batch.tau]
     )
     std = np.sqrt(np.einsum("pii->ip", batch.covariance))
-    return np.where(np.all(std <= widest, axis=0), "", "not determined").astype(object)
+    why = np.where(np.all(std <= widest, axis=0), "", "not determined").astype(object)
+    if len(batch.logs) > 1:
+        why[batch.hung[0]] = "a feedthrough and a lateness that may cancel"
+    why[~batch.converged] = "not converged"
+    return why
 
 
 def passed_on(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> np.ndarray:
@@ -208,18 +212,11 @@ def lateness(batch: Batch, k: int) -> tuple[np.ndarray, np.ndarray]:
 def _of_bench(batch: Batch, log: Reduced, turn: np.ndarray):
     """What the bench's numbers of one log ask for: reasons, and the plates that they hold for."""
     values, theta = log.values(batch.step), batch.theta
-    error = np.sqrt(batch.covariance[:, 0, 0])
+    if log.block.swept:
+        if len(batch.logs) == 1 and not log.block.timed:  # `through`, of which no other log tells more
+            yield "a feedthrough that may be a delay", np.array([s is not None for s in shares(batch, 0)])
+        return
     settled = np.exp(theta[:, 0]) * np.abs(log.block.drive)
-    if log.block.swept and log.block.timed:
-        return
-    if log.block.swept:  # a feedthrough that may be a sensor's delay: `through`
-        form = np.zeros_like(values)
-        form[:, 0] = turn.conj() / settled
-        share = np.sum(form * values, axis=1)
-        along = log.error(form, batch.covariance)
-        least = np.max([REAL * along, GAINED * error, np.abs(share.imag)], axis=0)
-        yield "a feedthrough that may be a delay", (least < np.abs(share.real)) & (np.abs(share.real) < MOST)
-        return
     first, *_ = both(log, theta, turn, values, batch.covariance)
     if len(batch.logs) == 1:  # `immediate`
         share = np.abs(first) / np.abs(settled + first)

@@ -65,7 +65,7 @@ def told(
                 "nrmse_percent": float(percents[k]),
                 "warnings": [*alarms, *(f["sentence"] for f in late)],
                 "findings": late,
-                "notes": notes,
+                "notes": [*(batch.notes[p] if batch.notes else ()), *notes],
                 "traces": [
                     {"name": log.name, **each[k]}
                     for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)

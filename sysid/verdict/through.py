@@ -31,7 +31,7 @@ SAID = (
 )
 
 
-class _Share(NamedTuple):
+class Share(NamedTuple):
     """A feedthrough in the plate's own frame, over the settled response, with the errors of its real and its
     imaginary part."""
 
@@ -75,11 +75,11 @@ def with_delays(state: State, reference: tuple[float, float]) -> Delays:
             nuisances = tuple(dict.fromkeys((*trials[i].nuisances, "gain")))
             narrow = trials[i].narrow | {"gain": abs(share.size.real) * np.sqrt(held)}
             trials[i] = replace(trials[i], nuisances=nuisances, narrow=narrow)
-    alike: dict[tuple[_Share, float | None], list[str]] = {}
+    alike: dict[tuple[Share, float | None], list[str]] = {}
     for i, share in shares.items():
         alike.setdefault((share, trials[i].log.bench.get("delay_s")), []).append(trials[i].log.name)
     said = [
-        (bool(share.all), _said(", ".join(names), share, stated, state.tau))
+        (bool(share.all), told(", ".join(names), share, stated, state.tau))
         for (share, stated), names in alike.items()
     ]
     spanned, partly = ([s for every, s in said if every is which] for which in (True, False))
@@ -92,7 +92,7 @@ def _may_be_late(trial: Trial) -> bool:
     return swept and "feedthrough" in trial.shapes and trial.log.bench.get("delay_s") != 0
 
 
-def _share(view: View, state: State) -> _Share:
+def _share(view: View, state: State) -> Share:
     """That of one log."""
     settled = state.G * float(np.max(np.abs(view.trial.log.drive)))
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / settled
@@ -101,10 +101,10 @@ def _share(view: View, state: State) -> _Share:
         view.covariance(state.covariance),
     )
     along, across = (float(np.sqrt(part @ covariance @ part)) for part in (form.real, form.imag))
-    return _Share(share, along, across)
+    return Share(share, along, across)
 
 
-def _together(seen: dict[int, _Share], error: float) -> dict[int, _Share]:
+def _together(seen: dict[int, Share], error: float) -> dict[int, Share]:
     """The mean of what the logs show, for each of two or more whose own are within FELT errors of it; none
     where even that may not be late."""
     if len(seen) < 2:
@@ -114,12 +114,13 @@ def _together(seen: dict[int, _Share], error: float) -> dict[int, _Share]:
         np.array(v) ** -2.0 for v in zip(*((s.along, s.across) for s in seen.values()), strict=True)
     )
     size = complex(along @ sizes.real / np.sum(along), across @ sizes.imag / np.sum(across))
-    mean = _Share(size, float(np.sum(along) ** -0.5), float(np.sum(across) ** -0.5))
+    mean = Share(size, float(np.sum(along) ** -0.5), float(np.sum(across) ** -0.5))
     near = [i for i, s in seen.items() if abs(s.size.real - size.real) < FELT * s.along]
     return dict.fromkeys(near, mean) if len(near) > 1 and mean.may_be_late(error) else {}
 
 
-def _said(names: str, share: _Share, stated: float | None, tau: float) -> str:
+def told(names: str, share: Share, stated: float | None, tau: float) -> str:
+    """A sentence on what the logs of these `names` share; `stated`: the delay (s) that they state."""
     real = share.size.real
     late = -real / (1 + real) * tau
     which, change = ("sensor", "smaller") if late > 0 else ("reference", "larger")
