@@ -29,7 +29,7 @@ DAMAGE: dict[str, Callable[[bytes], bytes]] = {  # what happens to the bytes of 
     "columns of unknown names": lambda text: text.replace(b"wd_um,wq_um", b"left,right"),
     "no rows": lambda text: text[: text.index(b"_um\n") + 4],
     "nothing": lambda text: b"",
-    "a picture": lambda text: b"\x89PNG\r\n\x1a\n\0" + np.random.default_rng(len(text)).bytes(len(text)),
+    "zeros, as a disk leaves them": lambda text: bytes(len(text)),
 }
 SHARE = 100  # plates of which one has a damaged file
 KILLED = (0.25, 0.5, 0.75)  # of the plates are done as a worker is killed, a second one, and the run itself
@@ -255,7 +255,7 @@ def hurt(name: str, folder: Path, count: int, jobs: int, bad: dict[Path, str], t
 def _present(table: pd.DataFrame, count: int, bad: dict[Path, str]) -> tuple[int, int]:
     """How many plates, and files that state none, have no row, and how many rows are too many."""
     names = Counter(table["plate"])
-    nameless = {str(path) for path, kind in bad.items() if kind in ("no rows", "nothing", "a picture")}
+    nameless = {str(path) for path, kind in bad.items() if kind in [*DAMAGE][3:]}
     wanted = {f"P{seed:05d}" for seed in range(count)} | nameless
     return len(wanted - {*names}), names.total() - len(wanted & {*names})
 

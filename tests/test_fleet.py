@@ -136,6 +136,21 @@ def test_the_table_is_what_fit_and_sample_say():
     assert found == ("one", told.value, told.std, "s")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only there a file's name may be any bytes")
+def test_a_file_s_name_may_be_no_text(tmp_path):
+    logs, where = tmp_path / "logs", tmp_path / "results"
+    logs.mkdir()
+    for seed, name in ((1, b"P1_step.csv"), (2, b"P\xff_step.csv")):
+        sysid.write_log(step(seed), tmp_path / "log.csv")
+        os.rename(tmp_path / "log.csv", os.path.join(os.fsencode(logs), name))
+    table = sysid.fit_fleet([logs], by="(P.)_", jobs=2, folder=where, full=True)
+    assert list(table["plate"]) == ["P1", "P\udcff"] and {*table["result"]} == {"successful"}
+    assert list(pd.read_csv(where / "fleet.csv")["plate"]) == ["P1", "P\\udcff"]
+    assert list(pd.read_parquet(where / "fleet.parquet")["plate"]) == ["P1", "P\\udcff"]
+    assert sorted(os.listdir(where / "plates")) == ["P%FF", "P1"]
+    assert "P%25FF/report.html" in (where / "fleet.html").read_text(encoding="utf-8")
+
+
 class Deadly(dict):
     """Metadata that kill the process of a pool that reads them, or what `victim` gives, as often as there are
     files to take away."""

@@ -1,6 +1,8 @@
 """Plates' numbers by their own logs and by the lot: lots drawn with known numbers, and the covariance that
 theory leaves, S (S + C)^-1 C."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import tiers
@@ -8,6 +10,7 @@ from test_fleet_lot import SIZE, drawn, table
 
 from sysid.fleet.lot import judged, with_pooled
 from sysid.fleet.odd import with_odd
+from sysid.fleet.page import render
 
 NAMES = ("G", "tau", "f0")
 ALIKE = np.array([[1, 0.8, 0], [0.8, 1, 0], [0, 0, 1.0]])
@@ -82,6 +85,71 @@ def test_of_a_lot_that_drifts_each_is_drawn_to_where_the_lot_is_there():
     first, last = np.nanmean(left[:100]), np.nanmean(left[-100:])
     assert max(abs(first), abs(last)) < 4 * 15 / 10  # 4 errors of a mean of 100
     assert np.nanstd(left) < 0.8 * HARDLY[2]
+
+
+def test_the_page_has_them_beside_the_plates_own():
+    places = drawn(np.random.default_rng(8), 40)
+    places[3, :2] += np.log(0.3)
+    frame, found = with_odd(table(places, HARDLY))
+    assert "pooled" not in render(frame, found, [{}] * 40, None)
+    page = render(with_pooled(frame, found), found, [{}] * 40, None)
+    lines = page[page.index("<h2>All plates") :].split("<tr>")[1:]
+    cells = [re.findall(r"<t[hd][^>]*>([^<]*)", line) for line in lines]
+    assert cells[0] == ["plate", *(f"{name}{end}" for name in NAMES for end in ("", " pooled")), "result"]
+    shown = {row[0].strip(): row[1:-1] for row in cells[1:]}
+    assert len(shown) == 40 and shown["P3"][1::2] == ["", "", ""]
+    own, pooled = (np.array([float(shown[f"P{k}"][j].split()[0]) for k in range(3)]) for j in (4, 5))
+    told = with_pooled(frame, found)["f0_pooled"][:3]
+    units = [1e3 if "kHz" in shown[f"P{k}"][5] else 1.0 for k in range(3)]
+    np.testing.assert_allclose(pooled * units, told, atol=5)
+    assert not np.allclose(own, pooled, atol=0)
+
+
+def by_draws(values, covariances, scatter=None):
+    """(mean, std) (n, p) of each plate's numbers by NumPyro's NUTS: a flat centre, the lot's scatter as given,
+    or of its own as wide as anything."""
+    jax, numpyro = pytest.importorskip("jax"), pytest.importorskip("numpyro")
+    from jax import numpy as jnp
+    from numpyro import distributions as dist
+    from numpyro.infer import MCMC, NUTS
+
+    n, p = values.shape
+
+    def model():
+        centre = numpyro.sample("centre", dist.ImproperUniform(dist.constraints.real, (), (p,)).to_event(0))
+        if scatter is None:
+            width = numpyro.sample("width", dist.HalfNormal(10.0).expand([p]).to_event(1))
+            root = width[:, None] * numpyro.sample("root", dist.LKJCholesky(p, 1.0))
+        else:
+            root = jnp.linalg.cholesky(scatter)
+        away = numpyro.sample("away", dist.Normal(0, 1).expand([n, p]).to_event(2))
+        places = numpyro.deterministic("places", centre + away @ root.T)
+        numpyro.sample("seen", dist.MultivariateNormal(places, covariances), obs=values)
+
+    with jax.enable_x64(True):
+        chains = MCMC(NUTS(model), num_warmup=400, num_samples=3000, progress_bar=False)
+        chains.run(jax.random.PRNGKey(0))
+        places = np.asarray(chains.get_samples()["places"])
+    return places.mean(0), places.std(0)
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("given", [True, False], ids=["scatter given", "scatter of its own"])
+def test_numbers_in_closed_form_are_those_of_draws(given):
+    """The closed form holds the error of the centre, not that of the scatter, which draws of it have too."""
+    frame = table(drawn(np.random.default_rng(9), 24 if given else 60, ALIKE), HARDLY)
+    lot = judged(frame).lot
+    scaled = lot.values[lot.kept] / SIZE - np.mean(lot.values, axis=0) / SIZE
+    size = np.outer(SIZE, SIZE)
+    drawn_mean, drawn_std = by_draws(
+        scaled, lot.covariances[lot.kept] / size, lot.scatter / size if given else None
+    )
+    mean = (lot.pooled[0][lot.kept] - np.mean(lot.values, axis=0)) / SIZE
+    std = np.sqrt(np.diagonal(lot.pooled[1][lot.kept], axis1=1, axis2=2)) / SIZE
+    off = np.sqrt(np.mean(((mean - drawn_mean) / std) ** 2))
+    assert off < (0.03 if given else 0.15)
+    np.testing.assert_allclose(np.mean(drawn_std / std), 1.0, atol=0.01 if given else 0.08)
 
 
 def test_of_few_plates_there_is_no_lot():

@@ -12,10 +12,14 @@ import pytest
 import standin
 import test_circuit as circuits
 from conftest import study
+from test_fleet_lot import drawn, table
 from test_report import HOSTILE, document, rendered
 
 import sysid
 from sysid.command import sets
+from sysid.fleet.lot import with_pooled
+from sysid.fleet.odd import with_odd
+from sysid.fleet.page import render
 from sysid.report import html, zoom
 from sysid.verdict.result import Result
 
@@ -27,7 +31,7 @@ VIEWS = {
     "print": {"viewport": {"width": 794, "height": 1123}},  # A4
 }
 OPEN = "for (const part of document.querySelectorAll('details')) part.open = true"
-REPORTS = ("fit", "circuit", "controller", "failed", "open", "hostile", "sixty")
+REPORTS = ("fit", "circuit", "controller", "failed", "open", "hostile", "sixty", "lot")
 ZOOMABLE = ("controller_zoomable", "hostile_zoomable", "sixty_zoomable")
 # What reaches beyond the page to the right; the heads of tables are hidden on a phone, and
 # figures to zoom into are moved by themselves.
@@ -45,6 +49,23 @@ def browser():
         browser = run.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+def lot():
+    """The page of a lot of plates, of which one is odd, one failed and one has a name that would do harm."""
+    places = drawn(np.random.default_rng(22), 60)
+    places[7, :2] += np.log(0.3)
+    frame = table(places, serial=np.arange(60.0))
+    frame["plate"] = frame["plate"].astype(object)  # as `framed` has names, which may be no text
+    frame.loc[3, ["result", "error"]] = ["the logs cannot be read", f"{'x' * 200}.csv: found nothing"]
+    frame.loc[9, "plate"] = HOSTILE
+    frame.at[11, "warnings"] = [f"{'y' * 200}.csv: {HOSTILE}"]
+    frame, found = with_odd(frame)
+    parts = [[[1, 2, 3], [1, 2, 2]], [[0, 1, 1], [0, 1, 2]]]
+    name = HOSTILE.replace("温", "")  # of which not every machine has a letter to draw
+    trace = {"name": name, "label": "s", "unit": "um", "x": [0.0, 0.1, 0.2], "digit": 0.5, "parts": parts}
+    rows = [{"traces": [trace] * 3} if k == 7 else {} for k in range(60)]
+    return render(with_pooled(frame, found), found, rows, "plates")
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +107,7 @@ def reports(bench, tmp_path_factory):
     for name, posterior in zoomable.items():
         content = document(posterior)
         texts[name] = zoom.page(content, html.pictured(content, posterior), "report.html")
+    texts["lot"] = lot()
     for name, text in texts.items():
         (folder / f"{name}.html").write_text(text, encoding="utf-8")
     return {path.stem: path for path in folder.glob("*.html")}
@@ -200,7 +222,7 @@ def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, brow
 
 
 @pytest.mark.parametrize("view", ["desk", "phone", "dark"])
-@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty", *ZOOMABLE[:1]])
+@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty", "lot", *ZOOMABLE[:1]])
 def test_everyone_can_use_it(reports, look, name, view):
     """The rules of axe-core."""
     axe = pytest.importorskip(

@@ -50,6 +50,7 @@ REFUSED = 1  # exit code of a process that cannot load the script, which none th
 COMES = 60  # s that a Dask scheduler may have no worker, as they begin
 # how a pool says that one of its processes, or the server whose forks they are, was killed
 KILLED = (BrokenProcessPool, EOFError, ConnectionError)
+BYTES = "surrogateescape"  # how a name that a file's gives, which may be any bytes, is written as it is
 Batch = Sequence[Group]
 
 
@@ -126,7 +127,7 @@ class Processes:
                     alone.groups += passed
                     yield rows
                 waiting = alone.batches(last=not going)
-            begun = {path.read_text(encoding="utf-8") for path in Path(where).iterdir()} - {""}
+            begun = {path.read_text("utf-8", BYTES) for path in Path(where).iterdir()} - {""}
         return left, begun, moved
 
     def _alone(self, group: Group, settings: Settings) -> Row:
@@ -270,7 +271,8 @@ def _begin(where: str) -> None:
     """In a process of a pool: interruptions are the parent's to answer, without which it ends; programs
     compile beside."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _place[:] = [open(Path(where) / str(os.getpid()), "w", encoding="utf-8")]  # noqa: SIM115
+    place = Path(where) / str(os.getpid())
+    _place[:] = [open(place, "w", encoding="utf-8", errors=BYTES)]  # noqa: SIM115
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()

@@ -36,7 +36,8 @@ def render(frame: pd.DataFrame, found: Judged | None, rows: Sequence[Row], full:
         figures={} if found is None else of_lot(frame, found),
         warnings=words.repeated(frame)[:PICTURED],
         table=_table(frame.iloc[:LISTED], full),
-        names=[name for name in PLANT if frame[f"{name}_determined"].any()],
+        names=_names(frame),
+        pooled=bool(_pooled(frame)),
         more=max(len(frame) - LISTED, 0),
     )
 
@@ -55,14 +56,29 @@ def _cards(
     return told
 
 
+def _pooled(frame: pd.DataFrame) -> list[str]:
+    """The parameters that plates have by the lot as well."""
+    return [name for name in PLANT if f"{name}_pooled" in frame and frame[f"{name}_pooled"].notna().any()]
+
+
+def _names(frame: pd.DataFrame) -> list[str]:
+    """The columns of numbers in the page's table."""
+    found, pooled = [name for name in PLANT if frame[f"{name}_determined"].any()], _pooled(frame)
+    return [column for name in found for column in (name, *([f"{name} pooled"] if name in pooled else ()))]
+
+
 def _table(frame: pd.DataFrame, full: str | None) -> list[dict[str, Any]]:
     """Of each plate what the page's table shows."""
-    rows = []
+    rows, pooled = [], _pooled(frame)
     for _, row in frame.iterrows():
         cells = {
             name: words.one(row[name], row[f"{name}_std"], row[f"{name}_unit"])
             for name in PLANT
             if row[f"{name}_determined"]
+        } | {
+            f"{name} pooled": words.one(row[f"{name}_pooled"], row[f"{name}_pooled_std"], row[f"{name}_unit"])
+            for name in pooled
+            if pd.notna(row[f"{name}_pooled"])
         }
         rows.append(
             {

@@ -95,7 +95,8 @@ def digest(item: Given) -> str:
 
 def folder_of(plate: str, root: str | Path) -> Path:
     """Where a plate's own files go: its name with what a file's name cannot hold as %XX."""
-    return Path(root) / re.sub(r"^\.+", lambda dots: "%2E" * len(dots[0]), quote(plate, safe=" ()+,=@"))
+    quoted = quote(plate, safe=" ()+,=@", errors="surrogateescape")  # by the bytes of a file's name
+    return Path(root) / re.sub(r"^\.+", lambda dots: "%2E" * len(dots[0]), quoted)
 
 
 def _name(item: Given) -> str:

@@ -19,6 +19,7 @@ LISTS = (
     "logs",
     "sha256",
 )  # columns of lists; of findings as fit.json has them, else of texts
+SHOWN = "backslashreplace"  # how bytes of a file's name that are no text are shown
 CSV, PARQUET = "fleet.csv", "fleet.parquet"
 
 
@@ -27,7 +28,9 @@ def framed(rows: Sequence[Row]) -> pd.DataFrame:
     p_ci95_high, p_unit, p_determined and p_why, and the correlations of each two; NaN and None where nothing
     is known."""
     names = list(dict.fromkeys([*PLANT, *(name for row in rows for name in row.get("parameters", ()))]))
-    frame = pd.DataFrame({"plate": [row["plate"] for row in rows], "result": [row["result"] for row in rows]})
+    frame = pd.DataFrame(
+        {"plate": texts([row["plate"] for row in rows]), "result": [row["result"] for row in rows]}
+    )
     for name in names:
         found = [row.get("parameters", {}).get(name, {}) for row in rows]
         for field in FIELDS:
@@ -60,8 +63,8 @@ def _column(field: str, found: Sequence[Mapping[str, Any]]) -> Any:
     return texts(values) if field in ("unit", "why") else pd.Series(values, dtype=float)
 
 
-def texts(values: Sequence[str | None]) -> pd.Series:
-    """A column of texts, None where there is none, whatever pandas would make of it."""
+def texts(values: Sequence[Any]) -> pd.Series:
+    """A column of texts, or of lists of them, None where there is none, whatever pandas would make of it."""
     return pd.Series(list(values), dtype=object)
 
 
@@ -84,8 +87,15 @@ def as_csv(frame: pd.DataFrame) -> bytes:
     """The table as CSV, UTF-8: numbers in full, lists as JSON."""
     flat = frame.copy()
     for name in LISTS:
-        flat[name] = [json.dumps(value, ensure_ascii=False) for value in flat[name]]
-    return flat.to_csv(index=False, lineterminator="\n").encode()
+        flat[name] = texts([json.dumps(value, ensure_ascii=False) for value in flat[name]])
+    return flat.to_csv(index=False, lineterminator="\n").encode(errors=SHOWN)
+
+
+def _encodable(value: Any) -> Any:
+    """A text, or a list of them, as UTF-8 can have it."""
+    if isinstance(value, list):
+        return [_encodable(item) for item in value]
+    return value.encode(errors=SHOWN).decode() if isinstance(value, str) else value
 
 
 def as_parquet(frame: pd.DataFrame) -> bytes:
@@ -94,6 +104,8 @@ def as_parquet(frame: pd.DataFrame) -> bytes:
     from pyarrow import parquet
 
     frame = frame.assign(findings=[[json.dumps(f) for f in found] for found in frame["findings"]])
+    for name in (name for name in frame if frame[name].dtype.kind == "O"):
+        frame[name] = texts([_encodable(value) for value in frame[name]])
     fields = []
     for name in frame:
         kind = frame[name].dtype.kind
