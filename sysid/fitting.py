@@ -117,10 +117,12 @@ def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fi
 
 
 def _together(question: Question, found: Fit) -> Fit:
-    """The fit, its errors those of logs that differ by more than theirs, or that may be read in two ways."""
-    best = found.modes[0]
+    """The fit, its errors those of logs that differ by more than theirs, that may be read in two ways, or
+    that may hold more than they show."""
+    best, judged = found.modes[0], found.judged
     more, said = dispersion(best, found.reference, found.names)
-    more = more + question.dispersion
+    hints = judged.looked.average(best, found.reference)
+    more = more + question.dispersion + hints.covariance
     if not np.any(more):
         return found
     again = conclude(
@@ -128,10 +130,14 @@ def _together(question: Question, found: Fit) -> Fit:
         [replace(s, dispersion=more) for s in found.modes],
         hangs(best, found.reference, found.names),
     )
-    spanned = again.result is Result.successful or not said
+    spanned = again.result is Result.successful or not (said or hints.said)
     told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
     alarms = [x.told(spanned) for x in said if x.rare or not spanned]
     notes = [x.told(spanned) for x in said if spanned and not x.rare]
+    if (hint := hints.said) is not None and spanned:
+        told = replace(told, findings=(*told.findings, hint))
+        doubted = any(d.key == hint.key and d.logs == hint.logs for d in judged.doubts)
+        (alarms if doubted else notes).append(hint.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

@@ -27,7 +27,7 @@ model      carry plant span rice experiment likelihood prior
 trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
-           standing differing term moments between throughout terms linear misfit odd mirrored conclusion ownership decay bench comparison
+           standing differing term moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
 reading
 effects    effect clock plate sensor registry description search adopt
 fitting

@@ -300,6 +300,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
         )
         without, beside = (np.linalg.lstsq(a, residual)[0] for a in (both[:, :3], both))
         gained = np.sum((residual - both[:, :3] @ without) ** 2) - np.sum((residual - both @ beside) ** 2)
-        u = scored.rows.T @ (residual - both[:, :3] @ without)
+        u = linear.rows(term, scored).T @ (residual - both[:, :3] @ without)
+        np.testing.assert_allclose(u, scored.numbers, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(0.5 * u @ u, 0.5 * gained, rtol=1e-6)
         np.testing.assert_allclose(scored.values @ u * np.linalg.norm(rows, axis=0), beside[3:], rtol=1e-5)

@@ -57,7 +57,7 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
         best = adoption.best(before, numbers, here, count) if here else None
         if best is None:
             break
-        left, _ = misfits(best.state, minimiser.reference, minimiser.free, None)
+        left = misfits(best.state, minimiser.reference, minimiser.free, None).found
         wrong, ahead = misfitting(best.state, left), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
             rough = any(x.effect.rough for x in best.instances)

@@ -48,9 +48,7 @@ class Trying:
 
     def light(self) -> "Trying":
         """Without the arrays over the rows, which the template has side by side."""
-        return replace(
-            self, term=replace(self.term, shapes={}), scored=self.scored._replace(rows=np.zeros(0))
-        )
+        return replace(self, term=replace(self.term, shapes={}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +122,7 @@ class Template:
             for t, chance, phase in known
             if (scored := fit.scored(t)) is not None
         ]
-        widths = [x.scored.rows.shape[1] for x in tried]
+        weights = [fit.rows(x.term, x.scored) for x in tried]
         second = [
             fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
         ]
@@ -132,8 +130,8 @@ class Template:
             trials=state.trials,
             names=tuple(tuple(c.name for c in v.columns) for v in views),
             tried=tuple(x.light() for x in tried),
-            weights=np.concatenate([x.scored.rows for x in tried], axis=1),
-            begins=np.cumsum([0, *widths[:-1]]),
+            weights=np.concatenate(weights, axis=1),
+            begins=np.cumsum([0, *(w.shape[1] for w in weights[:-1])]),
             second=np.array([[moves[name] for name in FREE] for moves in second]),
             views=tuple(views),
         )

@@ -19,7 +19,7 @@ from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.linear import Found
 from sysid.verdict.mirrored import mirrored
-from sysid.verdict.misfit import misfits
+from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.odd import odd_one
 from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of
@@ -47,12 +47,13 @@ class Question:
 class Judged(NamedTuple):
     """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning.
     `found`: what the logs hold to first order; `open`: an effect that is tried in full may explain it. Else
-    the cause is plain, or nothing is there."""
+    the cause is plain, or nothing is there. `looked`: all that was tried to first order."""
 
     wrong: list[Finding]
     doubts: list[Finding]
     found: list[Found]
     open: bool = False
+    looked: Misfits = Misfits([], [])
 
 
 def conclude(
@@ -126,7 +127,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     reference, free = question.minimiser.reference, question.minimiser.free
     if (said := identify.overdamped(best, reference)) is not None:
         return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
-    found, unseen = misfits(best, reference, free, at)
+    found, unseen, *_ = looked = misfits(best, reference, free, at)
     likely = _likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
     odd = (
@@ -162,7 +163,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         doubts = [*doubts, Finding("finger", "noted", carried)]
     # Rows that are to be recorded again before anything is told of them.
     spoilt = any(f.key == "rows" for f in wrong)
-    return Judged(wrong, doubts, found, not described and not spoilt)
+    return Judged(wrong, doubts, found, not described and not spoilt, looked)
 
 
 def retold(

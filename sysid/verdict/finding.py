@@ -4,7 +4,7 @@ made."""
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-OUTCOMES = ("fitted", "refused", "noted")
+OUTCOMES = ("fitted", "widened", "refused", "noted")
 PAGE = "docs/errors.md"  # with an entry for each key
 
 
@@ -21,11 +21,11 @@ class Finding:
     """What was found in the logs called `logs` (none: in all together), by the name of the effect or of the
     check that found it.
 
-    `outcome`: "fitted", the fit contains it, with its `numbers`; "refused", the fit is a misfit by it;
-    "noted", it moves no parameter out of its interval, or may be chance. `evidence`: log evidence or, to
-    first order, log likelihood that it gains. `moves`: by parameter, how far including it would move the
-    estimate, in its standard deviations. `mostly`: it is most of a log, of which the model then tells
-    nothing.
+    `outcome`: "fitted", the fit contains it, with its `numbers`; "widened", the errors span it; "refused",
+    the fit is a misfit by it; "noted", it moves no parameter out of its interval, or may be chance.
+    `evidence`: log evidence or, to first order, log likelihood that it gains. `moves`: by parameter, how far
+    including it would move the estimate, in its standard deviations. `mostly`: it is most of a log, of which
+    the model then tells nothing.
     """
 
     key: str

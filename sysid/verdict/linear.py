@@ -24,6 +24,7 @@ FARAWAY = 4.0  # of these, by what is not seen
 EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
 CHANCE = 3.0  # standard deviations
 MOVES = 2.0  # standard deviations of G, tau or f0
+USUAL = 0.1  # of the response at its largest, that effects make up: much larger ones are found
 
 
 @dataclass(frozen=True)
@@ -64,35 +65,40 @@ def chances_of(tried: Sequence[Term], others: int = 0) -> list[float]:
 
 
 class _Added(NamedTuple):
-    """Rows of a term's shapes by log, and which of its coefficients they have; their size; products of the
-    rows, scaled to unit size, with the Jacobian, with themselves and with the residual."""
+    """Rows of a term's shapes by log, and which of its coefficients they have; their size, and the standard
+    deviation of usual coefficients; products of the rows, scaled to unit size, with the Jacobian, with
+    themselves and with the residual."""
 
     rows: dict[int, tuple[np.ndarray, slice]]
     scale: np.ndarray
+    usual: np.ndarray
     cross: np.ndarray
     square: np.ndarray
     score: np.ndarray
 
 
 class _Looked(NamedTuple):
-    """Rows of a term's shapes in one log, and their products with its Jacobian, with themselves and with its
-    residual."""
+    """Rows of a term's shapes in one log, the standard deviation of usual coefficients there, and products of
+    the rows with its Jacobian, with themselves and with its residual."""
 
     rows: np.ndarray
+    usual: np.ndarray
     cross: np.ndarray
     square: np.ndarray
     score: np.ndarray
 
 
 class Scored(NamedTuple):
-    """A term's score test at a fit, for residuals of any size: the products of a residual's rows (R,) of all
-    logs with `rows` (R, r) are r numbers u of unit variance by chance, and the term is worth |u|^2/2. Its
-    coefficients are `values` (m, r) u, and the parameters move by `moves` (p, r) u of their standard
-    deviations."""
+    """A term's score test at a fit: the term is worth |u|^2/2 by r numbers u of unit variance by chance,
+    which are `numbers` (r,) for the logs at hand. Its coefficients are `values` (m, r) u, and the parameters
+    move by `moves` (p, r) u of their standard deviations, theta's by `shifts` (p, r) u. Coefficients of a
+    usual size (`USUAL`) would make numbers of variances `usual` (r,) besides."""
 
-    rows: np.ndarray
+    numbers: np.ndarray
     values: np.ndarray
     moves: np.ndarray
+    shifts: np.ndarray
+    usual: np.ndarray
 
 
 class Linear:
@@ -101,7 +107,8 @@ class Linear:
 
     def __init__(self, views: list[View], state: State, names: list[str], away: float):
         index = [NAMES.index(n) for n in names]
-        self.views, self.names, self.reported = views, names, carried(away)[np.ix_(index, index)]
+        self.views, self.names, self.away = views, names, away
+        self.reported = carried(away)[np.ix_(index, index)]
         self.covariance = state.covariance
         # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
         firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
@@ -182,12 +189,13 @@ class Linear:
             for a, k in zip(parts, begins, strict=False)
             for i, (x, _) in a.rows.items()
         }
-        scale, score = (np.concatenate(x) for x in zip(*((a.scale, a.score) for a in parts), strict=True))
+        of_each = ((a.scale, a.usual, a.score) for a in parts)
+        scale, usual, score = (np.concatenate(x) for x in zip(*of_each, strict=True))
         cross, square = (
             np.concatenate([a.cross for a in parts], axis=1),
             block_diag(*(a.square for a in parts)),
         )
-        return _Added(rows, scale, cross, square, score)
+        return _Added(rows, scale, usual, cross, square, score)
 
     def look(self, tried: Sequence[Term]) -> None:
         """At the shapes of these terms, at all of a log at once."""
@@ -203,19 +211,23 @@ class Linear:
             end = 0
             for t in here:
                 part = slice(end, end := end + t.shapes[i].shape[1])
-                self.looked[t, i] = _Looked(rows[part].T, cross[:, part], square[part, part], score[part])
+                usual = USUAL * view.trial.scale / np.maximum(np.max(np.abs(t.shapes[i]), axis=0), 1e-300)
+                self.looked[t, i] = _Looked(
+                    rows[part].T, usual, cross[:, part], square[part, part], score[part]
+                )
 
     def _alone(self, term: Term) -> "_Added | None":
         if any((term, i) not in self.looked for i in term.shapes):
             self.look([term])
         parts = {i: self.looked[term, i] for i in term.shapes}
-        cross, square, score = (sum(x) for x in zip(*(part[1:] for part in parts.values()), strict=True))
+        cross, square, score = (sum(x) for x in zip(*(part[2:] for part in parts.values()), strict=True))
+        usual = np.min([part.usual for part in parts.values()], axis=0)
         scale = np.sqrt(np.diag(square))
         if not np.all(np.isfinite(scale)) or np.all(scale == 0):
             return None
         size = np.where(scale > 0, scale, 1.0)
         rows = {i: (part.rows, slice(None)) for i, part in parts.items()}
-        return _Added(rows, scale, cross / size, square / np.outer(size, size), score / size)
+        return _Added(rows, scale, usual, cross / size, square / np.outer(size, size), score / size)
 
     def _own(self, added: "_Added") -> np.ndarray:
         """Products of a term's rows with themselves, less what the parameters can make of them."""
@@ -227,19 +239,32 @@ class Linear:
         added = self._added(term)
         if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
             return None
-        sizes, axes = np.linalg.eigh(own)
+        unit = added.usual * added.scale  # by which coefficients that are usual are as large as one another
+        sizes, axes = np.linalg.eigh(own * np.outer(unit, unit))
         told = sizes > ROUNDED * sizes[-1]
-        axes = axes[:, told] / np.sqrt(sizes[told])
-        shift, scale = self.inverse @ added.cross @ axes, np.where(added.scale > 0, added.scale, 1.0)
+        sizes, axes = sizes[told], unit[:, None] * axes[:, told] / np.sqrt(sizes[told])
+        shifts, values = (
+            -self.inverse @ added.cross @ axes,
+            axes / np.where(added.scale > 0, added.scale, 1.0)[:, None],
+        )
+        numbers = axes.T @ (added.score - added.cross.T @ self.inverse @ self.slope)
+        moved = self.reported @ shifts
+        if term.beside is not None and term.beside[0] in self.names:
+            beside = np.zeros_like(shifts)
+            beside[self.names.index(term.beside[0])] = term.beside[1] * values[0]
+            shifts, moved = shifts + beside, moved + beside
+        return Scored(numbers, values, moved / self.std[:, None], shifts, sizes)
+
+    def rows(self, term: Term, scored: Scored) -> np.ndarray:
+        """(R, r) whose products with a residual's rows (R,) of all logs are a term's numbers."""
+        added = self._added(term)
+        assert added is not None
+        axes = added.scale[:, None] * scored.values
+        shift = self.inverse @ added.cross @ axes
         rows = [-jacobian @ shift for jacobian in self.jacobians]
         for i, (shapes, which) in added.rows.items():
-            rows[i] += (shapes / scale[which]) @ axes[which]
-        values = axes / scale[:, None]
-        moves = -(self.reported @ shift) / self.std[:, None]
-        if term.beside is not None and term.beside[0] in self.names:
-            k = self.names.index(term.beside[0])
-            moves[k] += term.beside[1] * values[0] / self.std[k]
-        return Scored(np.concatenate(rows), values, moves)
+            rows[i] += shapes @ scored.values[which]
+        return np.concatenate(rows)
 
     def worth(self, term: Term, chance: float) -> Found | None:
         """The term with its gain in log-likelihood and what it moves; None when it is worth no more than

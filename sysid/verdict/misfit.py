@@ -12,17 +12,19 @@ Cook & Weisberg, Residuals and Influence in Regression (1982), added variables a
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaincc
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
+from sysid.verdict.averaged import Average, averaged
 from sysid.verdict.between import own, times
 from sysid.verdict.coincidence import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
-from sysid.verdict.term import together
+from sysid.verdict.term import Term, together
 from sysid.verdict.terms import RUNNING, one_way, terms
 from sysid.verdict.throughout import CURVED
 from sysid.verdict.unexplained import left_of
@@ -47,13 +49,30 @@ ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 LEAN = 1.0
 
 
-def misfits(
-    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
-) -> tuple[list[Found], list[str]]:
-    """What the logs hold that the model leaves out, the most significant first; and sentences on what could
-    be there unseen and would move the parameters far. `at` (degC): where parameters are reported."""
+class Misfits(NamedTuple):
+    """What the logs hold that the model leaves out, the most significant first; sentences on what could be
+    there unseen and would move the parameters far; the fit, linearised, and the terms that were `tried`
+    beside it."""
+
+    found: list[Found]
+    unseen: list[str]
+    fit: Linear | None = None
+    tried: Sequence[Term] = ()
+
+    def average(self, state: State, reference: tuple[float, float]) -> Average:
+        """What the terms that are not found add to the errors of their minimum."""
+        if self.fit is None:
+            return Average.none()
+        fit = self.fit
+        if any(t.noise.coloured for t in state.trials):
+            fit = Linear(View.each(state, reference, coloured=True), state, fit.names, fit.away)
+        return averaged(fit, self.tried)
+
+
+def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> Misfits:
+    """Of a minimum. `at` (degC): where parameters are reported."""
     if all(t.silent for t in state.trials):
-        return [], []
+        return Misfits([], [])
     views = View.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
@@ -78,13 +97,14 @@ def misfits(
         for i, v in enumerate(views)
         if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None
     ]
-    return sorted(found, key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED), 3)), doubts
+    found.sort(key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED), 3))
+    return Misfits(found, doubts, fit, tried)
 
 
 def described(minimiser: Minimiser, state: State) -> bool:
     """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing
     unexplained."""
-    found, _ = misfits(state, minimiser.reference, minimiser.free, None)
+    found = misfits(state, minimiser.reference, minimiser.free, None).found
     left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
     return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
 

@@ -31,7 +31,7 @@ RUNNING = (
     " {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
-PLACES = 8  # in a transient, at which rows may be missing
+PLACES = 24  # in a transient, at which rows may be missing: between two, some rows
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 
 
