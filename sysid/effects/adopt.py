@@ -62,7 +62,8 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
         if ahead and best.white and best.state.converged and not wrong:
             rough = any(x.effect.rough for x in best.instances)
             return Outcome(None, best, adoption.refuted(best)) if rough else Outcome(best)
-        named = best if not before and ahead and adoption.cause(best) else named
+        if not before and ahead and adoption.cause(best) and not _mistaken(best, left):
+            named = best
         if not best.explains(state, 1 - TAKEN):
             break
         before, numbers = best.instances, best.numbers
@@ -144,6 +145,13 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
 def _left(state: State, i: int) -> bool:
     left = left_of(state, i)
     return left is not None and not left.noise
+
+
+def _mistaken(best: Description, left: Sequence[Found]) -> bool:
+    """Whether what is left beside it is another effect that it may be taken for."""
+    each = [x.effect for x in best.instances]
+    own = {name for e in each for name in (e.name, *e.known_as)}
+    return any(f.certain and f.name in e.alike and f.name not in own for e in each for f in left)
 
 
 def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bool:
