@@ -223,7 +223,7 @@ def _turns(rows: int, pair: bool, plates: int, repeat: int) -> str:
 def _solved(some: Sequence[Group]) -> float:
     """Seconds that fit and screen take of plates of one layout, without what makes rows of them."""
     from sysid.fleet import lane
-    from sysid.fleet.screen import passed_on, residual
+    from sysid.fleet.screen import residual, screened
 
     plates = [(group, list(group.logs)) for group in some]
     key, taken = lane.layout(plates[0][1]), 0.0
@@ -232,7 +232,7 @@ def _solved(some: Sequence[Group]) -> float:
         begun = time.perf_counter()
         with np.errstate(all="ignore"):
             batch = lane.fit_together(plates[k : k + size])
-            passed_on(
+            screened(
                 batch, [residual(log, batch.step) for log in batch.logs], lane.cells_of(key, plates[0][1])
             )
         taken += time.perf_counter() - begun

@@ -21,7 +21,7 @@ from sysid.posterior.accuracy import NAMES
 if TYPE_CHECKING:
     from sysid.fleet.batch import Batch
     from sysid.fleet.closed import Block
-    from sysid.fleet.screen import Cells
+    from sysid.fleet.screen import Cells, Screened
     from sysid.logs.log import Log
     from sysid.verdict.differing import Said
 
@@ -177,7 +177,7 @@ def _rows(
     started = time.perf_counter()
     cells = cells_of(key, plates[0][1])
     try:
-        batch, lefts, why, said = one_thread(_judged)(plates, cells)
+        batch, lefts, seen, said = one_thread(_judged)(plates, cells)
     except np.linalg.LinAlgError:  # of a plate whose rows tell nothing
         half = len(plates) // 2
         for part in (plates[:half], plates[half:]) if half else ():
@@ -185,10 +185,12 @@ def _rows(
         if not half:
             passed(replace(plates[0][0], alone="its rows tell nothing"))
         return
+    why = seen.why
     left = [
         f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
     ]
-    rows = told(batch, np.flatnonzero(why == "").tolist(), plates, left, said, cells, settings)
+    good = np.flatnonzero(why == "").tolist()
+    rows = told(batch, good, plates, left, said, seen.said, cells, settings)
     each = round((time.perf_counter() - started) / len(plates), 6)
     yield [{**row, "seconds": each} for row in rows]
     for p in np.flatnonzero(why != "").tolist():
@@ -197,22 +199,22 @@ def _rows(
 
 def _judged(
     plates: Sequence[Plate], cells: "Cells"
-) -> "tuple[Batch, list[np.ndarray], np.ndarray, list[list[Said]]]":
-    """The fits of plates of one layout; what each leaves of its logs; why it goes to `sysid.fit`, "" where it
-    need not; and what is said of logs that differ."""
+) -> "tuple[Batch, list[np.ndarray], Screened, list[list[Said]]]":
+    """The fits of plates of one layout; what each leaves of its logs, and whether it goes to `sysid.fit`; and
+    what is said of logs that differ."""
     from sysid.fleet.delayed import spanned
     from sysid.fleet.differ import dispersion, widened
-    from sysid.fleet.screen import passed_on, residual, vague
+    from sysid.fleet.screen import residual, screened, vague
 
     with np.errstate(all="ignore"):
         batch = fit_together(plates)
         lefts = [residual(log, batch.step) for log in batch.logs]
-        why, names = passed_on(batch, lefts, cells), [[log.name for log in logs] for _, logs in plates]
+        seen, names = screened(batch, lefts, cells), [[log.name for log in logs] for _, logs in plates]
         batch = spanned(batch, names)
         lefts = [residual(log, batch.step) for log in batch.logs]
         added, said = dispersion(batch, names)
-        batch = widened(batch, added)
-        return batch, lefts, np.where(why == "", vague(batch), why), said
+        batch = widened(batch, added + seen.spans)
+        return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 
 
 def fit_together(plates: Sequence[Plate]) -> "Batch":

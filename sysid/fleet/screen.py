@@ -8,6 +8,7 @@ these tests, where the single fit's own estimate agrees. The rest is tried with 
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
 from sysid.verdict.coincidence import SEEN
+from sysid.verdict.finding import Finding
 from sysid.verdict.identify import limits
 from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
@@ -131,8 +133,17 @@ def vague(batch: Batch) -> np.ndarray:
     return why
 
 
-def passed_on(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> np.ndarray:
-    """(P,) why each plate goes to the full fit, "" where it need not; `lefts`: the `residual` of each log."""
+class Screened(NamedTuple):
+    """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
+    allow add to its covariance, (P, 3, 3), and what is said of these."""
+
+    why: np.ndarray
+    spans: np.ndarray
+    said: list[Finding | None]
+
+
+def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Screened:
+    """The plates of a batch; `lefts`: the `residual` of each log."""
     why = np.full(len(batch.theta), "", object)
 
     def say(which: np.ndarray, reason: str) -> None:
@@ -161,13 +172,14 @@ def passed_on(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> np.n
         for reason, which in _of_bench(batch, log, turn):
             say(which, reason)
     found = _by_template(batch, lefts, np.stack(phases, axis=1), cells)
-    return np.where(why == "", found, why)
+    return found._replace(why=np.where(why == "", found.why, why))
 
 
-def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> np.ndarray:
-    """(P,) what the single fit's own terms find, or why such plates are not for the batch; "" where that is
-    nothing."""
+def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
+    """By the single fit's own terms."""
     why, keys, rows = np.full(len(batch.theta), "", object), cells.keys(batch), None
+    spans, said = np.zeros_like(batch.covariance), list[Finding | None]([None] * len(why))
+    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     for key in np.unique(keys, axis=0):
         here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
@@ -182,9 +194,14 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        for p, name in zip(here, template.found(rows[here], phases[here]), strict=True):
+        numbers = template.numbers(rows[here])
+        for p, name in zip(here, template.found(numbers, phases[here]), strict=True):
             why[p] = why[p] or name
-    return why
+        added, told = template.averaged(numbers, phases[here])
+        spans[here] = added * std[here, :, None] * std[here, None]
+        for p, finding in zip(here, told, strict=True):
+            said[p] = finding
+    return Screened(why, spans, said)
 
 
 def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -7,7 +7,7 @@ orthogonal to what its own fit can adjust, so its chance is that of the single f
 a cell finds nearly as much as the plate's own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -23,7 +23,9 @@ from sysid.model.prior import NAMES
 from sysid.model.span import inverted
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
+from sysid.verdict.averaged import Allowed, allowed, likely, shows, widest
 from sysid.verdict.coincidence import tightened
+from sysid.verdict.finding import Finding
 from sysid.verdict.linear import ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.misfit import ALIKE
 from sysid.verdict.term import Term, together
@@ -39,16 +41,26 @@ NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED
 @dataclass(frozen=True, eq=False)
 class Trying:
     """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
-    rotation is near that."""
+    rotation is near that; `allowed` where errors span it."""
 
     term: Term
     scored: Scored
     chance: float
     phase: tuple[int, int] | None = None
+    allowed: Allowed | None = None
 
-    def light(self) -> "Trying":
-        """Without the arrays over the rows, which the template has side by side."""
-        return replace(self, term=replace(self.term, shapes={}))
+    def here(self, phases: np.ndarray) -> np.ndarray:
+        """(P,) whether it is one for plates of such rotations (P, logs)."""
+        if self.phase is None:
+            return np.ones(len(phases), bool)
+        return phases[:, self.phase[0]] == self.phase[1]
+
+    def light(self, before: Mapping[tuple[str, int | None], float]) -> "Trying":
+        """Without the arrays over the rows, which the template has side by side. `before`: how likely what
+        errors span is beforehand."""
+        term, kind = replace(self.term, shapes={}), (self.term.name, self.term.log)
+        spanned = not self.term.parts and kind in before and shows(self.scored)
+        return replace(self, term=term, allowed=Allowed(term, self.scored, before[kind]) if spanned else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +134,8 @@ class Template:
             for t, chance, phase in known
             if (scored := fit.scored(t)) is not None
         ]
+        once = [(x.term, x.scored) for x in tried if x.phase is None or x.phase[1] == 0]
+        before = {(x.term.name, x.term.log): x.before for x in allowed(once)}
         weights = [fit.rows(x.term, x.scored) for x in tried]
         second = [
             fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
@@ -129,33 +143,53 @@ class Template:
         return cls(
             trials=state.trials,
             names=tuple(tuple(c.name for c in v.columns) for v in views),
-            tried=tuple(x.light() for x in tried),
+            tried=tuple(x.light(before) for x in tried),
             weights=np.concatenate(weights, axis=1),
             begins=np.cumsum([0, *(w.shape[1] for w in weights[:-1])]),
             second=np.array([[moves[name] for name in FREE] for moves in second]),
             views=tuple(views),
         )
 
-    def found(self, rows: np.ndarray, phases: np.ndarray) -> list[str]:
+    def numbers(self, rows: np.ndarray) -> np.ndarray:
+        """(P, q) of all tests side by side, by residuals (P, R) in the plate's frame, with those of the
+        priors."""
+        return rows @ self.weights
+
+    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[str]:
         """The name of what each plate's logs hold beside the model, or that would move its parameters far if
-        they do, with the thresholds of `misfits`; "" where that is nothing. `rows` (P, R): residuals in the
-        plate's frame, with those of the priors; `phases` (P, logs): in which PHASES of a quarter turn each
-        rotation is."""
-        numbers = rows @ self.weights
+        they do, with the thresholds of `misfits`; "" where that is nothing. `numbers` (P, q) of all tests;
+        `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
         chance = np.array([x.chance for x in self.tried])
         for k, x in enumerate(self.tried):
-            if x.phase is not None:
-                worth[:, k] *= phases[:, x.phase[0]] == x.phase[1]
-        found = [""] * len(rows)
+            worth[:, k] *= x.here(phases)
+        found = [""] * len(numbers)
         for p, k in zip(*np.nonzero(worth > chance + PERHAPS), strict=True):
-            x, u = self.tried[k], numbers[p, self.begins[k] :][: self.tried[k].scored.values.shape[1]]
+            x, u = self.tried[k], self._own(numbers, k)[p]
             certain = worth[p, k] >= x.chance + ENOUGH
             if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
                 continue
             if x.term.say(x.scored.values @ u, self.views[x.term.log or 0]) is not None:
                 found[p] = x.term.name
         return found
+
+    def averaged(self, numbers: np.ndarray, phases: np.ndarray) -> tuple[np.ndarray, list[Finding | None]]:
+        """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
+        what is said of it (`verdict.averaged`)."""
+        each = [(x.allowed, k) for k, x in enumerate(self.tried) if x.allowed is not None]
+        own = [self._own(numbers, k) * self.tried[k].here(phases)[:, None] for _, k in each]
+        share = likely([x for x, _ in each], own, self.views)
+        spans = np.zeros((len(numbers), len(FREE), len(FREE)))
+        said = list[Finding | None]([None] * len(numbers))
+        for p in np.flatnonzero(share.any(axis=0)).tolist():
+            some = [(each[k][0], own[k][p], float(share[k, p])) for k in np.flatnonzero(share[:, p])]
+            spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
+            said[p] = widest(some, FREE, self.views)
+        return spans, said
+
+    def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:
+        """(P, r) those of the k-th test."""
+        return numbers[:, self.begins[k] :][:, : self.tried[k].scored.values.shape[1]]
 
     def why(self, name: str, temperature: float | None) -> str:
         """Why a parameter that is not free is not determined, at that temperature (degC)."""

@@ -2,6 +2,7 @@
 plates at once."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +18,7 @@ from sysid.verdict.result import NORMAL95
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
+    from sysid.verdict.finding import Finding
 
 NUMBERS = ("value", "std", "ci95_low", "ci95_high")
 UNITS = {"tau": "s", "f0": "Hz"}  # that of G is the logs'
@@ -28,11 +30,12 @@ def told(
     plates: "Sequence[tuple[Group, list[Log]]]",
     lefts: Sequence[np.ndarray],
     said: Sequence[Sequence[Said]],
+    hints: "Sequence[Finding | None]",
     cells: Cells,
     settings: Settings,
 ) -> list[Row]:
     """The rows of those of a batch's plates that are `good`; `lefts` (P, n): what is left of each log,
-    `said`: of logs that differ."""
+    `said`: of logs that differ, `hints`: of what errors span."""
     if not len(good):
         return []
     numbers, covariances = _parameters(batch.theta[good], batch.covariance[good])
@@ -51,6 +54,7 @@ def told(
         units = {"G": f"{logs[0].response_unit}/{logs[0].drive_unit}", **UNITS}
         alarms, notes = ([x.told(True) for x in said[p] if x.rare is which] for which in (True, False))
         late = _late(float(errors[p])) if batch.hung[0, p] else []
+        spanned = [] if (hint := hints[p]) is None else [_spanned(hint, logs, cells.logs)]
         rows.append(
             blank(group, settings, BY_BATCH, read=logs)
             | {
@@ -64,8 +68,12 @@ def told(
                 "reference_temperature_degC": at,
                 "nrmse_percent": float(percents[k]),
                 "warnings": [*alarms, *(f["sentence"] for f in late)],
-                "findings": late,
-                "notes": [*(batch.notes[p] if batch.notes else ()), *notes],
+                "findings": [*late, *spanned],
+                "notes": [
+                    *(batch.notes[p] if batch.notes else ()),
+                    *notes,
+                    *(f["sentence"] for f in spanned),
+                ],
                 "traces": [
                     {"name": log.name, **each[k]}
                     for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)
@@ -83,6 +91,19 @@ def _late(error: float) -> list[Row]:
     from sysid.verdict.wording import hangs_on_lateness
 
     return [plain(finding(Finding("late", "noted", hangs_on_lateness(error))))]
+
+
+def _spanned(hint: "Finding", logs: "Sequence[Log]", first: "Sequence[Log]") -> Row:
+    """What is found where an error spans an effect, by the names of this plate's logs instead of those of the
+    `first` plate."""
+    from sysid.command.outputs import finding, plain
+
+    names = {old.name: new.name for old, new in zip(first, logs, strict=True)}
+    about = tuple(names[name] for name in hint.logs)
+    sentence = hint.sentence
+    for old, new in zip(hint.logs, about, strict=True):
+        sentence = f"{new}: {sentence.removeprefix(f'{old}: ')}"
+    return plain(finding(replace(hint, logs=about, sentence=sentence)))
 
 
 def _temperature(logs: "Sequence[Log]") -> float | None:

@@ -8,13 +8,13 @@ it is there, are
 
 Of K effects that are tried, n alike at other places, each is as likely beforehand as all its places together:
 
-    p = (B/(K n))/(1 + sum of all B/(K n))
+    p = o/(1 + sum of all o),    o = (B - 1)/(K n), or 0
 
 If it moves theta by D x, it adds p D (diag(k) + k x x^T k) D^T to its covariance. The estimate stays what it
-was. Two kinds are left out: effects that the logs speak against (B < 1), so that errors of logs which show
-nothing are what they are without; and those that logs would not show if they were of a usual size, which are
-an assumption of every fit to such logs. What a log would have for itself if it contradicts the others is
-`differing`'s.
+was. Two kinds are left out: effects that the logs speak against (B < 1; the 1 that is taken off B makes the
+errors steady there), so that errors of logs which show nothing are what they are without; and those that
+logs would not show if they were of a usual size, which are an assumption of every fit to such logs. What a
+log would have for itself if it contradicts the others is `differing`'s.
 
 Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Statistical Science 14, 382
 (1999).
@@ -30,9 +30,11 @@ from sysid.model.prior import NAMES
 from sysid.verdict.finding import Finding
 from sysid.verdict.linear import Linear, Scored
 from sysid.verdict.term import Term
+from sysid.verdict.view import View
 
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
+MOST = 100.0  # of log evidence: more is as certain
 
 
 class Average(NamedTuple):
@@ -48,86 +50,86 @@ class Average(NamedTuple):
 
 
 class Allowed(NamedTuple):
-    """An effect that logs allow: its test, its log evidence, and how likely it is."""
+    """An effect that logs allow: its test, and how likely it is beforehand over the chance of none."""
 
     term: Term
     scored: Scored
-    evidence: float
-    likely: float
+    before: float
+
+    def evidence(self, numbers: np.ndarray) -> np.ndarray:
+        """log B by numbers (..., r)."""
+        usual = self.scored.usual
+        return 0.5 * np.sum(usual / (1 + usual) * numbers**2 - np.log1p(usual), axis=-1)
+
+    def mean(self, numbers: np.ndarray) -> np.ndarray:
+        """(r,) of its numbers if it is there."""
+        return self.scored.usual / (1 + self.scored.usual) * numbers
+
+    def spans(self, shifts: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """(p, p) the second moment of what moves by `shifts` (p, r) if it is there."""
+        moved = shifts @ self.mean(numbers)
+        return np.outer(moved, moved) + (shifts * self.mean(np.ones(shifts.shape[1]))) @ shifts.T
+
+    def say(self, numbers: np.ndarray, views: Sequence[View]) -> str | None:
+        """Its sentence; None where such numbers make no sense."""
+        return self.term.say(self.scored.values @ self.mean(numbers), views[self.term.log or 0])
+
+
+def shows(scored: Scored) -> bool:
+    """Whether logs would show an effect of a usual size, in whatever direction of its numbers."""
+    return bool(np.min(scored.usual) > SHOWS**2)
+
+
+def allowed(tried: Sequence[tuple[Term, Scored]]) -> list[Allowed]:
+    """Those of the tested terms that are averaged over."""
+    shown = [(t, s) for t, s in tried if not (t.between or t.parts) and shows(s)]
+    places = Counter((t.name, t.log) for t, _ in shown)
+    return [Allowed(t, s, 1 / (len(places) * places[t.name, t.log])) for t, s in shown]
+
+
+def likely(each: Sequence[Allowed], numbers: Sequence[np.ndarray], views: Sequence[View]) -> np.ndarray:
+    """(K, P) how likely each effect is by its numbers (P, r) in logs of as many plates; 0 where the logs
+    speak against it."""
+    odds = np.zeros((len(each), len(numbers[0]) if each else 0))
+    for k, (x, own) in enumerate(zip(each, numbers, strict=True)):
+        found = x.evidence(own)
+        for p in np.flatnonzero(found > 0):
+            if x.say(own[p], views) is not None:
+                odds[k, p] = x.before * np.expm1(min(found[p], MOST))
+    return odds / (1 + odds.sum(axis=0))
 
 
 def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
-    each = _allowed(fit, tried)
-    if not each:
+    each = allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
+    numbers = [x.scored.numbers for x in each]
+    share = likely(each, [n[None] for n in numbers], fit.views)
+    some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
+    if not some:
         return Average.none()
     added, index = Average.none().covariance, [NAMES.index(n) for n in fit.names]
-    spans = np.array([x.likely * second_moment(x.scored) for x in each])
-    added[np.ix_(index, index)] = spans.sum(axis=0)
-    return Average(added, _said(fit, each, spans))
+    added[np.ix_(index, index)] = sum(p * x.spans(x.scored.shifts, n) for x, n, p in some)
+    return Average(added, widest(some, fit.names, fit.views))
 
 
-def _allowed(fit: Linear, tried: Sequence[Term]) -> list[Allowed]:
-    """Those that are averaged over."""
-    shown = [(t, s) for t in tried if not t.between and (s := fit.scored(t)) is not None and shows(s)]
-    before = chances_before([t for t, _ in shown])
-    each = [
-        Allowed(t, s, b, chance * np.exp(b))
-        for (t, s), chance in zip(shown, before, strict=True)
-        if (b := float(evidence(s.numbers, s.usual))) > 0 and _say(fit, t, s) is not None
-    ]
-    every = 1 + sum(x.likely for x in each)
-    return [x._replace(likely=x.likely / every) for x in each]
-
-
-def _say(fit: Linear, term: Term, scored: Scored) -> str | None:
-    return term.say(scored.values @ mean(scored.numbers, scored.usual), fit.views[term.log or 0])
-
-
-def shows(scored: Scored) -> bool:
-    """Whether logs would show a usual effect, in whatever direction."""
-    return bool(np.min(scored.usual) > SHOWS**2)
-
-
-def chances_before(terms: Sequence[Term]) -> np.ndarray:
-    """How likely each of these terms is beforehand, over the chance that there is none."""
-    places = Counter((t.name, t.log) for t in terms)
-    return np.array([1 / (len(places) * places[t.name, t.log]) for t in terms])
-
-
-def evidence(numbers: np.ndarray, usual: np.ndarray) -> np.ndarray:
-    """log B by numbers (..., r)."""
-    return 0.5 * np.sum(usual / (1 + usual) * numbers**2 - np.log1p(usual), axis=-1)
-
-
-def mean(numbers: np.ndarray, usual: np.ndarray) -> np.ndarray:
-    """(..., r) of an effect's numbers if it is there."""
-    return usual / (1 + usual) * numbers
-
-
-def second_moment(scored: Scored, numbers: np.ndarray | None = None) -> np.ndarray:
-    """(..., p, p) of what an effect moves of theta if it is there; `numbers` (..., r) unless those of the
-    test."""
-    shifts, usual = scored.shifts, scored.usual
-    moved = mean(scored.numbers if numbers is None else numbers, usual) @ shifts.T
-    return moved[..., :, None] * moved[..., None, :] + (shifts * mean(np.ones(len(usual)), usual)) @ shifts.T
-
-
-def _said(fit: Linear, each: Sequence[Allowed], spans: np.ndarray) -> Finding | None:
-    """On the effect that adds most to the error that grows most, if that is much."""
-    grown = np.einsum("ij,kjl,il->ki", fit.reported, spans, fit.reported) / fit.std**2
-    p = int(np.argmax(grown.sum(axis=0)))
-    wider, x = float(np.sqrt(1 + grown[:, p].sum())), each[int(np.argmax(grown[:, p]))]
-    what = _say(fit, x.term, x.scored)
+def widest(
+    some: Sequence[tuple[Allowed, np.ndarray, float]], names: Sequence[str], views: Sequence[View]
+) -> Finding | None:
+    """The effect that adds most to the error that grows most, of `some` with their numbers and how likely
+    they are; None where the error grows little."""
+    grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some])
+    k = int(np.argmax(grown.sum(axis=0)))
+    wider, (x, numbers, share) = float(np.sqrt(1 + grown[:, k].sum())), some[int(np.argmax(grown[:, k]))]
+    what = x.say(numbers, views)
     if wider < WIDER or not what:
         return None
-    moves = x.scored.moves @ mean(x.scored.numbers, x.scored.usual)
-    about = f"the error of {fit.names[p]} spans it, and is {wider:.2g} times what it is without"
+    moves = x.scored.moves @ x.mean(numbers)
+    about = f"the error of {names[k]} spans it, and is {wider:.2g} times what it is without"
     return Finding(
         x.term.name,
         "widened",
-        f"{what} (perhaps, with {x.likely / (1 - x.likely):.2g} to one; {about})",
-        () if x.term.log is None else (fit.views[x.term.log].trial.log.name,),
-        evidence=x.evidence,
-        moves=dict(zip(fit.names, moves.tolist(), strict=True)),
+        f"{what} (perhaps, with {share / (1 - share):.2g} to one; {about})",
+        () if x.term.log is None else (views[x.term.log].trial.log.name,),
+        evidence=float(x.evidence(numbers)),
+        moves=dict(zip(names, moves.tolist(), strict=True)),
     )
