@@ -19,6 +19,7 @@ from sysid.precision import float64, one_thread
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
+from sysid.verdict.averaged import Average
 from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
 from sysid.verdict.conclusion import Question, conclude, retold
 from sysid.verdict.decay import decays, of_decays
@@ -121,7 +122,8 @@ def _together(question: Question, found: Fit) -> Fit:
     that may hold more than they show."""
     best, judged = found.modes[0], found.judged
     more, said = dispersion(best, found.reference, found.names)
-    hints = judged.looked.average(best, found.reference)
+    # what makes logs differ is in the errors, whatever it is
+    hints = Average.none() if said else judged.looked.average(best, found.reference)
     more = more + question.dispersion + hints.covariance
     if not np.any(more):
         return found

@@ -304,3 +304,28 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
         np.testing.assert_allclose(u, scored.numbers, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(0.5 * u @ u, 0.5 * gained, rtol=1e-6)
         np.testing.assert_allclose(scored.values @ u * np.linalg.norm(rows, axis=0), beside[3:], rtol=1e-5)
+
+
+def test_errors_span_what_those_of_the_single_fit_do(unfitted):
+    """A row is lost on the rise of each step. A batch has tests of plates that are nearly alike, of other noise
+    by up to a factor of 1.4: errors agree to a third, values as ever; and what an error spans is told of the
+    plate's own log."""
+    plates = {}
+    for seed in range(60):
+        log = step(seed, 0.05)
+        kept = np.delete(np.arange(len(log)), [np.argmax(log.drive > 0) + 3 + seed % 12])
+        rows = {name: getattr(log, name)[kept] for name in ("response", "drive", "frequency", "temperature")}
+        plates[f"plate {seed}"] = [replace(log, name=f"plate {seed}", time=log.time[: len(kept)], **rows)]
+    rows = told(plates)
+    spanned = {name: row for name, row in rows.items() if row["way"] == "batch" and row["findings"]}
+    spanned = {name: row for name, row in spanned.items() if row["findings"][0]["outcome"] == "widened"}
+    assert spanned
+    for name, row in spanned.items():
+        fit, finding = sysid.fit(plates[name]), row["findings"][0]
+        assert finding["logs"] == [name]
+        assert finding["sentence"].startswith(f"{name}: ")
+        assert finding["sentence"] in row["notes"]
+        for parameter in ("G", "tau", "f0"):
+            found, single = row["parameters"][parameter], fit.parameters[parameter]
+            assert found["value"] == pytest.approx(single.value, abs=0.1 * single.std)
+            assert found["std"] == pytest.approx(single.std, rel=0.33)

@@ -213,6 +213,8 @@ def _judged(
         batch = spanned(batch, names)
         lefts = [residual(log, batch.step) for log in batch.logs]
         added, said = dispersion(batch, names)
+        seen = seen.without(np.array([bool(each) for each in said]))
+        batch = widened(batch, added + seen.spans)
         batch = widened(batch, added + seen.spans)
         return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 

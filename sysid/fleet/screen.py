@@ -141,6 +141,11 @@ class Screened(NamedTuple):
     spans: np.ndarray
     said: list[Finding | None]
 
+    def without(self, plates: np.ndarray) -> "Screened":
+        """The same, but that errors of these (P,) span nothing: of logs that differ they do already."""
+        said = [None if plates[p] else finding for p, finding in enumerate(self.said)]
+        return self._replace(spans=self.spans * ~plates[:, None, None], said=said)
+
 
 def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Screened:
     """The plates of a batch; `lefts`: the `residual` of each log."""
@@ -197,9 +202,11 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
         numbers = template.numbers(rows[here])
         for p, name in zip(here, template.found(numbers, phases[here]), strict=True):
             why[p] = why[p] or name
-        added, told = template.averaged(numbers, phases[here])
+        quiet = why[here] == ""
+        here = here[quiet]
+        added, told = template.averaged(numbers[quiet], phases[here])
         spans[here] = added * std[here, :, None] * std[here, None]
-        for p, finding in zip(here, told, strict=True):
+        for p, finding in zip(here.tolist(), told, strict=True):
             said[p] = finding
     return Screened(why, spans, said)
 

@@ -35,7 +35,7 @@ CHECKED, WIDER = (
 ROWS = 256  # proposals at which the last rung asks for the density of every row
 BLOCKS = 16  # of proposals, whose spread is the error of what all together give
 PER_DRAW = 1.3  # proposals for one effective draw where the posterior is nearly normal
-WIDENED = "; widened by what the logs differ by"
+WIDENED = "; widened by what the logs leave open"
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ def widest(
     return Finding(
         x.term.name,
         "widened",
-        f"{what} (perhaps, with {share / (1 - share):.2g} to one; {about})",
+        f"{what} ({100 * share:.2g} % likely; {about})",
         () if x.term.log is None else (views[x.term.log].trial.log.name,),
         evidence=float(x.evidence(numbers)),
         moves=dict(zip(names, moves.tolist(), strict=True)),

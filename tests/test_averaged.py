@@ -1,0 +1,126 @@
+"""Errors span effects that logs allow and do not show, by the evidence of each."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import seeds
+from scipy.stats import multivariate_normal
+
+import sysid
+from sysid.model.prior import NAMES
+from sysid.verdict.averaged import allowed, averaged
+from sysid.verdict.linear import USUAL, Linear
+from sysid.verdict.terms import terms
+from sysid.verdict.view import View
+
+INPUTS = ("response", "drive", "frequency", "temperature")
+
+
+@pytest.fixture(scope="module")
+def linear(bench):
+    """A step with its fit, linearised, and the terms that are tried beside it."""
+    fit = sysid.fit(bench.transient(seed=3, noise=0.01))
+    state = fit.modes[0]
+    views = View.each(state, fit.reference)
+    return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(views, fit.names, 0.0)
+
+
+def spanned(linear):
+    fit, tried = linear
+    return allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
+
+
+def designs(fit, term):
+    """The whitened rows of the plant's parameters, of the term for coefficients of a usual size, and of what
+    is left."""
+    view, shapes = fit.views[0], term.shapes[0]
+    usual = USUAL * view.trial.scale / np.max(np.abs(shapes), axis=0)
+    return fit.jacobians[0], view.off((shapes * usual).T).T, view.r
+
+
+def test_an_effect_is_as_likely_as_normal_densities_say(linear):
+    """log B = log N(y; 0, 1 + A A^T) - log N(y; 0, 1), y and A off what the plant can adjust."""
+    for x in spanned(linear)[::7]:
+        plant, effect, left = designs(linear[0], x.term)
+        basis = np.linalg.svd(plant, full_matrices=True)[0][:, plant.shape[1] :]
+        y, a = basis.T @ left, basis.T @ effect
+        absent, there = (
+            multivariate_normal(np.zeros(len(y)), np.eye(len(y)) + more).logpdf(y) for more in (0.0, a @ a.T)
+        )
+        assert x.evidence(x.scored.numbers) == pytest.approx(there - absent, abs=1e-4)
+
+
+def test_what_it_moves_is_what_least_squares_with_it_say(linear):
+    for x in spanned(linear)[::7]:
+        plant, effect, left = designs(linear[0], x.term)
+        m = effect.shape[1]
+        scale = np.linalg.norm(plant, axis=0)
+        known = np.concatenate([np.zeros((m, plant.shape[1])), np.eye(m)], axis=1)  # its prior
+        both = np.concatenate([np.concatenate([plant / scale, effect], axis=1), known])
+        moved = (np.linalg.lstsq(both, np.append(left, np.zeros(m)))[0][: plant.shape[1]]) / scale
+        moved -= np.linalg.lstsq(plant / scale, left)[0] / scale
+        grown = np.linalg.inv(both.T @ both)[: len(scale), : len(scale)] / np.outer(scale, scale)
+        grown -= np.linalg.inv(plant.T @ plant)
+        size = np.sqrt(np.diag(np.linalg.inv(plant.T @ plant)))
+        expected = (grown + np.outer(moved, moved)) / np.outer(size, size)
+        found = x.spans(x.scored.shifts, x.scored.numbers) / np.outer(size, size)
+        np.testing.assert_allclose(found, expected, atol=1e-4, rtol=1e-3)
+
+
+def test_an_effect_that_the_logs_speak_against_adds_nothing(linear):
+    quiet = [x.term for x in spanned(linear) if x.evidence(x.scored.numbers) < 0]
+    assert len(quiet) > 10
+    assert not np.any(averaged(linear[0], quiet).covariance)
+
+
+def growth(fit):
+    """By which factor the errors of theta span effects."""
+    state = fit.modes[0]
+    some = np.diag(state.covariance) > 0
+    return np.sqrt(1 + np.diag(state.dispersion)[some] / np.diag(state.covariance)[some])
+
+
+@seeds(10, 200)
+def test_clean_logs_keep_their_errors(bench, seeds):
+    """Most of them to the digit; all of them by 4 % on average, which is what spanning may cost."""
+    fits = [sysid.fit([bench.transient(seed=s), bench.sweep(seed=s)]) for s in seeds]
+    grown = [growth(f) for f in fits if not any("differ by more" in n for n in (*f.notes, *f.warnings))]
+    assert np.median(grown) == 1
+    assert np.mean(grown) < 1.04
+
+
+def without_rows(log, begin, rows):
+    """The log, as of a recorder that lost rows and counts on."""
+    kept = np.delete(np.arange(len(log)), np.arange(begin, begin + rows))
+    return replace(
+        log, time=log.time[: len(kept)], **{name: np.asarray(getattr(log, name))[kept] for name in INPUTS}
+    )
+
+
+@seeds(8, 200)
+def test_rows_that_are_missing_and_hardly_show_leave_true_intervals(bench, seeds):
+    """Two rows, an eighth of tau, are lost somewhere on the rise. Where they show they are fitted. Where they
+    hardly do, tau is four of its errors off; the errors span that. Their scale is known to a tenth of the
+    data that it is from, and to half of itself from one prior to the next."""
+    z, grown = [], []
+    for s in seeds:
+        fit = sysid.fit([without_rows(bench.transient(seed=s), 22 + s % 12, 2)])
+        if fit.result.name == "successful" and not any(f.outcome == "fitted" for f in fit.findings):
+            tau = fit.parameters["tau"]
+            z.append((tau.value - bench.plant.tau) / tau.std)
+            grown.append(growth(fit)[1])
+    z, grown = np.array(z), np.array(grown)
+    assert np.sqrt(np.mean((z * grown) ** 2)) > 3
+    assert np.sqrt(np.mean(z**2)) < 2
+
+
+def test_what_an_error_spans_is_told(bench):
+    """As a finding, and in words that say how likely it is and which error spans it."""
+    fits = (sysid.fit([without_rows(bench.transient(seed=s), 22 + s % 12, 2)]) for s in range(20))
+    fit, hint = next((fit, f) for fit in fits for f in fit.findings if f.outcome == "widened")
+    assert (hint.key, hint.logs) == ("rows_lost", ("step",))
+    assert hint.evidence > 0
+    assert "rows seem to be missing" in hint.sentence
+    assert "the error of tau spans it" in hint.sentence
+    assert hint.sentence in (*fit.notes, *fit.warnings)
