@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 import sysid
 from sysid.model.prior import NAMES
+from sysid.trials.trial import NUISANCES
 from sysid.verdict.averaged import allowed, averaged
 from sysid.verdict.linear import USUAL, Linear
 from sysid.verdict.terms import terms
@@ -98,21 +99,21 @@ def without_rows(log, begin, rows):
     )
 
 
-@seeds(8, 200)
+@seeds(40, 200)
 def test_rows_that_are_missing_and_hardly_show_leave_true_intervals(bench, seeds):
-    """Two rows, an eighth of tau, are lost somewhere on the rise. Where they show they are fitted. Where they
-    hardly do, tau is four of its errors off; the errors span that. Their scale is known to a tenth of the
-    data that it is from, and to half of itself from one prior to the next."""
+    """A row, a sixteenth of tau, is lost somewhere on the rise. Where it hardly shows tau is four of its errors
+    off without what they span. With it a root mean square of 3 is allowed: what is a usual effect is known to
+    a factor, by which less evidence leaves more to the prior."""
     z, grown = [], []
     for s in seeds:
-        fit = sysid.fit([without_rows(bench.transient(seed=s), 22 + s % 12, 2)])
-        if fit.result.name == "successful" and not any(f.outcome == "fitted" for f in fit.findings):
+        fit = sysid.fit([without_rows(bench.transient(seed=s), 22 + s % 12, 1)], nuisances=NUISANCES)
+        if fit.result.name == "successful":
             tau = fit.parameters["tau"]
             z.append((tau.value - bench.plant.tau) / tau.std)
             grown.append(growth(fit)[1])
     z, grown = np.array(z), np.array(grown)
-    assert np.sqrt(np.mean((z * grown) ** 2)) > 3
-    assert np.sqrt(np.mean(z**2)) < 2
+    assert np.sqrt(np.mean((z * grown) ** 2)) > 4
+    assert np.sqrt(np.mean(z**2)) < 3
 
 
 def test_what_an_error_spans_is_told(bench):
