@@ -151,7 +151,9 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
     """Whether what is left beside it is another effect that it may be taken for."""
     each = [x.effect for x in best.instances]
     own = {name for e in each for name in (e.name, *e.known_as)}
-    return any(f.certain and f.name in e.alike and f.name not in own for e in each for f in left)
+    return any(
+        f.certain and f.explains and f.name in e.alike and f.name not in own for e in each for f in left
+    )
 
 
 def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bool:

@@ -215,7 +215,6 @@ def _judged(
         added, said = dispersion(batch, names)
         seen = seen.without(np.array([bool(each) for each in said]))
         batch = widened(batch, added + seen.spans)
-        batch = widened(batch, added + seen.spans)
         return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 
 
