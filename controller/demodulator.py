@@ -7,7 +7,8 @@ theta}] is
 
 The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.logs.lockin.low_pass` has
 them: without a block or a division, it may be read at any time. Of the image at twice the carrier (|H(2
-omega)|)^order is left; W is late by `delay`.
+omega)|)^order is left. W is late by `delay`: by the filters', and by the age of the last sample when it is
+read.
 """
 
 import math
@@ -99,8 +100,14 @@ class Demodulator(NamedTuple):
 
     @property
     def delay(self) -> float:
-        """Group delay in s."""
-        return self.order * (1 - self.share) / self.share / self.rate
+        """s: group delay of the filters, and the `age`."""
+        return self.order * (1 - self.share) / self.share / self.rate + self.age
+
+    @property
+    def age(self) -> float:
+        """s since the last sample when a controller reads W, on average: the two clocks know nothing of each
+        other."""
+        return 0.5 / self.rate
 
     def init(self) -> DemodulatorState:
         """At rest."""

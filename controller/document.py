@@ -108,8 +108,9 @@ def _tracker(law: DQ | Adaptive, T: float) -> dict[str, float] | None:
 
 
 def _promise(p: Promise) -> dict[str, Any]:
-    names = {"settling": "settling_s", "overshoot": "overshoot", "gain": "gain_margin"}
-    names |= {"phase": "phase_margin_deg", "disk": "disk_margin", "delay": "delay_margin_s"}
+    names = {"settling": "settling_s", "overshoot": "overshoot", "small": "small_overshoot"}
+    names |= {"gain": "gain_margin", "phase": "phase_margin_deg"}
+    names |= {"disk": "disk_margin", "delay": "delay_margin_s"}
     kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
     kept["startup_s"] = _known(p.startup)
     kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}

@@ -4,6 +4,7 @@ that runs."""
 import cmath
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,14 +63,16 @@ class Response(NamedTuple):
 
 
 class Promise(NamedTuple):
-    """Kept by 99 % of the plants. `settling` (s, 5 %, from rest) and `overshoot` (of the amplitude that was
-    asked for, or of a tenth of it) at most; margins at least: `gain` as a factor, `phase` in degrees, `disk`,
-    `delay` in s. `spread`: of each, the 5, 50 and 95 % quantiles over the plants; `response`: those of the
-    amplitude itself, until twice the settling time. `startup`: s from enabling what is exported to within 5 %
-    for good; inf without a guard. `bode`: the loop over frequency."""
+    """Kept by 99 % of the plants. At most: `settling` (s, 5 %, from rest), `overshoot` (of the amplitude that
+    was asked for), and `small`, that of a step from rest to a tenth, of that step; both at the worst phase of
+    the carrier. Margins at least: `gain` as a factor, `phase` in degrees, `disk`, `delay` in s. `spread`: of
+    each, the 5, 50 and 95 % quantiles over the plants; `response`: those of the amplitude itself, until twice
+    the settling time. `startup`: s from enabling what is exported to within 5 % for good; inf without a
+    guard. `bode`: the loop over frequency."""
 
     settling: float
     overshoot: float
+    small: float
     gain: float
     phase: float
     disk: float
@@ -85,15 +88,14 @@ def promise(law: Any, taken: Steps, guard: Any = None, machine: Any = None) -> P
     `machine` around it is what is switched on."""
     plants, clock = taken.plants, taken.clock
     found = margins(law, plants, clock.T, clock.delay)
-    W, V = rises(law, taken, guard)
-    settling, overshoot = judged(W, taken)
-    small = taken._replace(amplitude=SMALL * taken.amplitude)
-    overshoot = np.maximum(overshoot, judged(rises(law, small)[0], small)[1])
-    each = {"settling": settling, "overshoot": overshoot}
+    W, V, tops = rises(law, taken, guard)
+    each = {"settling": judged(W, taken)[0], "overshoot": _overshoot(V, tops, taken)}
+    tenth = taken._replace(amplitude=SMALL * taken.amplitude)
+    _, V_tenth, tops_tenth = rises(law, tenth)
+    each["small"] = _overshoot(V_tenth, tops_tenth, tenth)
+    worst = {name: _worst(values, -1) for name, values in each.items()}
     each |= found._replace(phase=np.rad2deg(found.phase))._asdict()
-    worst = {
-        name: _worst(values, -1 if name in ("settling", "overshoot") else 1) for name, values in each.items()
-    }
+    worst |= {name: _worst(each[name], 1) for name in found._fields}
     rows = [round(q * (len(plants.rate) - 1)) for q in LEVELS]
     spread = {name: tuple(np.sort(values)[rows].tolist()) for name, values in each.items()}
     begun = math.inf if machine is None else startup(machine, law, taken)
@@ -116,7 +118,7 @@ def startup(machine: Any, law: Any, taken: Steps) -> float:
         return math.inf
     rows, last = [], 0
     most = int(min(3 * LONGEST, 4 * machine.limit))
-    for k, (W, _, said) in enumerate(played(machine, law, taken._replace(plants=few), most)):
+    for k, (W, _, _, said) in enumerate(played(machine, law, taken._replace(plants=few), most)):
         rows.append(W)
         last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
         if k > last + 4 * machine.patience:
@@ -130,24 +132,27 @@ def _worst(values: np.ndarray, sign: int) -> float:
     return float(sign * ordered[int(SHARE * len(ordered))])
 
 
-def rises(law: Any, taken: Steps, guard: Any = None) -> tuple[np.ndarray, np.ndarray]:
-    """|W| and V (m, n) of n plants from rest, at m samples, with what runs: the `guard` of the law, or the
-    law."""
+def rises(law: Any, taken: Steps, guard: Any = None) -> np.ndarray:
+    """|W|, V, and the largest |W| since the sample before (3, m, n) of n plants from rest, at m samples, with
+    what runs: the `guard` of the law, or the law."""
     count = min(samples(law, taken.plants, taken.clock.T), LONGEST)
-    rows = np.empty((2, count, len(taken.plants.rate)))
-    for k, (W, V, _) in enumerate(played(guard or law, law, taken, count)):
-        rows[0, k], rows[1, k] = W, V
-    return rows[0], rows[1]
+    rows = np.empty((3, count, len(taken.plants.rate)))
+    for k, now in enumerate(played(guard or law, law, taken, count)):
+        for row, values in zip(rows, now[:3], strict=True):
+            row[k] = values
+    return rows
 
 
-def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[np.ndarray, Any, Any]]:
-    """|W|, V and what is said at each of `count` samples: the slow envelope of each plant, exact under held
-    inputs. A command takes effect a latency after its sample; between two samples a late reading lies on a
-    straight line."""
+def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """|W|, V, the largest |W| since the sample before and what is said at each of `count` samples: the slow
+    envelope of each plant, exact under held inputs. A command takes effect a latency after its sample; the
+    demodulator is read as its last sample left it; between two samples what is later still lies on a straight
+    line."""
     plants, clock, amplitude, start = taken
     T, late = clock.T, int(np.floor(clock.latency / clock.T + 1e-9))
     part = min(max(clock.latency - late * T, 0.0), T)
-    whole, between = divmod(clock.late / T, 1.0)
+    waits, age = divmod(0.0 if clock.filters is None else clock.filters.age, T)
+    whole, between = divmod(clock.late / T + waits, 1.0)
     xp: Any = np
     rate, push, detuning = plants.rate, plants.push, plants.detuning
     Z: Any = np.zeros(len(rate), complex)
@@ -159,16 +164,21 @@ def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[n
     line = [still] * (late + 1)  # commands that were given, the latest first
     seen, filters = [Z] * (int(whole) + 2), clock.filters
     outputs = [] if filters is None else [Z] * filters.order
+    heard = T - age
+    cuts = list(pairwise(sorted({0.0, part, heard, T})))
+    reading, top = Z, np.abs(Z)
     growth = np.exp if xp is np else cmath.exp
     state = control.init()
     for _ in range(count):
-        seen = [outputs[-1] if outputs else Z, *seen[:-1]]
+        seen = [reading, *seen[:-1]]
         told = seen[-2] + between * (seen[-1] - seen[-2])
         state, command, said = control.step(state, amplitude, told, temperature, xp)
-        yield np.abs(Z), command.voltage, said
+        yield np.abs(Z), command.voltage, top, said
+        top = np.abs(Z)
         f = 0.0 if command.frequency is None or start is None else command.frequency - start
         line.insert(0, (command.voltage, f + still[0]))
-        for (voltage, offset), duration in ((line[late + 1], part), (line[late], T - part)):
+        for begin, end in cuts:
+            (voltage, offset), duration = line[late + (begin < part)], end - begin
             pole = -rate + 2j * np.pi * (detuning - offset)
             settled = -push * voltage / pole
             moves, moved = Z - settled, growth(pole * duration)
@@ -183,6 +193,9 @@ def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[n
                     growth(-pole / filters.rate),
                 )
             Z = settled + moves * moved
+            top = np.maximum(top, np.abs(Z))
+            if end == heard:
+                reading = outputs[-1] if outputs else Z
         line.pop()
 
 
@@ -223,6 +236,27 @@ def judged(W: np.ndarray, taken: Steps) -> tuple[np.ndarray, np.ndarray]:
     last = len(W) - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
     settling = np.where(outside[-1], np.inf, (last + 1) * taken.clock.T)
     return settling, np.maximum(np.max(W, axis=0) / abs(amplitude) - 1, 0.0)
+
+
+def _overshoot(V: np.ndarray, tops: np.ndarray, taken: Steps) -> np.ndarray:
+    """(n,) of the largest |W| from sample to sample, with what the carrier's phase may add to it."""
+    return judged(tops + by_phase(V, taken), taken)[1]
+
+
+def by_phase(V: np.ndarray, taken: Steps) -> np.ndarray:
+    """By how much |W| (m, n) may lie beside its mean over the carrier, whatever the phase p at which commands
+    take effect. W' has a part of -push V e^{-2jp} besides: each change of V by dV leaves dV push / (2 omega),
+    turned by twice the phase, and decaying with the plate."""
+    if taken.start is None:
+        return np.zeros_like(V)
+    (T, latency), plants = taken.clock[:2], taken.plants
+    keep = np.exp((-plants.rate - 4j * np.pi * taken.start) * T)
+    changes = np.diff(V, axis=0, prepend=0.0)
+    late = math.ceil(latency / T - 1e-9)  # rows from a command to the first that shows it
+    left = np.zeros_like(V, complex)
+    for k in range(late, len(V)):
+        left[k] = left[k - 1] * keep + changes[k - late]
+    return np.abs(left) * np.abs(plants.push) / (4 * np.pi * taken.start)
 
 
 def samples(control: Any, plants: Ensemble, T: float) -> int:

@@ -25,7 +25,7 @@ class Lane:
         )
 
 
-def play(loop, lanes, samples, asked, noise=0.004, late=0.52, **knobs):
+def play(loop, lanes, samples, asked, noise=0.004, late=0.53, **knobs):
     """Records (samples, lanes) of V, f, mode, fault, |W|, by name. A command takes effect a sample later; a
     reading is `late`."""
     rng, count, xp = np.random.default_rng(0), len(lanes), array_of(np.float64)

@@ -128,12 +128,17 @@ def test_a_step_settles_as_promised(each):
     )  # four standard deviations of noise, 0.2 % each
 
 
-def test_small_steps_do_not_overshoot(pi):
-    _, bench = pi
-    rows = bench.run(
-        [(AT, "reference", 0.9 * ASKED), (AT + 0.02, "reference", ASKED)], duration=AT + 0.05, noise=1e-4
-    )
-    assert overshoot(rows[rows.time > AT + 0.0195], ASKED, 0.1 * ASKED) < 0.03
+def test_small_steps_overshoot_as_promised(each):
+    """From rest to a tenth, in a sample at full voltage: how much that moves the plate depends on the
+    carrier's phase at which it begins, and one of these is near the worst."""
+    loop, bench = each
+    most, asked = 0.0, 0.1 * ASKED
+    for begin in AT + 0.03 + loop.sample_time * np.arange(8):
+        events = [(AT, "reference", 0.0), (begin, "reference", asked)]
+        rows = bench.run(events, duration=begin + 0.01, noise=1e-4)
+        most = max(most, rows.peak[rows.time > begin + 0.5 * loop.sample_time].max() / asked - 1)
+    assert most < loop.promise.small + 0.005  # the image of a thousandth, and noise of a twentieth of a count
+    assert loop.method != "pi" or 0.7 * loop.promise.small < most
 
 
 def test_the_tracker_follows_a_plate_that_warms(each):

@@ -366,6 +366,7 @@ def promised(controller: Mapping[str, Any]) -> list[list[str]]:
     times = [("settling to 5 %", "settling_s"), ("delay margin", "delay_margin_s")]
     plain = [
         ("overshoot", "overshoot"),
+        ("overshoot of a step to a tenth, of that step", "small_overshoot"),
         ("gain margin", "gain_margin"),
         ("phase margin, degrees", "phase_margin_deg"),
     ]
