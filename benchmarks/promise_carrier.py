@@ -136,7 +136,7 @@ def step(case, at, part=1.0):
     loop, rest = case.loop, 20 * case.loop.tau + 40 * case.loop.sample_time
     asked = part * loop.amplitude
     rows = case.bench.run([(at, "reference", 0.0), (at + rest, "reference", asked)], duration=at + 2 * rest)
-    after = rows[rows.time >= at + rest - 0.5 * loop.sample_time]
+    after = rows[(rows.reference == asked) & (rows.time > at)]
     W = size(after) / asked
     outside = np.flatnonzero(np.abs(W - 1) > BAND)
     last = int(outside[-1]) + 1 if len(outside) else 0
