@@ -122,24 +122,27 @@ def _together(question: Question, found: Fit) -> Fit:
     that may hold more than they show."""
     best, judged = found.modes[0], found.judged
     more, said = dispersion(best, found.reference, found.names)
+    more = more + question.dispersion
     # what makes logs differ is in the errors, whatever it is
     hints = Average.none() if said else judged.looked.average(best, found.reference)
-    more = more + question.dispersion + hints.covariance
-    if not np.any(more):
+    wider = more + hints.covariance
+    if not np.any(wider):
         return found
+    hint, doubts = hints.said, judged.doubts
+    spans = [] if hint is None else [d for d in doubts if d.key == hint.key and d.logs == hint.logs]
     again = conclude(
         question,
-        [replace(s, dispersion=more) for s in found.modes],
+        [replace(s, dispersion=wider) for s in found.modes],
         hangs(best, found.reference, found.names),
+        None if np.any(more) else judged._replace(doubts=[d for d in doubts if d not in spans]),
     )
-    spanned = again.result is Result.successful or not (said or hints.said)
+    spanned = again.result is Result.successful or not (said or hint)
     told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
     alarms = [x.told(spanned) for x in said if x.rare or not spanned]
     notes = [x.told(spanned) for x in said if spanned and not x.rare]
-    if (hint := hints.said) is not None and spanned:
+    if hint is not None and spanned:
         told = replace(told, findings=(*told.findings, hint))
-        doubted = any(d.key == hint.key and d.logs == hint.logs for d in judged.doubts)
-        (alarms if doubted else notes).append(hint.sentence)
+        (alarms if spans else notes).append(hint.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

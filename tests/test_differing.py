@@ -107,7 +107,7 @@ def test_the_posterior_is_as_wide(differing):
     fit, _ = differing
     for accuracy in ("quick", "standard"):
         posterior = sysid.sample(fit, seed=0, accuracy=accuracy)
-        assert posterior.result is Result.successful and posterior.method.endswith("what the logs differ by")
+        assert posterior.result is Result.successful and posterior.method.endswith("what the logs leave open")
         for name, p in posterior.summary().items():
             if p.determined:
                 assert p.std == pytest.approx(fit.parameters[name].std, rel=0.03)
