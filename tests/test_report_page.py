@@ -121,8 +121,25 @@ def look(browser):
         context.close()
 
 
-@pytest.mark.parametrize("view", VIEWS)
-@pytest.mark.parametrize("name", [*REPORTS, ZOOMABLE[0], *map(study, ZOOMABLE[1:])])
+def views(names, of_each, *views):
+    """(name, view): of the first report all views, and of each other one the view that stands in `of_each`;
+    the other views are the study's."""
+    return [
+        (name, view) if name == "fit" or of_each.get(name) == view else study(name, view)
+        for name in names
+        for view in views
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "view"),
+    views(
+        (*REPORTS, *ZOOMABLE),
+        {"circuit": "phone", "controller": "print", "failed": "desk", "open": "dark", "hostile": "phone"}
+        | {"sixty": "phone", "controller_zoomable": "phone"},
+        *VIEWS,
+    ),
+)
 def test_nothing_is_cut_asked_for_or_complained_of(reports, look, name, view):
     seen = look(reports[name], view)
     seen.page.evaluate(OPEN)
@@ -199,8 +216,15 @@ def test_in_print_all_logs_are_there_and_no_figure_is_parted(reports, look, brow
     )
 
 
-@pytest.mark.parametrize("view", ["desk", "phone", "dark"])
-@pytest.mark.parametrize("name", ["fit", "circuit", "controller", "failed", "sixty", *ZOOMABLE[:1]])
+@pytest.mark.parametrize(
+    ("name", "view"),
+    views(
+        ("fit", "circuit", "controller", "failed", "sixty", *ZOOMABLE[:1]),
+        {"circuit": "phone", "controller": "desk", "failed": "dark", "sixty": "phone"}
+        | {"controller_zoomable": "desk"},
+        *("desk", "phone", "dark"),
+    ),
+)
 def test_everyone_can_use_it(reports, look, name, view):
     """The rules of axe-core."""
     axe = pytest.importorskip(
