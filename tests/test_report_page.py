@@ -47,6 +47,24 @@ def browser():
         browser.close()
 
 
+class Pages(dict):
+    """{name: path}; what is not there is made and written when it is first looked at."""
+
+    def __init__(self, folder, made):
+        super().__init__((path.stem, path) for path in folder.glob("*.html"))
+        self.folder, self.made = folder, made
+
+    def __missing__(self, name):
+        self[name] = path = self.folder / f"{name}.html"
+        path.write_text(self.made[name](), encoding="utf-8")
+        return path
+
+
+def zoomable(posterior):
+    content = document(posterior)
+    return zoom.page(content, html.pictured(content, posterior), "report.html")
+
+
 @pytest.fixture(scope="module")
 def reports(bench, tmp_path_factory):
     """{name: path}: a real fit with its controller, a failed one, names that would do harm, and sixty
@@ -69,26 +87,18 @@ def reports(bench, tmp_path_factory):
         for k in range(60)
     ]
     warnings = [f"run_{k}_of_the_second_batch.csv: no temperature is recorded" for k in range(60)]
-    zoomable = {
-        "hostile_zoomable": standin.posterior([standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]),
-        "sixty_zoomable": standin.posterior(many),
-        "controller_zoomable": standin.posterior(),
+    harmful = [standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]
+    made = {
+        "controller": lambda: rendered(standin.posterior(), ["a warning"]),
+        "failed": lambda: rendered(standin.posterior(result=Result.misfit)),
+        "open": lambda: rendered(standin.posterior(result=Result.undetermined, missing=("G", "f0"))),
+        "hostile": lambda: rendered(standin.posterior(harmful), [HOSTILE]),
+        "sixty": lambda: rendered(standin.posterior(many), warnings),
+        "hostile_zoomable": lambda: zoomable(standin.posterior(harmful)),
+        "sixty_zoomable": lambda: zoomable(standin.posterior(many)),
+        "controller_zoomable": lambda: zoomable(standin.posterior()),
     }
-    texts = {
-        "controller": rendered(standin.posterior(), ["a warning"]),
-        "failed": rendered(standin.posterior(result=Result.misfit)),
-        "open": rendered(standin.posterior(result=Result.undetermined, missing=("G", "f0"))),
-        "hostile": rendered(
-            standin.posterior([standin.fitted(HOSTILE), standin.fitted("x" * 200, "steady")]), [HOSTILE]
-        ),
-        "sixty": rendered(standin.posterior(many), warnings),
-    }
-    for name, posterior in zoomable.items():
-        content = document(posterior)
-        texts[name] = zoom.page(content, html.pictured(content, posterior), "report.html")
-    for name, text in texts.items():
-        (folder / f"{name}.html").write_text(text, encoding="utf-8")
-    return {path.stem: path for path in folder.glob("*.html")}
+    return Pages(folder, made)
 
 
 @dataclass

@@ -56,6 +56,7 @@ def test_of_a_settled_amplitude_that_rings_down_only_tau_is_told(x, before):
         assert found.parameters["tau"].std < 0.01 * TAU
 
 
+@pytest.mark.study
 def test_draws_do_not_settle_what_is_open():
     """They are about the minimum that was found, and the ridge is as good elsewhere."""
     told = sysid.sample(sysid.fit([log(0.4, 20, 30 * TAU)]), seed=0).summary()
