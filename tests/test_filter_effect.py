@@ -79,7 +79,7 @@ def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
         assert fit.findings[0].key == "filter" and fit.result.name == "successful"
 
 
-@pytest.mark.parametrize("rows", [3.5, study(8.5)])
+@pytest.mark.parametrize("rows", [study(3.5), study(8.5)])
 @seeds(1, 4)
 def test_a_late_trigger_taken_for_a_filter_moves_nothing(seeds, rows):
     """Many poles are a delay: where the sweep tells the plate, either describes the step, and what neither

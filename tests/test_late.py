@@ -92,7 +92,7 @@ def test_a_response_that_begins_before_its_change_is_fitted_and_known_once_that_
         assert stated.result is Result.successful and right(bench, stated), stated.warnings
 
 
-@pytest.mark.parametrize(("rows", "stated"), [(3.5, 1.7e-4), study(2.0, 5e-4)])
+@pytest.mark.parametrize(("rows", "stated"), [study(3.5, 1.7e-4), study(2.0, 5e-4)])
 def test_a_delay_that_is_stated_wrongly_is_found_anew(bench, rows, stated):
     """Two rows late, and said to be five: what is read in the three between passed for noise that rows
     share."""
