@@ -89,7 +89,7 @@ def test_a_late_trigger_taken_for_a_filter_moves_nothing(seeds, rows):
 
 
 @pytest.mark.parametrize(
-    ("time", "order", "late"), [(8e-4, 1, 0.0), study(1e-4, 4, 0.0), study(1e-4, 0, 5.5 * DT)]
+    ("time", "order", "late"), [study(8e-4, 1, 0.0), study(1e-4, 4, 0.0), study(1e-4, 0, 5.5 * DT)]
 )
 @seeds(1, 4)
 def test_behind_an_unknown_filter_a_lone_step_tells_the_plate(seeds, time, order, late):

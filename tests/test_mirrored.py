@@ -36,6 +36,7 @@ def test_it_is_named_beside_a_sweep(bench, seeds, beside):
         assert result is Result.successful and not sentences
 
 
+@pytest.mark.study
 def test_two_steps_are_named_together(bench, nuisances):
     """Of one lock-in, beside a sweep of another."""
     steps = [

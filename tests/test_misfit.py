@@ -327,7 +327,7 @@ def of_another_plate(bench):
     return [bench.sweep(seed=30), odd, bench.sweep(seed=32), bench.transient(seed=33)], 120.0
 
 
-@pytest.mark.parametrize("made", [misread, of_another_plate])
+@pytest.mark.parametrize("made", [misread, study(of_another_plate)])
 def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(bench, made):
     """Not by an effect that could make it so: neither a drift nor a gain."""
     logs, off = made(bench)

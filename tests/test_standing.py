@@ -84,6 +84,7 @@ def test_asked_not_to_the_fit_leaves_it(bench):
     assert not said(fit) and not fit.modes[0].trials[0].standing
 
 
+@pytest.mark.study  # without a frequency it is in every run
 @seeds(3, 12)
 def test_a_ring_down_on_an_offset(bench, seeds):
     """30 Hz beside the frequency that it is demodulated at: it beats with the offset. Tau was up to 18 errors
