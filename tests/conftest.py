@@ -34,9 +34,8 @@ def programs_are_kept(tmp_path_factory):
     os.environ.setdefault("SYSID_PROGRAMS", str(folder))
 
 
-study = partial(
-    pytest.param, marks=pytest.mark.study
-)  # a value of a parameter that the default run leaves to the study
+# a value of a parameter that the default run leaves to the study
+study = partial(pytest.param, marks=pytest.mark.study)
 
 
 def tiers(few, every):
@@ -80,6 +79,16 @@ def jax_flags_stay():
     yield
     after = dict(jax.config.values)
     assert before == after, f"flags of JAX changed: { {k for k in before if before[k] != after.get(k)} }"
+
+
+@pytest.fixture(params=[pytest.param(False, id="first order"), study(True, id="searched")])
+def nuisances(request):
+    """What a fit may adopt of logs that the plate alone does not describe. What is left is named to first
+    order; the study searches effects that would describe it as well, which takes seconds."""
+    from sysid.effects.registry import EVERY
+    from sysid.trials.trial import NUISANCES
+
+    return EVERY if request.param else NUISANCES
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from conftest import most, study, tiers
 import sysid
 
 
-@pytest.fixture(params=tiers(range(3), range(12)))
+@pytest.fixture(params=tiers(range(2), range(12)))
 def seeds(request):
     return request.param
 

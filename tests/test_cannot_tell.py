@@ -85,7 +85,7 @@ def test_as_many_unknowns_as_numbers_tell_nothing(bench, points):
         assert "hardly more than the unknowns" in found.parameters["tau"].why
 
 
-@seeds(15, 40)
+@seeds(6, 40)
 def test_few_points_that_tell_their_noise_are_fitted(bench, seeds):
     z = []
     for seed in seeds:
@@ -120,7 +120,7 @@ def test_a_line_in_noise_is_no_resonance(bench, drive):
         assert not found.parameters["tau"].determined
 
 
-@seeds(5, 20)
+@seeds(2, 20)
 def test_where_tau_is_not_told_f0_is_not_either_but_to_the_narrowest_half_bandwidth(bench, seeds):
     """Five rows of a step, in noise: of a tau ten times too short the half bandwidth is ten times too wide,
     and f0 was determined to hundreds of hertz; and of what the logs do not bound, the report's draws were

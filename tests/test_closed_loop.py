@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 import scipy.linalg
+from conftest import study
 
 import controller
 from controller import (
@@ -136,10 +137,10 @@ def test_a_loop_is_that_of_the_carrier(latency):
 SENSOR = ["second_mode", "two_ceramics", "feedthrough", "rotation", "offset"]
 ALONE = [
     ["lock_in"],
-    ["delay"],
+    study(["delay"]),
     SENSOR,
     ["duffing"],
-    ["self_heating"],
+    study(["self_heating"]),
     ["amplifier_limit", "frequency_resolution"],
 ]
 

@@ -8,6 +8,7 @@ import math
 import lanes
 import numpy as np
 import pytest
+from conftest import study
 
 import controller
 from controller.check import check
@@ -122,7 +123,7 @@ def test_a_loop_as_designed_is_called_that():
         assert all(verdicts(run(seed=seed)).values()), check(NOTE, run(seed=seed))
 
 
-@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+@pytest.mark.parametrize("method", ["pi", study("paper"), study("pll"), "adaptive"])
 @pytest.mark.parametrize("std", [0.002, 0.02, 0.04])
 def test_noise_that_the_loop_amplifies_is_no_beginning(method, std):
     """Up to 2 % of the amplitude, at which the voltage of a loop at rest flickers by up to 20 V of its 160 V.

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import study
 
 import controller
 from controller import Rig, RigError, Sensor, closed_loops, settling_time
@@ -112,7 +113,7 @@ def test_a_loop_beyond_its_margin_has_none():
 # --------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["pi", "adaptive"])
+@pytest.mark.parametrize("method", ["pi", study("adaptive")])
 def test_a_promise_holds_for_fresh_draws(method):
     """1000 draws of another seed, each with a finger up to one that halves the amplitude and -10 to +15 degC,
     in scenes."""

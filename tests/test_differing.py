@@ -46,9 +46,11 @@ def steps(bench, seed, **changes):
     ]
 
 
-def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(bench, seeds):
+def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(
+    bench, seeds, nuisances
+):
     """By 5 %, 7 and more of its errors: what the two would have to be, their priors hold against."""
-    fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G)) for seed in seeds]
+    fits = [sysid.fit(steps(bench, seed, G=0.95 * bench.plant.G), nuisances=nuisances) for seed in seeds]
     told = [(*f.warnings, *f.notes) for f in fits]
     said = [
         next((w for w in every if "step 3" in w and ("differ" in w or "contradict" in w)), None)
@@ -123,15 +125,14 @@ def test_the_posterior_is_as_wide(differing):
     )
 
 
-def test_amplitudes_that_differ_are_called_so(bench, seeds):
+def test_amplitudes_that_differ_are_called_so(bench, seeds, nuisances):
     """Two sweeps whose resonances are four of their errors apart: the mean would be 2.8 of its own off one of
     them."""
     fits, inputs = [], np.linspace(31800, 32800, 101)
     for seed in seeds:
         logs = [bench.sweep(seed=2 * seed + k, amplitude=True, frequency=inputs + 2.8 * k) for k in (0, 1)]
-        fits.append(
-            sysid.fit([replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)])
-        )
+        logs = [replace(log, name=f"sweep {k + 1}", frequency=inputs) for k, log in enumerate(logs)]
+        fits.append(sysid.fit(logs, nuisances=nuisances))
     said = [f for f in fits if _told(f, "f0: the logs differ")]
     assert len(said) >= least(seeds, 10, 2)
     for f in said:

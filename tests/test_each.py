@@ -52,9 +52,9 @@ def test_an_estimate_is_that_of_the_log_fitted_alone(fit, logs):
             )  # the noise's level is each fit's own
 
 
-def test_a_log_of_another_resonance_stands_out(bench):
+def test_a_log_of_another_resonance_stands_out(bench, nuisances):
     """6 Hz, of which one sweep tells 0.5."""
-    found = own_estimates(sysid.fit(logs_of(bench, 2, off=6.0)))
+    found = own_estimates(sysid.fit(logs_of(bench, 2, off=6.0), nuisances=nuisances))
     assert max(found, key=lambda own: own.worst).name == "sweep 1"
     first, moved, last = (own.off["f0"] for own in found[:3])
     # halfway between the others, whatever line all of them lie about

@@ -59,7 +59,7 @@ def log(order, seed, state=None):
 
 @pytest.mark.parametrize("order", [study(1), 2, study(4)])
 @pytest.mark.parametrize("begins", ["at rest", "anywhere"])
-@seeds(4, 20)
+@seeds(2, 20)
 def test_what_the_filter_holds_at_the_first_row_is_no_feedthrough(seeds, order, begins):
     """Taken for settled it moves G, whose error is small here, by some twenty errors."""
     z = []
@@ -89,7 +89,7 @@ def behind(order, rows, step):
 
 
 @pytest.mark.parametrize("order", [study(2), 4])
-@seeds(4, 30)
+@seeds(2, 30)
 def test_noise_that_came_through_the_filter_too(seeds, order):
     """Ten rows to its time constant: smoother than an Ornstein-Uhlenbeck process, by which errors were half
     as large."""
@@ -169,7 +169,7 @@ def course(order, step, rows, f0=1500.0, tau=10e-3):
         return trial, found, np.asarray(respond(tau, found.detuning, found.hold, order=order).forced)
 
 
-@pytest.mark.parametrize("order", [0, 1, 4])
+@pytest.mark.parametrize("order", [0, study(1), 4])
 def test_the_course_is_that_of_the_fit_at_any_q(order):
     """The ripple of the fast mode and what it pulls the slow one by cancel where the response has settled."""
     _, found, model = course(order, 1e-4, 4000)
@@ -182,7 +182,7 @@ def test_a_response_that_is_later_is_later_behind_the_filter():
     np.testing.assert_allclose(found.later(3e-4)[3:], found.forced[:-3], atol=1e-12)
 
 
-@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("order", [study(2), 4])
 def test_a_block_of_rows_shows_their_mean(order):
     """To fourth order in the block's length."""
     trial, found, model = course(order, 2e-5, 4000)
@@ -198,7 +198,7 @@ def test_a_block_of_rows_shows_their_mean(order):
 
 
 @pytest.mark.parametrize("dark", [study(0.05), 0.3])
-@pytest.mark.parametrize("order", [0, 4])
+@pytest.mark.parametrize("order", [0, study(4)])
 def test_rows_without_a_signal_are_no_part_of_the_mean_of_their_block(order, dark):
     rng, rows, step = np.random.default_rng(2), 20_000 if not order else 4000, LOCKIN_TAU / 10
     a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)

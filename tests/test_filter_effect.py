@@ -53,7 +53,7 @@ def scores(fits):
 
 
 @pytest.mark.parametrize(("time", "order"), [study(8e-4, 1), (1e-4, 4)])
-@seeds(2, 4)
+@seeds(1, 4)
 def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order):
     """Without it all of them are misfits, with tau 3 to 20 of its errors off."""
     fits = fitted(seeds, time, order)
@@ -79,8 +79,8 @@ def test_whether_a_filter_is_fitted_does_not_hang_on_the_unit():
         assert fit.findings[0].key == "filter" and fit.result.name == "successful"
 
 
-@pytest.mark.parametrize("rows", [3.5, study(8.5)])
-@seeds(2, 4)
+@pytest.mark.parametrize("rows", [study(3.5), study(8.5)])
+@seeds(1, 4)
 def test_a_late_trigger_taken_for_a_filter_moves_nothing(seeds, rows):
     """Many poles are a delay: where the sweep tells the plate, either describes the step, and what neither
     does is a misfit."""
@@ -89,7 +89,7 @@ def test_a_late_trigger_taken_for_a_filter_moves_nothing(seeds, rows):
 
 
 @pytest.mark.parametrize(
-    ("time", "order", "late"), [(8e-4, 1, 0.0), study(1e-4, 4, 0.0), (1e-4, 0, 5.5 * DT)]
+    ("time", "order", "late"), [study(8e-4, 1, 0.0), study(1e-4, 4, 0.0), study(1e-4, 0, 5.5 * DT)]
 )
 @seeds(1, 4)
 def test_behind_an_unknown_filter_a_lone_step_tells_the_plate(seeds, time, order, late):

@@ -84,17 +84,17 @@ def power(force):
 ANOTHER = "the effect of the finger grows with its force by another law"
 
 
-def test_another_law_of_the_force_is_named(bench):
+def test_another_law_of_the_force_is_named(bench, nuisances):
     stairs = np.interp(np.arange(240), [90, 110, 150, 170], [0.0, 0.4, 0.4, 3.0])
     settled = [bench.sweep(), *(swept(bench, i + 1, force, power) for i, force in enumerate((0.3, 1.5, 4.0)))]
     for logs in ([pressed(bench, 0, force=stairs, law=power)], settled):
-        fit = sysid.fit(logs)
+        fit = sysid.fit(logs, nuisances=nuisances)
         assert fit.result is Result.misfit and any(w.startswith(ANOTHER) for w in fit.warnings)
     own = sysid.fit([pressed(bench, 0, force=stairs)])
     assert own.result is Result.successful and not any(ANOTHER in w for w in own.warnings)
 
 
-def test_another_law_of_a_scene_is_named():
+def test_another_law_of_a_scene_is_named(nuisances):
     plate = sysid.Plant(0.02, 5e-3 / np.log(20), 32300.0, -10.16)
     stairs = sysid.Profile([0.0, 9e-3, 11e-3, 15e-3, 17e-3], [0.0, 0.0, 0.4, 0.4, 3.0], held=False)
     inputs = {
@@ -103,7 +103,8 @@ def test_another_law_of_a_scene_is_named():
         "force": stairs,
     }
     effects = (FingerDamping(law="power", exponent=0.6), WhiteNoise(std=0.02))
-    fit = sysid.fit([sysid.Scene(plate, inputs, 240, 1e4, effects, fidelity="envelope").simulate(seed=0)])
+    log = sysid.Scene(plate, inputs, 240, 1e4, effects, fidelity="envelope").simulate(seed=0)
+    fit = sysid.fit([log], nuisances=nuisances)
     assert fit.result is Result.misfit and any(w.startswith(ANOTHER) for w in fit.warnings)
 
 

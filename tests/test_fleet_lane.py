@@ -92,8 +92,20 @@ def test_plates_without_noise_are_what_they_are(kind):
             assert p["std"] < (3e-3 if parameter == "G" and kind == "step" else 1e-5) * value
 
 
-@pytest.mark.parametrize("bench", [{}, {"delay_s": 0.0}], ids=["late", "timed"])
-@pytest.mark.parametrize("kind", ["step", study("sweep"), "both"])
+LATE, TIMED = {}, {"delay_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "bench"),
+    [
+        pytest.param("step", LATE, id="step-late"),
+        study("step", TIMED, id="step-timed"),
+        study("sweep", LATE, id="sweep-late"),
+        study("sweep", TIMED, id="sweep-timed"),
+        study("both", LATE, id="both-late"),
+        pytest.param("both", TIMED, id="both-timed"),
+    ],
+)
 def test_rows_are_those_of_the_single_fit(kind, bench):
     settings = Settings()
     plates = {str(k): [replace(log, bench=bench) for log in made(kind, k)] for k in range(50, 54)}

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import tiers
+from conftest import study, tiers
 from scipy import stats
 
 from sysid.fleet import words
@@ -52,7 +52,7 @@ def drawn(rng, n, correlation=None):
     return MIDDLE + SIZE * (rng.standard_normal((n, 3)) @ root.T)
 
 
-@pytest.mark.parametrize("lots", tiers(12, 200))
+@pytest.mark.parametrize("lots", tiers(6, 200))
 def test_at_most_one_false_alarm_in_a_lot_of_a_thousand(lots):
     rng = np.random.default_rng(1)
     alarms = np.array([with_odd(table(drawn(rng, 1000), seed=k))[0]["odd"].sum() for k in range(lots)])
@@ -130,7 +130,7 @@ def test_distances_are_mahalanobis_s():
         assert found.beside[k, 0] == pytest.approx(beside)
 
 
-@pytest.mark.parametrize("n", [10, 20, 50])
+@pytest.mark.parametrize("n", [10, study(20), study(50)])
 def test_few_plates_give_few_alarms(n):
     rng, lots = np.random.default_rng(8), 60
     alarms = [judged(table(drawn(rng, n), seed=k)).odd.sum() for k in range(lots)]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
+from conftest import seeds, study
 from scipy import stats
 
 import sysid
@@ -52,7 +53,7 @@ def spoilt(log, rng, rows, times):
     return replace(log, response=y), at.tolist()
 
 
-@pytest.mark.parametrize("times", [3.0, 20.0, 1e3, 1e6])
+@pytest.mark.parametrize("times", [3.0, study(20.0), 1e3, study(1e6)])
 @pytest.mark.parametrize("record", [sweep, step, amplitudes])
 def test_a_fit_is_as_good_as_that_of_the_other_rows(record, times):
     scores = []
@@ -82,8 +83,9 @@ def test_a_fit_is_as_good_as_that_of_the_other_rows(record, times):
         assert 0.005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.995, name
 
 
-def test_rows_that_are_spoilt_here_and_there_are_all_found():
-    for seed in range(20):
+@seeds(6, 20)
+def test_rows_that_are_spoilt_here_and_there_are_all_found(seeds):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         log, at = (
             sweep(rng),

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import standin
+from conftest import study
 
 import controller
 from controller.export import texts
@@ -38,6 +39,12 @@ TEXTS = [
     '"\n[columns]\ntime = 3\n#',
     "\x7f\x00",
 ]
+
+
+# One for each reader that it is written for, markup, C, terminal, template and TOML: the study takes all.
+SEVERAL = [
+    text if k in {0, 2, 6, 10, 14} else study(text) for k, text in enumerate(TEXTS)
+]  # fmt: skip
 
 
 @pytest.fixture(params=TEXTS, ids=ascii)
@@ -80,6 +87,7 @@ def plain_law():
     return texts(controller.design(standin.posterior([standin.fitted("plain.csv")])), "dq_pi.h")[:2]
 
 
+@pytest.mark.parametrize("hostile", SEVERAL, ids=ascii)
 def test_what_a_run_prints_and_writes(tmp_path, hostile, plain_law):
     (log,) = read_logs(log_file(tmp_path, hostile))
     one = standin.fitted(log.name, metadata=log.metadata, notes=log.notes)

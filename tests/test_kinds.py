@@ -32,6 +32,7 @@ CASES = {
 
 LATER = {  # the study's: other variants of these kinds, or tests of their own, say as much
     ("half of the step settles at once", "at once"),
+    ("a second-order step", "zeta 0.3"),
     ("a second-order step", "zeta 0.6"),
     ("ring-down of amplitudes on an offset", "below"),
     ("sweep, set, wait, read", "own, back"),

@@ -92,7 +92,7 @@ def test_a_response_that_begins_before_its_change_is_fitted_and_known_once_that_
         assert stated.result is Result.successful and right(bench, stated), stated.warnings
 
 
-@pytest.mark.parametrize(("rows", "stated"), [(3.5, 1.7e-4), (2.0, 5e-4)])
+@pytest.mark.parametrize(("rows", "stated"), [study(3.5, 1.7e-4), study(2.0, 5e-4)])
 def test_a_delay_that_is_stated_wrongly_is_found_anew(bench, rows, stated):
     """Two rows late, and said to be five: what is read in the three between passed for noise that rows
     share."""
@@ -101,6 +101,7 @@ def test_a_delay_that_is_stated_wrongly_is_found_anew(bench, rows, stated):
     assert abs(delay(fit).value + stated - 1e-4 * rows) < 4 * delay(fit).std
 
 
+@pytest.mark.study  # test_filter_effect.py fits filters in every run
 def test_behind_a_filter_it_is_that_which_is_fitted(bench):
     """One pole of a fifth of tau."""
     fit = sysid.fit([late_by(bench, 3.0, 2, order=1)])

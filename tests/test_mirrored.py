@@ -8,6 +8,7 @@ from conftest import seeds, study
 
 import sysid
 from sysid import Result
+from sysid.effects.registry import EVERY
 
 SAYS = "the phase turns the other way than in the other logs"
 HALF_BANDWIDTH = np.log(20) / (2 * np.pi * 5e-3)
@@ -17,8 +18,8 @@ def conjugate(log):
     return replace(log, response=log.response.conj())
 
 
-def said(logs):
-    fit = sysid.fit(logs)
+def said(logs, nuisances=EVERY):
+    fit = sysid.fit(logs, nuisances=nuisances)
     return fit.result, [w for w in fit.warnings if SAYS in w]
 
 
@@ -35,13 +36,14 @@ def test_it_is_named_beside_a_sweep(bench, seeds, beside):
         assert result is Result.successful and not sentences
 
 
-def test_two_steps_are_named_together(bench):
+@pytest.mark.study
+def test_two_steps_are_named_together(bench, nuisances):
     """Of one lock-in, beside a sweep of another."""
     steps = [
         replace(bench.transient(seed=k, frequency=bench.plant.f0 + 60 + 30 * k), name=f"step {k}")
         for k in (1, 2)
     ]
-    _, sentences = said([*map(conjugate, steps), replace(bench.sweep(seed=9), name="sweep")])
+    _, sentences = said([*map(conjugate, steps), replace(bench.sweep(seed=9), name="sweep")], nuisances)
     assert sentences and sentences[0].startswith("step 1, step 2:")
 
 

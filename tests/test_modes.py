@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from conftest import study
 from skfem import ElementQuadP, ElementVector
 
 import stimulator.modes as fe
@@ -57,6 +58,7 @@ def test_kirchhoff_s_bare_plate_is_ritz_s():
     assert np.all(off > -1e-6) and np.all(off < 1.5e-3)
 
 
+@pytest.mark.study
 def test_kirchhoff_s_elements_converge():
     """Cubics: the error of an eigenvalue falls as the fourth power of the mesh."""
     exact = bare_modes(BARE, (1, 0))
@@ -96,6 +98,7 @@ def test_mindlin_in_the_limit_of_kirchhoff(monkeypatch):
     assert found[0].f0 == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.study
 def test_two_meshes_of_mindlin_agree():
     """3e-4; and the prototype of sixth order, 30239.7 Hz."""
     models = [fe._Model(BARE, "mindlin", 30300.0, n) for n in (3.0, 4.0)]
@@ -110,6 +113,7 @@ def test_two_meshes_of_a_layout_agree(default):
     assert default.b == pytest.approx(fine.b, rel=0.03)
 
 
+@pytest.mark.study
 def test_two_families_of_elements_agree_on_a_layout(monkeypatch, default):
     """Mindlin's quartics, made thin, beside Kirchhoff's cubics: composite stiffness, mass and moments enter
     both apart."""
@@ -120,6 +124,7 @@ def test_two_families_of_elements_agree_on_a_layout(monkeypatch, default):
     assert abs(other.N / default.N - 1) < 0.03
 
 
+@pytest.mark.study
 def test_halves_and_the_whole_are_one_plate(monkeypatch):
     """What the mirrors leave, against all of it: four sensors that meet in the middle make both meshes
     one."""
@@ -169,7 +174,7 @@ TABLE = {  # f Hz, u, m g, N N/V, b um/(s V), {offset Hz: |drive|}
 }
 
 
-@pytest.mark.parametrize("name", TABLE)
+@pytest.mark.parametrize("name", [n if n == "4 strips x 5, 0.3 mm" else study(n) for n in TABLE])
 def test_the_table_of_layouts(name, folder):
     """f to 0.1 %, b to 5 %, as a mesh of another make gave them; driven neighbours to 10 Hz and 5 % of b0."""
     f0, u, m, N, b, driven = TABLE[name]

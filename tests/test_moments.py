@@ -49,9 +49,9 @@ def off(fit):
 
 
 @pytest.mark.parametrize(("sampling", "said"), [(None, "runs on"), ("settled", "the drive runs on")])
-def test_a_drive_that_is_switched_on_and_then_runs_on_between_rows_is_named(sampling, said):
+def test_a_drive_that_is_switched_on_and_then_runs_on_between_rows_is_named(sampling, said, nuisances):
     """Neither reading of its rows is right: an edge is at the row before, and what runs on is half way."""
-    fit = sysid.fit([replace(recorded(edge, 0), sampling=sampling)])
+    fit = sysid.fit([replace(recorded(edge, 0), sampling=sampling)], nuisances=nuisances)
     assert off(fit)["tau"] > 2  # what would be reported
     assert fit.result is Result.misfit and said in fit.warnings[-1]
 
@@ -71,13 +71,13 @@ def test_a_drive_that_is_held_from_row_to_row_is_not_doubted(seed):
 
 @pytest.mark.parametrize("seed", [0, study(1), study(2)])
 def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and_not_denied_where_it_is_not(
-    seed,
+    seed, nuisances
 ):
     levels = np.repeat(np.random.default_rng(seed).uniform(0, 100, ROWS // 5), 5)
     log = recorded(lambda t: levels[np.minimum((t / STEP + 1e-9).astype(int), ROWS - 1)], seed)
     own = replace(log, drive=np.append(0.0, log.drive[:-1]))  # what was applied until the row
     for sampling in ("settled", None):
-        fit = sysid.fit([replace(own, sampling=sampling)])
+        fit = sysid.fit([replace(own, sampling=sampling)], nuisances=nuisances)
         assert fit.result is Result.successful and max(off(fit).values()) < FAR
         assert any("say sampling: settled" in w for w in fit.warnings) == (sampling is None)
 

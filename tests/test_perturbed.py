@@ -132,6 +132,7 @@ def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps(seeds):
         assert np.mean(np.square(z)) < 1 + 3 * np.sqrt(2 / len(seeds)), z
 
 
+@pytest.mark.study
 def test_a_large_error_of_the_thermometer_is_taken_at_the_plates_own_temperature():
     """To first order alone about the reading, a fit may end twice as far off on the other side."""
     logs = []

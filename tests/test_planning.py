@@ -136,7 +136,7 @@ def test_a_promise_needs_a_design_that_can_be_had(bench):
         sysid.advise(fit, "margin", design=functools.partial(controller.design, settling_time=1e-6))
 
 
-@pytest.mark.parametrize("side", [1.0, study(-1.0)])
+@pytest.mark.parametrize("side", [study(1.0), study(-1.0)])
 def test_of_two_solutions_whichever_is_true_is_settled(bench, side):
     """The amplitude of a step beside the resonance: on which side, the next log has to tell, and the promise
     is for both."""
@@ -169,7 +169,7 @@ def test_elsewhere_than_the_resonance_may_be_the_promise_is_two_numbers(bench):
     assert not any(a.rough for a in sysid.advise(warm, "k_T", temperatures=[34.0]))
 
 
-@pytest.mark.parametrize("window", [study(0.2), 0.4])
+@pytest.mark.parametrize("window", [study(0.2), study(0.4)])
 @seeds(2, 8)
 def test_where_tau_is_hardly_known_what_is_left_lies_between(bench, seeds, window):
     """A window shorter than tau: what a longer one brings goes with a power of tau, which is known to 10 to

@@ -62,7 +62,7 @@ def errors(logs):
 
 
 @pytest.mark.parametrize(("bits", "noise"), [(8, 0.0), study(8, 0.05), study(8, 0.2), (6, 0.1)])
-@seeds(4, 16)
+@seeds(2, 16)
 def test_steps_of_few_bits_are_fitted_with_true_intervals(seeds, bits, noise):
     """Without its rounding in the noise most are taken for a drift or a second resonance, or are off by ten
     errors."""

@@ -86,13 +86,14 @@ def test_of_even_noise_no_part_is_taken_for_relative(seeds):
     assert np.count_nonzero(found) <= binom.ppf(0.996, len(seeds), 0.005)
 
 
-def test_a_wrong_model_at_the_peak_is_no_noise():
+def test_a_wrong_model_at_the_peak_is_no_noise(nuisances):
     """A response that is compressed at its largest: what is left is largest at the peak too, but neighbours
     share it."""
     log = sweep(0, 0.0, 0.001)
     size = np.abs(log.response)
     bent = log.response * (1 - 0.1 * (size / size.max()) ** 2)
-    fit = sysid.fit([sysid.Log("bent", bent, drive=log.drive, frequency=log.frequency, kind="steady")])
+    log = sysid.Log("bent", bent, drive=log.drive, frequency=log.frequency, kind="steady")
+    fit = sysid.fit([log], nuisances=nuisances)
     assert fit.result.name == "misfit" and fit.modes[0].trials[0].noise.share == 0.0
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import study
 
 import controller
 from controller import Rig, RigError
@@ -344,7 +345,7 @@ def test_the_pll_locks_and_rests():
     assert np.std(f[500:], 0).max() < 2.5
 
 
-@pytest.mark.parametrize("method", ["pi", "pll"])  # the other: in test_closed_loop.py
+@pytest.mark.parametrize("method", [study("pi"), "pll"])  # the other: in test_closed_loop.py
 def test_a_timer_of_100_MHz_does_not_chatter(method):
     """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, or a plate at the
     edge of the dead band leaves it once, wherever the resonance lies between two; with 1 % of noise, of each

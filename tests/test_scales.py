@@ -52,10 +52,10 @@ def logs(bench):
     "name",
     [
         "a step and a sweep",
-        "a step behind a filter",
+        study("a step behind a filter"),
         study("a step of another gain"),
         "amplitudes",
-        "a sweep that is no resonance",
+        study("a sweep that is no resonance"),
     ],
 )
 @pytest.mark.parametrize("every", tiers(SCALES[::3], SCALES))

@@ -96,7 +96,7 @@ def test_the_clock_is_told_as_well_as_it_says():
         assert np.mean(np.diff(line)) == pytest.approx(period, rel=2e-3)
 
 
-@pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), ({"delay_s": 0.0}, 1), ({}, 10)])
+@pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), study({"delay_s": 0.0}, 1), ({}, 10)])
 def test_a_frequency_that_runs_on_between_rows(stated, parts):
     """A chirp of 2 Hz a row, in so many parts of a row: f0 is half a row off if it is taken to stay, which no
     log tells."""

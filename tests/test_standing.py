@@ -35,7 +35,7 @@ def said(fit):
 
 @pytest.mark.parametrize(
     ("offset", "noise", "rings"),
-    [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), (0.03, 1e-3, False)],
+    [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), study(0.03, 1e-3, False)],
 )
 @seeds(3, 12)
 def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, noise, rings):
@@ -70,6 +70,7 @@ def test_the_offset_is_found_where_the_ring_down_shows_it(bench):
     )  # as the mean of some fifty rows at rest
 
 
+@pytest.mark.study
 def test_the_posterior_holds_it(bench):
     fit = sysid.fit([made(bench, 1, 0.03, 1e-2)])
     drawn = sysid.sample(fit, seed=0)
@@ -83,6 +84,7 @@ def test_asked_not_to_the_fit_leaves_it(bench):
     assert not said(fit) and not fit.modes[0].trials[0].standing
 
 
+@pytest.mark.study  # without a frequency it is in every run
 @seeds(3, 12)
 def test_a_ring_down_on_an_offset(bench, seeds):
     """30 Hz beside the frequency that it is demodulated at: it beats with the offset. Tau was up to 18 errors
@@ -114,7 +116,7 @@ def bare(seed, shape, add):
     return sysid.Log("bare", add(clean, rng), time=time, drive=drive, kind="transient", sampling="instant")
 
 
-@pytest.mark.parametrize(("shape", "offset"), [("ring-down", 0.03), ("step", 0.1)])
+@pytest.mark.parametrize(("shape", "offset"), [("ring-down", 0.03), study("step", 0.1)])
 @seeds(3, 12)
 def test_without_a_frequency_rows_of_one_sign_may_be_an_amplitude(seeds, shape, offset):
     """They were read as the output of a first-order plant on an offset of its own: a ring-down's tau was up
@@ -145,6 +147,7 @@ def test_the_output_of_a_first_order_plant_on_an_offset_is_none(seeds, shape):
     assert not any(said(fit) for fit in fits) and np.sqrt(np.mean(np.square(z))) < most(seeds)
 
 
+@pytest.mark.study
 def test_several_amplitudes_each_have_their_own(bench):
     logs = [
         replace(made(bench, seed, offset, 3e-3), name=f"log {seed}")

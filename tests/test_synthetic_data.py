@@ -38,6 +38,7 @@ def files_below(folder):
 # --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.study
 def test_the_command_remakes_every_file_byte_for_byte(tmp_path):
     subprocess.run([sys.executable, FOLDER / "make.py", tmp_path], check=True)
     assert files_below(tmp_path) == files_below(FOLDER)
