@@ -108,8 +108,10 @@ FILTERS = tuple(_filter(order) for order in (1, 2, 4))  # as lock-ins have them
 
 
 def _gapped(trial: Trial) -> bool:
-    """A transient of every row of its file."""
-    return not trial.steady and trial.whole is None and trial.spacing > 0 and trial.changes > 0
+    """A transient of every row of its file. An amplitude without a frequency may also have been driven beside
+    the resonance, with which it rises in another way."""
+    whole = not trial.steady and trial.whole is None and trial.spacing > 0 and trial.changes > 0
+    return whole and (trial.signed or trial.resonant)
 
 
 def _lost(share: float) -> Effect:

@@ -31,6 +31,7 @@ RUNNING = (
     " {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
+RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an amplitude rings
 PLACES = 24  # in a transient, at which rows may be missing: between two, some rows
 OF_PHASE = "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does"
 
@@ -51,8 +52,8 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
     if trial.resonant:
         yield from _second_resonance(i, view)
         yield from chain(_drift(i, view), _lag(i, view))
-    elif trial.driven and not trial.steady and not trial.log.amplitude_only:
-        yield _off_resonance(i, view)
+    elif trial.driven and not trial.steady:
+        yield from _beating(i, view) if trial.log.amplitude_only else _off_resonance(i, view)
     if trial.steady:
         yield from chain(_too_fast(i, view), _background(i, view))
     else:
@@ -119,7 +120,7 @@ def _second_resonance(i: int, view: View) -> Iterator[Term]:
         yield Term("second_mode", {i: shapes}, say, i, freedom=3)
 
 
-def _off_resonance(i: int, view: View) -> Term:
+def _off_resonance(i: int, view: View) -> Iterator[Term]:
     """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is
     taken to be. By x half bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by
     about x^2."""
@@ -132,13 +133,24 @@ def _off_resonance(i: int, view: View) -> Term:
             " frequency_* column, or its value as metadata"
         )
 
-    return Term(
+    yield Term(
         "off_resonance",
         {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T},
         say,
         i,
         squared=("tau", x**2),
     )
+
+
+def _beating(i: int, view: View) -> Iterator[Term]:
+    """The same of an amplitude: it rises as |1 - exp(-(1 - j x) t/tau)|, a part of x^2 faster, and rings."""
+    name, c = view.trial.log.name, view.course
+    along = np.exp(1j * np.angle(c.forced))
+    said = f"{name}: it seems to be driven beside the resonance, and no frequency is recorded"
+    for x in RINGING:
+        beside = np.abs(c.at(np.full((len(c.hold.drive), 1), 1j * x / c.tau)).forced[:, 0])
+        shape = view.observed(((beside - np.abs(c.forced)) * along)[None])[0]
+        yield of_one(i, "off_resonance", shape, f"{said}; record wd, wq and the frequency", 1)
 
 
 def _drift(i: int, view: View) -> Iterator[Term]:
