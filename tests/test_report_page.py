@@ -168,7 +168,7 @@ def views(names, of_each, *views):
     views(
         (*REPORTS, *ZOOMABLE),
         {"circuit": "phone", "controller": "print", "failed": "desk", "open": "dark", "hostile": "phone"}
-        | {"sixty": "phone", "controller_zoomable": "phone"},
+        | {"sixty": "phone", "lot": "phone", "controller_zoomable": "phone"},
         *VIEWS,
     ),
 )
