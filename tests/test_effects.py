@@ -1,5 +1,7 @@
 """Effects that a fit adopts: logs from closed forms that share no code with the package, with known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import seeds, study
@@ -122,3 +124,15 @@ def test_a_plate_alone_adopts_nothing(seeds):
         logs = swept(None, f, noisy(np.random.default_rng(seed), settled(f), 0.01))
         asked, plain = (sysid.fit(logs, nuisances=n) for n in (EVERY, NUISANCES))
         assert asked.parameters == plain.parameters and asked.warnings == plain.warnings
+
+
+@pytest.mark.study
+def test_a_finger_on_one_of_three_steps_is_no_saturation(bench):
+    """To first order a plate that is damped by 1.3 is worth less than a response that is compressed by a sixth;
+    with G and tau of its own it is worth more."""
+    damped = type(bench)()
+    damped.plant = replace(bench.plant, G=bench.plant.G / 1.3, tau=bench.plant.tau / 1.3)
+    steps = [replace(b.transient(seed=k), name=f"step {k}") for k, b in enumerate((bench, bench, damped))]
+    fit = sysid.fit(steps)
+    refused = [f for f in fit.findings if f.outcome == "refused"]
+    assert [(f.key, f.logs) for f in refused] == [("finger", ("step 2",))]

@@ -24,6 +24,7 @@ from sysid.effects.search import NEARLY, Search
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
+from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.linear import Found
 from sysid.verdict.misfit import misfits
 from sysid.verdict.unexplained import left_of
@@ -77,6 +78,7 @@ class _Adoption:
     def __init__(self, search: Search, found: Sequence[Found]):
         self.search, self.found = search, found
         self.alone: list[Description] = []  # of effects by themselves
+        self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
 
     def best(
         self, before: tuple[Instance, ...], numbers: np.ndarray, here: Sequence[Instance], count: int
@@ -105,7 +107,18 @@ class _Adoption:
         full = {name for d in self.alone for name in d.names()}
         others = [f for f in self.found if not any(f.name in x.effect.alike for x in best.instances)]
         others = [f for f in others if not any(f.name == n and f.log in (None, i) for n, i in full)]
-        return best.evidence > max([SURE, *map(_most_evidence, others)])
+        apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
+        return best.evidence > max([SURE, *map(_most_evidence, others), *map(self.apart, apart)])
+
+    def apart(self, i: int) -> float:
+        """The same of a log that is another plate's, with parameters of its own, which to first order may
+        seem worth less than they are."""
+        if i not in self.contradicting:
+            search, whole = self.search, range(len(self.search.trials))
+            parts = [tuple(search.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
+            each = [search.minimiser.refine(part, search.alone.theta, 1, 0) for part in parts]
+            self.contradicting[i] = _most(sum(s.likelihood for s in each) + search.base, len(search.names))
+        return self.contradicting[i]
 
     def cause(self, best: Description) -> bool:
         """Whether it is what the plant alone leaves: next to nothing is left, or little of what nothing else
@@ -167,7 +180,11 @@ def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bo
 
 def _most_evidence(found: Found) -> float:
     """An upper bound of the evidence of what was found to first order."""
-    return found.worth - 0.5 * found.freedom * float(np.log(max(2 * found.worth / found.freedom, 1.0)))
+    return _most(found.worth, found.freedom)
+
+
+def _most(worth: float, freedom: int) -> float:
+    return worth - 0.5 * freedom * float(np.log(max(2 * worth / freedom, 1.0)))
 
 
 def _between(best: Description, alike: Sequence[Description]) -> np.ndarray:
