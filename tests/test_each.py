@@ -43,9 +43,8 @@ def test_an_estimate_is_that_of_the_log_fitted_alone(fit, logs):
         }
         scale = {"G": alone.plant.G, "tau": alone.plant.tau, "f0": 1.0}
         state = alone.modes[0]  # its errors without what they span besides: a hint of an effect
-        own_share = dict(
-            zip(("G", "tau", "f0"), np.sqrt(np.diag(state.covariance / state.spread)), strict=False)
-        )
+        shares = np.sqrt(np.diag(state.covariance)[:3] / np.diag(state.spread)[:3])
+        own_share = dict(zip(told, shares, strict=True))
         for name, off in told.items():
             error = alone.estimate(name)[1] / scale[name] * own_share[name]
             assert own.off[name] == pytest.approx(off, abs=0.15 * error), (
