@@ -213,7 +213,8 @@ def noise(case, part=1.0):
 def broken(case, seen):
     """The promises that are."""
     p, given = case.loop.promise, case.bench.settings
-    later = case.loop.sample_time + 2 / (given["rate"] * given["ticks"])  # a step of the bench begins with a tick
+    # a step of the bench begins with a tick
+    later = case.loop.sample_time + 2 / (given["rate"] * given["ticks"])
     kept = {
         "start": not math.isnan(seen.started),
         "settling": not seen.settling > p.settling + later,
