@@ -119,18 +119,17 @@ def log_of(
         **inputs,
         "bench": bench_of(head, plan.metadata),
         "notes": plan.notes,
+        "warnings": plan.warnings,
+        "kind": kind,
+        "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS),
     }
-    fields["warnings"] = plan.warnings
-    fields |= {"kind": kind, "sampling": _word(head, plan.metadata, "sampling", SAMPLINGS)}
     if kind == "waveform":
         fields["time"] = _sample_times(head, body, plan, rows, inputs.get("time"), count)
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
-        driven = drive, drive_unit
-        fields["response"], fields["response_unit"] = _response(
-            head, plan, arrays, inputs.get("frequency"), driven
-        )
-        fields["std"] = errors(head.path, plan, arrays, stated_errors, inputs.get("frequency"), driven)
+        frequency, driven = inputs.get("frequency"), (drive, drive_unit)
+        fields["response"], fields["response_unit"] = _response(head, plan, arrays, frequency, driven)
+        fields["std"] = errors(head.path, plan, arrays, stated_errors, frequency, driven)
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
