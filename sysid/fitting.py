@@ -128,7 +128,7 @@ def _together(question: Question, found: Fit) -> Fit:
     wider = more + hints.covariance
     if not np.any(wider):
         return found
-    hint, doubts = hints.said, judged.doubts
+    hint, doubts = hints.hint, judged.doubts
     spans = [] if hint is None else [d for d in doubts if d.key == hint.key and d.logs == hint.logs]
     again = conclude(
         question,
@@ -140,9 +140,10 @@ def _together(question: Question, found: Fit) -> Fit:
     told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
     alarms = [x.told(spanned) for x in said if x.rare or not spanned]
     notes = [x.told(spanned) for x in said if spanned and not x.rare]
-    if hint is not None and spanned:
-        told = replace(told, findings=(*told.findings, hint))
-        (alarms if spans else notes).append(hint.sentence)
+    if hint is not None and (spanned or not spans):
+        finding = hint.told(spanned)
+        told = replace(told, findings=(*told.findings, finding))
+        (alarms if spans or not spanned else notes).append(finding.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

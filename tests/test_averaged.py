@@ -10,7 +10,8 @@ from scipy.stats import multivariate_normal
 import sysid
 from sysid.model.prior import NAMES
 from sysid.trials.trial import NUISANCES
-from sysid.verdict.averaged import allowed, averaged
+from sysid.verdict import misfit
+from sysid.verdict.averaged import Average, Hint, allowed, averaged
 from sysid.verdict.linear import USUAL, Linear
 from sysid.verdict.terms import terms
 from sysid.verdict.view import View
@@ -125,3 +126,19 @@ def test_what_an_error_spans_is_told(bench):
     assert "rows seem to be missing" in hint.sentence
     assert "the error of tau spans it" in hint.sentence
     assert hint.sentence in (*fit.notes, *fit.warnings)
+
+
+def test_what_an_error_cannot_span_is_told(bench, monkeypatch):
+    """Where tau would not be determined with it: its error stays narrow, and a warning says so."""
+    fit = sysid.fit(bench.transient(seed=3))
+    hint = Hint(
+        "rows_lost", ("step",), "step: rows seem to be missing", 0.2, "tau", 90.0, 1.0, {"tau": 180.0}
+    )
+    wide = np.diag([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # of log tau: a factor of e
+    monkeypatch.setattr(misfit, "averaged", lambda fit, tried: Average(wide, hint))
+    narrow = sysid.fit(bench.transient(seed=3))
+    assert narrow.parameters["tau"] == fit.parameters["tau"]
+    said = next(f for f in narrow.findings if f.key == "rows_lost")
+    assert said.outcome == "noted"
+    assert "the error of tau does not include it" in said.sentence
+    assert said.sentence in narrow.warnings

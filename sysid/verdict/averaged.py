@@ -35,13 +35,38 @@ from sysid.verdict.view import View
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
 MOST = 100.0  # of log evidence: more is as certain
+SPANS = "the error of {} spans it, and is {:.2g} times what it is without"
+OMITS = (
+    "the error of {} does not include it, as tau or G would then not be determined; another log would tell"
+)
+
+
+class Hint(NamedTuple):
+    """An effect that may be there, in words, and how likely; the error that grows most by it, and how many
+    times; what it would move."""
+
+    key: str
+    logs: tuple[str, ...]
+    what: str
+    share: float
+    parameter: str
+    wider: float
+    evidence: float
+    moves: dict[str, float]
+
+    def told(self, spanned: bool) -> Finding:
+        """As a finding; `spanned`: the errors include it."""
+        about = (SPANS if spanned else OMITS).format(self.parameter, self.wider)
+        sentence = f"{self.what} ({100 * self.share:.2g} % likely; {about})"
+        outcome = "widened" if spanned else "noted"
+        return Finding(self.key, outcome, sentence, self.logs, evidence=self.evidence, moves=self.moves)
 
 
 class Average(NamedTuple):
     """What effects add to the covariance of theta (6, 6); the one that adds most, where that is much."""
 
     covariance: np.ndarray
-    said: Finding | None = None
+    hint: Hint | None = None
 
     @classmethod
     def none(cls) -> "Average":
@@ -114,7 +139,7 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
 
 def widest(
     some: Sequence[tuple[Allowed, np.ndarray, float]], names: Sequence[str], views: Sequence[View]
-) -> Finding | None:
+) -> Hint | None:
     """The effect that adds most to the error that grows most, of `some` with their numbers and how likely
     they are; None where the error grows little."""
     grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some])
@@ -123,13 +148,6 @@ def widest(
     what = x.say(numbers, views)
     if wider < WIDER or not what:
         return None
-    moves = x.scored.moves @ x.mean(numbers)
-    about = f"the error of {names[k]} spans it, and is {wider:.2g} times what it is without"
-    return Finding(
-        x.term.name,
-        "widened",
-        f"{what} ({100 * share:.2g} % likely; {about})",
-        () if x.term.log is None else (views[x.term.log].trial.log.name,),
-        evidence=float(x.evidence(numbers)),
-        moves=dict(zip(names, moves.tolist(), strict=True)),
-    )
+    moves = dict(zip(names, (x.scored.moves @ x.mean(numbers)).tolist(), strict=True))
+    logs = () if x.term.log is None else (views[x.term.log].trial.log.name,)
+    return Hint(x.term.name, logs, what, share, names[k], wider, float(x.evidence(numbers)), moves)
