@@ -24,7 +24,7 @@ logs       units textfile cells scattered stamps pieces preamble sheet layout cs
            roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together log read alike taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
-trials     noise whitening trial experiment perturbed projected jitter extra rounds rounded residuals renew
+trials     noise whitening trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
            standing differing term moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison

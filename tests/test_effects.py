@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import seeds, study
+from scipy.signal import lfilter
 
 import sysid
 from sysid.effects.registry import EVERY
@@ -86,14 +87,60 @@ def late(rng):
     return [step, *swept(rng, f, noisy(rng, settled(f), 0.01))]
 
 
+THERE_AND_BACK = F0 + HALF * np.concatenate([np.linspace(-4, 4, 60), np.linspace(4, -4, 60)])
+SECONDS = 0.5 * np.arange(len(THERE_AND_BACK))
+
+
+def drifting(rng):
+    """Half of a half bandwidth, F0 in the middle."""
+    shift = 0.5 * HALF * (SECONDS / SECONDS[-1] - 0.5)
+    return swept(rng, THERE_AND_BACK, noisy(rng, settled(THERE_AND_BACK - shift), 0.005), time=SECONDS)
+
+
+def heated(rng):
+    """By dh/dt = |w|^2 / 8 s - h / 12 s, in a hundred parts of each row, the resonance falls by a half
+    bandwidth h."""
+    heat, rows = 0.0, []
+    for at in THERE_AND_BACK:
+        for _ in range(100):
+            w = settled(at + HALF * heat)
+            heat += 0.005 * (abs(w) ** 2 / 8 - heat / 12)
+        rows.append(w)
+    return swept(rng, THERE_AND_BACK, noisy(rng, np.array(rows), 0.005), time=SECONDS)
+
+
+def behind_its_plate(rng):
+    """A thermometer 3 s behind a plate that warms by 8 degC, and cools again, over three sweeps."""
+    f, t = np.tile(THERE_AND_BACK, 2)[:180], 0.5 * np.arange(180)
+    fine = np.linspace(0, t[-1], 18000)
+    plate = 24 + 8 * (1 - np.abs(1 - 2 * fine / fine[-1]))
+    read = lfilter([fine[1] / 3], [1, fine[1] / 3 - 1], plate - 24) + 24
+    y = settled(f + 8 * (np.interp(t, fine, plate) - 24))
+    return swept(rng, f, noisy(rng, y, 0.005), time=t, temperature=np.interp(t, fine, read))
+
+
+def creeping(rng):
+    """An output that goes on by a tenth of its settled size, to one side."""
+    t = 1e-4 * np.arange(240)
+    y = settled(F0 - 8) * -np.expm1((-1 / TAU + 16j * np.pi) * np.maximum(t - 20e-4, 0))
+    y = y + 0.1j * t / t[-1]
+    volts, at = np.where(t < 19.5e-4, 0.0, 1.0), np.full(240, F0 - 8)
+    given = {"time": t, "drive": volts, "frequency": at, "kind": "transient", "sampling": "instant"}
+    f = F0 + np.linspace(-500, 500, 101)
+    return [Log("step", noisy(rng, y, 0.005), **given), *swept(rng, f, noisy(rng, settled(f), 0.005))]
+
+
 KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
-    "duffing": softened, "delay": late,
+    "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
+    "offset_drift": creeping,
 }  # fmt: skip
 
 
 # A late step may be behind a filter: all are looked for, which takes as long as the other kinds together.
-TIERS = [study(kind) if kind in ("delay", "second_mode of amplitudes") else kind for kind in KINDS]
+TIERS = [
+    study(kind) if kind in ("delay", "second_mode of amplitudes", "f0_drift") else kind for kind in KINDS
+]
 
 
 @pytest.mark.parametrize("kind", TIERS)
@@ -111,7 +158,7 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
 
 
-@pytest.mark.parametrize("kind", TIERS)
+@pytest.mark.parametrize("kind", [kind for kind in TIERS if kind != "offset_drift"])  # which is noted
 def test_without_it_the_logs_are_a_misfit(kind):
     fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))), nuisances=NUISANCES)
     assert fit.result.name == "misfit"

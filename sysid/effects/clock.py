@@ -1,5 +1,5 @@
 """What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that
-was not waited for."""
+was not waited for, a thermometer that is behind the plate."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import numpy as np
 from sysid.effects.effect import About, Effect, Told, number, read_anew
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
-from sysid.trials.trial import Trial
+from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.verdict.finding import Number
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
@@ -24,6 +24,7 @@ PLACES = 16  # of a transient, between which the response moves alike, where row
 MISSING = np.array([0.5, 3.0])  # rows that are missing
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
+LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
 
 
 def _timed(trial: Trial) -> bool:
@@ -200,4 +201,51 @@ DWELL = Effect(
     numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
     said=_hurried_said,
     alike=("dwell", "second_mode"),
+)
+
+
+def _warming(trial: Trial) -> bool:
+    """A log of a plate that warms, or cools, meanwhile."""
+    log = trial.log
+    timed = trial.resonant and trial.driven and log.temperature is not None and log.time is not None
+    if not timed or "lag" in trial.nuisances or len(log) < LEAST_ROWS or log.time[-1] == log.time[0]:
+        return False
+    return bool(np.ptp(log.temperature) > LEAST_WARMING) and (trial.whole is None or not trial.steady)
+
+
+def _duration(trial: Trial) -> float:
+    return float(trial.log.time[-1] - trial.log.time[0])
+
+
+def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between)."""
+    log = trial.log
+    stamps, first = np.unique(log.time, return_index=True)
+    rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps))
+    warmer = log.temperature + values[0] * _duration(trial) * rate
+    return replace(read_anew(trial, temperature=warmer), narrow=trial.narrow)
+
+
+def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
+    lag = found["lag_s"]
+    return Told(
+        f"the temperature that is recorded is {abs(lag.value):.3g} ± {lag.std:.1g} s"
+        f" {'behind' if lag.value > 0 else 'ahead of'} the plate's",
+        "warm it more slowly, or wait until it is constant",
+    )
+
+
+THERMOMETER_LAG = Effect(
+    name="thermometer_lag",
+    shows=_warming,
+    stds=lambda trial, about: np.array([LAGS[-1]]),
+    starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
+    applied=_lagged,
+    numbers=lambda trial, values, stds, about: {
+        "lag_s": number(values[0], stds[0], "s", _duration(trial)),
+    },
+    said=_lagged_said,
+    scope="bench",
+    known_as=("lag",),
+    alike=("lag", "drift", "background", "second_mode", "dwell", "duffing"),
 )

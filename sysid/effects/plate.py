@@ -1,5 +1,5 @@
-"""What a plate shows besides a single, linear resonance: it softens, something else moves with it, it
-overshoots."""
+"""What a plate shows besides a single, linear resonance: it softens, drifts, or heats itself, something else
+moves with it, it overshoots."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.effects.effect import SEEN, About, Effect, Told, number, read_anew
 from sysid.model.plant import SECOND
+from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
@@ -83,6 +84,74 @@ DUFFING = Effect(
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     alike=("duffing", "saturation", "second_mode", "drift", "background", "dwell"),
+)
+
+
+def _timed(trial: Trial) -> bool:
+    """A sweep or a transient whose rows are in the order in which they were recorded."""
+    whole = trial.whole is None or not trial.steady
+    return whole and (_sweep(trial) or _moving(trial)) and len(trial.log) >= LEAST_ROWS
+
+
+def _shifted(trial: Trial, shift: np.ndarray) -> Trial:
+    """The trial of a plate whose resonance is `shift` (n,) Hz above f0: a row shows what a plate that stays
+    shows by as much below."""
+    return replace(read_anew(trial, frequency=trial.log.frequency - shift), narrow=trial.narrow)
+
+
+def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
+    shift = found["shift_Hz"]
+    return Told(
+        f"its resonance drifts by {shift.value:+.3g} ± {shift.std:.1g} Hz from the first row to the last",
+        "f0 is that amid the log; record the temperature of every row, or wait until it is constant",
+    )
+
+
+F0_DRIFT = Effect(
+    name="f0_drift",
+    shows=_timed,
+    stds=lambda trial, about: np.array([SHIFTS[-1]]),
+    starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
+    applied=lambda trial, values, about: _shifted(trial, values[0] * about.span * (clock(trial.log) - 0.5)),
+    numbers=lambda trial, values, stds, about: {"shift_Hz": number(values[0], stds[0], "Hz", about.span)},
+    said=_drifted_said,
+    known_as=("drift",),
+    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
+)
+
+
+def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    power, time = np.abs(trial.log.response) ** 2, HEATED[1] * float(np.exp(values[1]))
+    return _shifted(trial, values[0] * about.span * warmed(clock(trial.log), power, time, 0.5 + values[2]))
+
+
+def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
+    shift, time = found["shift_Hz"], found["time_s"]
+    return Told(
+        f"its resonance drifts by up to {shift.value:+.3g} ± {shift.std:.1g} Hz as the plate heats itself,"
+        f" within about {time.value:.2g} s",
+        "f0 is that before; record the temperature of every row on the plate, or drive it less",
+    )
+
+
+SELF_HEATING = Effect(
+    name="self_heating",
+    shows=lambda trial: _timed(trial) and trial.log.time is not None,
+    stds=lambda trial, about: np.array([SHIFTS[-1], np.log(HEATED[2] / HEATED[1]), 0.5]),
+    starts=lambda trial, about: np.array(
+        [[x, np.log(t / HEATED[1]), 0.0] for t in HEATED for x in (*-SHIFTS[::2], *SHIFTS[::2])]
+    ),
+    applied=_heated,
+    numbers=lambda trial, values, stds, about: {
+        "shift_Hz": number(values[0], stds[0], "Hz", about.span),
+        "time_s": number(
+            float(np.exp(values[1])), float(np.exp(values[1])) * stds[1], "s", HEATED[1] * _lasted(trial)
+        ),
+    },
+    said=_heated_said,
+    known_as=("drift",),
+    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
+    makes_sense=lambda values, stds: bool(abs(values[0]) > SEEN * stds[0]),
 )
 
 

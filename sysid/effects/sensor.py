@@ -1,4 +1,5 @@
-"""What a recorder makes of a response: it is compressed at its largest, or lies on a sloping background."""
+"""What a sensor or its recorder makes of a response: it is compressed at its largest, or lies on a background
+or an offset that goes on."""
 
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from sysid.trials.trial import SLOPED, Trial
 from sysid.verdict.finding import Number
 
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
+LEAST_ROWS = 8
 
 
 def _compressed(power: int, each: bool) -> Effect:
@@ -73,15 +75,32 @@ SATURATIONS = tuple(
 )  # softly, and as a clip does
 
 
-def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    place = 2 * (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
-    more = (values[0] + 1j * values[1]) * about.top * place
+def _beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:
+    """The trial with a shape (n,) in phase and in quadrature, as shares of the largest response."""
+    more = (values[0] + 1j * values[1]) * about.top * shape
     return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
 
 
+def _shares(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    names = ("in_phase", "in_quadrature")[: trial.channels]
+    each = zip(names, values, stds, strict=False)
+    return {name: number(value, std, "of the largest response") for name, value, std in each}
+
+
+def _size(found: dict[str, Number]) -> tuple[float, float]:
+    """Percent of the largest response, and the error."""
+    each = np.array([(n.value, n.std) for n in found.values()])
+    value, std = 100 * np.hypot.reduce(each)
+    return float(value), float(std)
+
+
+def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    place = 2 * (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
+    return _beside(trial, values, about, place)
+
+
 def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
-    d, q = found["in_phase"], found["in_quadrature"]
-    change, error = 200 * float(np.hypot(d.value, q.value)), 200 * float(np.hypot(d.std, q.std))
+    change, error = (2 * x for x in _size(found))
     return Told(
         f"its background changes by {change:.2g} ± {error:.1g} % of the largest response from one end of its"
         " frequencies to the other",
@@ -103,10 +122,51 @@ SLOPE = Effect(
     stds=lambda trial, about: np.array([TAKEN[-1], TAKEN[-1]]),
     starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
     applied=_sloped,
-    numbers=lambda trial, values, stds, about: {
-        "in_phase": number(values[0], stds[0], "of the largest response"),
-        "in_quadrature": number(values[1], stds[1], "of the largest response"),
-    },
+    numbers=_shares,
     said=_sloped_said,
     alike=("offset", "background", "drift", "second_mode", "duffing", "late", "early", "astray"),
+)
+
+
+def _creeping(trial: Trial) -> bool:
+    """A transient of d and q, or of a signed output, whose offset is not known to stay."""
+    log, asked = trial.log, trial.nuisances
+    moving = not trial.steady and trial.signed and "offset" in asked and "baseline" not in asked
+    return moving and len(log) >= LEAST_ROWS and log.time[-1] > log.time[0]
+
+
+def _crept(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    time = trial.log.time
+    return _beside(trial, values, about, (time - time[0]) / (time[-1] - time[0]))
+
+
+def _crept_said(trial: Trial, found: dict[str, Number]) -> Told:
+    share, error = _size(found)
+    return Told(
+        f"its output offset drifts by {share:.2g} ± {error:.1g} % of the largest response from the first row"
+        " to the last",
+        "wait until it is constant, or record a shorter log",
+    )
+
+
+OFFSET_DRIFT = Effect(
+    name="offset_drift",
+    shows=_creeping,
+    stds=lambda trial, about: np.array([TAKEN[-1], TAKEN[-1]]),
+    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    applied=_crept,
+    numbers=_shares,
+    said=_crept_said,
+    known_as=("offset",),
+    alike=(
+        "offset",
+        "drift",
+        "late",
+        "early",
+        "rows_lost",
+        "astray",
+        "saturation",
+        "duffing",
+        "off_resonance",
+    ),
 )

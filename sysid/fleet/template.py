@@ -184,7 +184,8 @@ class Template:
         for p in np.flatnonzero(share.any(axis=0)).tolist():
             some = [(each[k][0], own[k][p], float(share[k, p])) for k in np.flatnonzero(share[:, p])]
             spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
-            said[p] = widest(some, FREE, self.views)
+            hint = widest(some, FREE, self.views)
+            said[p] = hint and hint.told(True)
         return spans, said
 
     def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.model.carry import accumulated
 from sysid.trials.extra import possible
+from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.trial import LEAST_WARMING
 from sysid.verdict.between import between
 from sysid.verdict.moments import moments
@@ -157,21 +158,21 @@ def _drift(i: int, view: View) -> Iterator[Term]:
     """A resonance that moves in proportion to the time, or to the heat that the plate has made since the
     first row."""
     c, log = view.course, view.trial.log
-    order = np.arange(len(log)) if log.time is None else log.time
-    heat = np.append(0.0, np.cumsum(np.diff(order) * np.abs(view.plate[1:]) ** 2))
-    warmed = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
+    order = clock(log)
+    heats = [warmed(order, np.abs(view.plate) ** 2, time) for time in HEATED]
+    told = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
     swept = float(np.ptp(log.frequency))  # Hz; moved by most of it, the resonance has left the sweep
-    for along, why in ((order - order[0], "drifts"), (heat, "drifts as the plate heats itself,")):
+    for along, why in ((order, "drifts"), *((heat, "drifts as the plate heats itself,") for heat in heats)):
         if np.ptp(along) == 0:
             continue
-        shape = view.along(2j * np.pi * along / np.ptp(along))
+        shape = view.along(2j * np.pi * along)
 
         def say(value: np.ndarray, _: View, why: str = why) -> str | None:
             if 2 * np.pi * c.tau * abs(value[0]) > ABSURD or (swept and abs(value[0]) > 0.5 * swept):
                 return None
             warm = (
                 "read its temperature in finer steps, on the plate"
-                if warmed
+                if told
                 else "record the temperature of every row"
             )
             return (
@@ -180,7 +181,7 @@ def _drift(i: int, view: View) -> Iterator[Term]:
                 " constant, or fit a drift (--effects=+drift)"
             )
 
-        unseen = HIDDEN.format(log.name) if along is heat and _slow_one_way(view) else ""
+        unseen = HIDDEN.format(log.name) if along is heats[-1] and _slow_one_way(view) else ""
         yield Term("drift", {i: shape[:, None]}, say, i, unseen=unseen)
 
 

@@ -51,11 +51,9 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     size = (
         float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
     )
-    rows = np.flatnonzero(trial.there)
     if trial.noise.rounded is not None:  # what rows share of it is known
         residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
-    rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
-    part, chance = _structure(residual[rows])
+    rows, part, chance = _most_shared(trial, residual)
     mostly = part > MOSTLY * float(np.std(trial.log.response))
     if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
@@ -110,10 +108,20 @@ def _where(trial: Trial, rows: np.ndarray, residual: np.ndarray) -> str:
 def shared(trial: Trial, model: np.ndarray) -> tuple[float, float]:
     """Power that neighbouring rows of a log share beside `model` (n,), and its significance in standard
     deviations of chance."""
-    rows = np.flatnonzero(trial.there)
-    rows = rows[np.argsort(trial.log.frequency[rows], kind="stable")] if trial.swept else rows
-    part, chance = _structure(trial.residual(trial.as_recorded(model))[rows])
+    _, part, chance = _most_shared(trial, trial.residual(trial.as_recorded(model)))
     return part**2, chance
+
+
+def _most_shared(trial: Trial, residual: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """The rows of a log in the order in which neighbours share most, and what they do, as `_structure`. What
+    a wrong plate leaves of a sweep goes with the frequency, what moves meanwhile with the order in which it
+    was recorded."""
+    rows = np.flatnonzero(trial.there)
+    orders = [rows]
+    if trial.swept:
+        orders = [rows[np.argsort(trial.log.frequency[rows], kind="stable")], rows]
+    each = [(rows, *_structure(residual[rows])) for rows in orders]
+    return max(each, key=lambda x: x[2])
 
 
 def _structure(residual: np.ndarray) -> tuple[float, float]:
