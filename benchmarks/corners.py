@@ -73,7 +73,9 @@ def held(c: dict[str, np.ndarray]) -> Hold:
     zeros = np.zeros((n, INTERVALS))
     own = np.broadcast_to(np.arange(INTERVALS, dtype=np.int32), (n, INTERVALS))
     inputs = c["duration"], c["drive"], 2 * np.pi * c["frequency"], -c["frequency"]
-    return Hold(*inputs, zeros, zeros, own, c["duration"], zeros, zeros + 0j, zeros, np.zeros(n))
+    return Hold(
+        *inputs, zeros, zeros, np.ones_like(zeros), own, c["duration"], zeros, zeros + 0j, zeros, np.zeros(n)
+    )
 
 
 def moving(p: Any, hold: Hold, both_modes: bool) -> Any:

@@ -95,11 +95,11 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
             effects=fitted,
         )
         anew = _concluded(again, minimiser.imaged([told.state]))
-        if anew.result is Result.successful:
+        if anew.result is Result.successful or _tells(anew, found):
             return again, anew
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
-    most = outcome.named if found.result is Result.misfit else None
+    most = outcome.named if outcome.surely or found.result is Result.misfit else None
     if most is not None:  # values beside it are nearer to the plate's than those without
         named, wider = (
             most.findings("refused", "which explains most of it"),
@@ -108,6 +108,12 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
     return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
+
+
+def _tells(fit: Fit, before: Fit) -> bool:
+    """Whether a fit, of logs that leave something open, determines what another did."""
+    known = (n for n, p in before.parameters.items() if p.determined)
+    return fit.result is Result.undetermined and all(fit.parameters[n].determined for n in known)
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:

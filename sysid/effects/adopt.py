@@ -38,11 +38,13 @@ TAKEN = 0.25
 @dataclass(frozen=True)
 class Outcome:
     """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
-    it explains most but not all; and which names, of the first order in which log, are `refuted`."""
+    it explains most but not all, or `surely`; and which names, of the first order in which log, are
+    `refuted`."""
 
     adopted: Description | None = None
     named: Description | None = None
     refuted: frozenset[tuple[str, int]] = field(default_factory=frozenset)
+    surely: bool = False
 
 
 def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Outcome:
@@ -62,14 +64,14 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
         wrong, ahead = misfitting(best.state, left), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
             rough = any(x.effect.rough for x in best.instances)
-            return Outcome(None, best, adoption.refuted(best)) if rough else Outcome(best)
+            return Outcome(None, best, adoption.refuted(best), True) if rough else Outcome(best)
         if not before and ahead and adoption.cause(best) and not _mistaken(best, left):
             named = best
         if not best.explains(state, 1 - TAKEN):
             break
         before, numbers = best.instances, best.numbers
         here = [x for x in each if (x not in before or x.effect.many) and _promises(x, left, wrong)]
-    return Outcome(None, named, adoption.refuted(named))
+    return Outcome(None, named, adoption.refuted(named), named is not None and named.explains(state))
 
 
 class _Adoption:
@@ -149,15 +151,10 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
 
 
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
-    """The logs that show what the plant alone does not describe."""
+    """The logs that show what the plant alone does not describe, or what may be slow noise."""
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
-    return {i for i in every if not state.trials[i].silent and _left(state, i)}.union(*shown)
-
-
-def _left(state: State, i: int) -> bool:
-    left = left_of(state, i)
-    return left is not None and not left.noise
+    return {i for i in every if not state.trials[i].silent and left_of(state, i) is not None}.union(*shown)
 
 
 def _mistaken(best: Description, left: Sequence[Found]) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.effects.effect import SEEN, About, Effect, Told, number, read_anew
 from sysid.model.plant import SECOND
+from sysid.rows.hold import cut
 from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
@@ -19,6 +20,8 @@ APART = 2.0 ** np.arange(
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as much as each of them drifts
 LEAST_ROWS = 8
+MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
+LEAST_DAMPED = 0.05  # of the damping: with none of it the plate would run away
 LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
 SLOWER = 2.0 ** np.arange(-1, 3)  # of tau, the root of what the second derivative counts
@@ -153,6 +156,63 @@ SELF_HEATING = Effect(
     alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
     makes_sense=lambda values, stds: bool(abs(values[0]) > SEEN * stds[0]),
 )
+
+
+def _amplitude_damped(power: int, moving: bool) -> Effect:
+    """A plate that is damped by 1 + c (|W|/W_max)^power, |W| as recorded: by friction within it (2), by air
+    that it stirs (1) (Baltanas et al., Am. J. Phys. 71, 2001, 2003). Of a transient (`moving`) the noise of
+    |W| adds up from row to row, which its errors do not hold."""
+
+    def shows(trial: Trial) -> bool:
+        if trial.steady:
+            return not moving and _sweep(trial)
+        return moving and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        inputs, size = trial.inputs, np.abs(trial.log.response) / about.top
+        between = size**power
+        if moving:  # from row to row it decays about as an exponential: Simpson's rule
+            (inputs, row), before = cut(inputs), np.append(size[:1], size[:-1])
+            between = ((before**power + 4 * (before * size) ** (power / 2) + size**power) / 6)[row]
+        damped = np.maximum(1 + values[0] * between, LEAST_DAMPED)
+        return replace(trial, inputs=inputs._replace(damped=damped))
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        more, at = found["more"], found["at"]
+        return Told(
+            f"the damping depends on the amplitude, by {100 * more.value:+.3g} ± {100 * more.std:.1g} % at"
+            f" {at.value:.2g} {trial.log.response_unit}",
+            "G and tau are those of a small one; record at a smaller drive",
+        )
+
+    return Effect(
+        name="amplitude_damping",
+        shows=shows,
+        stds=lambda trial, about: np.array([1.0]),
+        starts=lambda trial, about: MORE[:, None],
+        applied=applied,
+        numbers=lambda trial, values, stds, about: {
+            "more": number(values[0], stds[0], "of the damping"),
+            "at": number(about.top, 0.0, "of the response"),
+        },
+        said=said,
+        scope="plate",
+        rough=moving,
+        alike=(
+            "saturation",
+            "duffing",
+            "late",
+            "early",
+            "astray",
+            "second_mode",
+            "background",
+            "drift",
+            "rows_lost",
+        ),
+    )
+
+
+AMPLITUDE_DAMPING = tuple(_amplitude_damped(power, moving) for power in (1, 2) for moving in (False, True))
 
 
 def _second(trial: Trial, place: float, width: float, drift: float, about: About) -> np.ndarray:

@@ -2,7 +2,15 @@
 
 from sysid.effects.clock import DELAY, DWELL, FILTERS, ROWS_LOST, THERMOMETER_LAG
 from sysid.effects.effect import Effect
-from sysid.effects.plate import DUFFING, F0_DRIFT, FEEDTHROUGH, OVERSHOOT, SECOND_MODE, SELF_HEATING
+from sysid.effects.plate import (
+    AMPLITUDE_DAMPING,
+    DUFFING,
+    F0_DRIFT,
+    FEEDTHROUGH,
+    OVERSHOOT,
+    SECOND_MODE,
+    SELF_HEATING,
+)
 from sysid.effects.sensor import OFFSET_DRIFT, SATURATIONS, SLOPE
 from sysid.trials.trial import NUISANCES
 
@@ -13,6 +21,7 @@ EFFECTS: tuple[Effect, ...] = (
     *FILTERS,
     OVERSHOOT,
     DUFFING,
+    *AMPLITUDE_DAMPING,
     F0_DRIFT,
     SELF_HEATING,
     SECOND_MODE,

@@ -93,13 +93,13 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     arrays.
 
     theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the
-    added damping in units of the plate's own, and the shift of f0 in Hz). A finger divides tau and G by one
-    factor, and with G the drive.
+    added damping in units of the plate's own, and the shift of f0 in Hz). A finger, or what else damps,
+    divides tau and G by one factor, and with G the drive.
     """
     tau = jnp.exp(theta[1])
     detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
     if layout.touched:
-        damped = 1.0 + theta[4] * hold.contact
+        damped = hold.damped * (1.0 + theta[4] * hold.contact)
         detuning = detuning + 2 * jnp.pi * theta[5] * hold.contact
         tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
     if layout.steady:

@@ -14,12 +14,12 @@ class Hold(NamedTuple):
     """Inputs held from one change to the next, and where each row falls among them.
 
     (M,) per interval: `duration` s, `drive`, `omega` rad/s (NaN: at resonance), `offset` = reference - drive
-    frequency Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above. (N,) per
-    row: `interval` index, `elapsed` s since it began, `spread` s^2, the variance of the times that were
-    averaged into the row (0: a single sample). Settled points are intervals of their own. `turn` (M,) is
-    e^{-2j theta} where the interval begins, 0 where the carrier's phase is not known. `begun` (M,) is 1 where
-    the response has settled as the interval begins, which is the first. `smoothing` s, the time constant of a
-    pole of the lock-in's filter."""
+    frequency Hz, `warming` = temperature - reference degC, `contact` of a finger, 0 to 1 and above, `damped`
+    the factor by which the plate is damped besides. (N,) per row: `interval` index, `elapsed` s since it
+    began, `spread` s^2, the variance of the times that were averaged into the row (0: a single sample).
+    Settled points are intervals of their own. `turn` (M,) is e^{-2j theta} where the interval begins, 0 where
+    the carrier's phase is not known. `begun` (M,) is 1 where the response has settled as the interval begins,
+    which is the first. `smoothing` s, the time constant of a pole of the lock-in's filter."""
 
     duration: Leaf
     drive: Leaf
@@ -27,6 +27,7 @@ class Hold(NamedTuple):
     offset: Leaf
     warming: Leaf
     contact: Leaf
+    damped: Leaf
     interval: Leaf
     elapsed: Leaf
     spread: Leaf
@@ -138,7 +139,7 @@ def cut(hold: Hold) -> tuple[Hold, np.ndarray]:
     row = np.maximum(place - 1, 0)
     held = {
         name: getattr(hold, name)[of]
-        for name in ("drive", "omega", "offset", "warming", "contact", "turn", "begun")
+        for name in ("drive", "omega", "offset", "warming", "contact", "damped", "turn", "begun")
     }
     end = max(begin[-1] + hold.duration[-1], when[-1])
     finer = hold._replace(
@@ -174,4 +175,5 @@ def _offsets(inputs: Iterable[np.ndarray], reference: tuple[float, float]) -> di
         "offset": reference[0] - frequency,
         "warming": np.nan_to_num(temperature - reference[1]),
         "contact": np.nan_to_num(contact),
+        "damped": np.ones(len(drive)),
     }

@@ -54,8 +54,8 @@ class Course:
 
     @cached_property
     def damped(self) -> np.ndarray:
-        """(M,) factor by which a finger multiplies the damping."""
-        return 1 + self.theta[4] * self.hold.contact
+        """(M,) factor by which a finger, and what else damps, multiplies the damping."""
+        return self.hold.damped * (1 + self.theta[4] * self.hold.contact)
 
     @cached_property
     def detuning(self) -> np.ndarray:
@@ -215,7 +215,7 @@ class Course:
             self.damped / tau,
             turning,
             turning * hold.warming,
-            -hold.contact / tau,
+            -hold.damped * hold.contact / tau,
             turning * hold.contact,
         )
         found = np.zeros((len(self.forced), 1 + len(rates)), complex)

@@ -204,6 +204,11 @@ class Trial:
         return bool(np.any(self.inputs.contact))
 
     @cached_property
+    def slowed(self) -> bool:
+        """What damps the plate changes within the log, besides a finger."""
+        return bool(np.any(self.inputs.damped != 1))
+
+    @cached_property
     def signed(self) -> bool:
         """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)

@@ -151,7 +151,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         and (said := odd_one(question.minimiser, question.trials, best, gain))
     ):
         return Judged([Finding("odd", "refused", said)], [], [])
-    described = not wrong and not any(f.certain for f in found)
+    described = not (wrong or any(f.certain for f in found) or any(d.key == "noise" for d in doubts))
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
@@ -176,7 +176,7 @@ def retold(
     """The same after effects were tried in full: those `named` explain most of their logs, and what is
     `refuted` explains nothing, nor is it there where it harms nothing. `fingered`: what a finger does is
     fitted."""
-    if not judged.wrong:
+    if not (judged.wrong or named):
         out = {(name, state.trials[i].log.name) for name, i in refuted}
         return judged._replace(
             doubts=[d for d in judged.doubts if not out.intersection(product((d.key,), d.logs))]
@@ -186,6 +186,7 @@ def retold(
     if named:
         about = {name for f in named for name in f.logs}
         wrong = [*(w for w in wrong if w.logs and about.isdisjoint(w.logs)), *named]
+        doubts = [d for d in doubts if about.isdisjoint(d.logs)]
     return Judged(wrong, doubts, found)
 
 

@@ -57,13 +57,12 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     mostly = part > MOSTLY * float(np.std(trial.log.response))
     if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
-    if not (
-        sure or mostly or trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau)
-    ):
-        return None
+    even = not (trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau))
+    if even and not (sure or mostly) and max(p.time for p in trial.noise.parts) < state.tau:
+        return None  # faster than anything of the plate
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
-    if not (sure or smooth) and is_coloured_noise(trial, residual, model):
+    if not (sure or smooth) and ((even and not mostly) or is_coloured_noise(trial, residual, model)):
         return Left(
             f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False
         )
