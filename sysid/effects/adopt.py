@@ -27,7 +27,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.linear import Found
 from sysid.verdict.misfit import misfits
-from sysid.verdict.unexplained import left_of
+from sysid.verdict.unexplained import left_of, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
@@ -154,7 +154,8 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe, or what may be slow noise."""
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
-    return {i for i in every if not state.trials[i].silent and left_of(state, i) is not None}.union(*shown)
+    looked = {i for i in every if not state.trials[i].silent}
+    return {i for i in looked if slow(state.trials[i], state.tau) or left_of(state, i)}.union(*shown)
 
 
 def _mistaken(best: Description, left: Sequence[Found]) -> bool:

@@ -1,5 +1,5 @@
 """What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that
-was not waited for, a thermometer that is behind the plate."""
+was not waited for, a phase that falls along a sweep."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import numpy as np
 from sysid.effects.effect import About, Effect, Told, number, read_anew
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
-from sysid.trials.trial import LEAST_WARMING, Trial
+from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
@@ -24,7 +24,7 @@ PLACES = 16  # of a transient, between which the response moves alike, where row
 MISSING = np.array([0.5, 3.0])  # rows that are missing
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
-LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
+PHASES = np.array([0.1, 0.3, 1.0, 3.0, 6.0])  # rad from one end of a sweep to the other
 
 
 def _timed(trial: Trial) -> bool:
@@ -204,48 +204,36 @@ DWELL = Effect(
 )
 
 
-def _warming(trial: Trial) -> bool:
-    """A log of a plate that warms, or cools, meanwhile."""
-    log = trial.log
-    timed = trial.resonant and trial.driven and log.temperature is not None and log.time is not None
-    if not timed or "lag" in trial.nuisances or len(log) < LEAST_ROWS or log.time[-1] == log.time[0]:
-        return False
-    return bool(np.ptp(log.temperature) > LEAST_WARMING) and (trial.whole is None or not trial.steady)
-
-
-def _duration(trial: Trial) -> float:
-    return float(trial.log.time[-1] - trial.log.time[0])
-
-
-def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between)."""
-    log = trial.log
-    stamps, first = np.unique(log.time, return_index=True)
-    rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps))
-    warmer = log.temperature + values[0] * _duration(trial) * rate
-    return replace(read_anew(trial, temperature=warmer), narrow=trial.narrow)
-
-
-def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
-    lag = found["lag_s"]
-    return Told(
-        f"the temperature that is recorded is {abs(lag.value):.3g} ± {lag.std:.1g} s"
-        f" {'behind' if lag.value > 0 else 'ahead of'} the plate's",
-        "warm it more slowly, or wait until it is constant",
+def _unwound(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    place = (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
+    return replace(
+        trial, log=replace(trial.log, response=trial.log.response * np.exp(1j * values[0] * place))
     )
 
 
-THERMOMETER_LAG = Effect(
-    name="thermometer_lag",
-    shows=_warming,
-    stds=lambda trial, about: np.array([LAGS[-1]]),
-    starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
-    applied=_lagged,
+def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
+    delay = found["delay_s"]
+    return Told(
+        f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {delay.std:.1g} s",
+        "state delay_s",
+    )
+
+
+PHASE_DELAY = Effect(
+    name="phase_delay",
+    shows=lambda trial: (
+        trial.swept
+        and np.iscomplexobj(trial.log.response)
+        and len(trial.log) >= LEAST_ROWS
+        and "delay_s" not in trial.log.bench
+    ),
+    stds=lambda trial, about: np.array([PHASES[-1]]),
+    starts=lambda trial, about: np.concatenate([-PHASES, PHASES])[:, None],
+    applied=_unwound,
     numbers=lambda trial, values, stds, about: {
-        "lag_s": number(values[0], stds[0], "s", _duration(trial)),
+        "delay_s": number(values[0], stds[0], "s", 1 / (2 * np.pi * float(np.ptp(trial.log.frequency))))
     },
-    said=_lagged_said,
+    said=_unwound_said,
     scope="bench",
-    known_as=("lag",),
-    alike=("lag", "drift", "background", "second_mode", "dwell", "duffing"),
+    alike=("phase_delay", "background", "second_mode", "duffing", "dwell", "drift"),
 )

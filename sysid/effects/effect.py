@@ -17,6 +17,7 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
 from sysid.verdict.finding import Number
 
+LEAST_ROWS = 8  # of a log that can show more than a plate
 WIDE = 8.0  # half bandwidths, as of a usual sweep, where none is wider
 SEEN = 3.0  # standard deviations from zero
 
@@ -111,3 +112,49 @@ def read_anew(trial: Trial, **changed: Any) -> Trial:
     log = replace(trial.log, **changed)
     new = Trial.of(log, "transient" if changed.get("kind") == "transient" else trial.kind, trial.nuisances)
     return with_noise(new, trial.noise.std, 0.0)
+
+
+def sweep(trial: Trial) -> bool:
+    """Settled points of a sweep, each of them driven."""
+    return (
+        trial.swept
+        and trial.driven
+        and len(trial.log) >= LEAST_ROWS
+        and bool(np.all(trial.inputs.drive != 0))
+    )
+
+
+def sweep_or_moving(trial: Trial) -> bool:
+    """A sweep, or d and q of a transient whose inputs change."""
+    return sweep(trial) or moving(trial)
+
+
+def moving(trial: Trial) -> bool:
+    """d and q of a transient at a recorded frequency, whose inputs change."""
+    moved = not trial.steady and trial.resonant and trial.signed and trial.driven and trial.changes > 0
+    return moved and trial.log.theta is None
+
+
+def lasted(trial: Trial) -> float:
+    """s, from the first row to the last."""
+    return float(trial.log.time[-1] - trial.log.time[0])
+
+
+def beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:
+    """The trial with a shape (n,) in phase and in quadrature, as shares of the largest response."""
+    more = (values[0] + 1j * values[1]) * about.top * shape
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+
+
+def shares(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    """The two numbers of `beside`; the first alone of a real log."""
+    names = ("in_phase", "in_quadrature")[: trial.channels]
+    each = zip(names, values, stds, strict=False)
+    return {name: number(value, std, "of the largest response") for name, value, std in each}
+
+
+def size(found: dict[str, Number]) -> tuple[float, float]:
+    """Of such shares together, in percent, with its error."""
+    each = np.array([(n.value, n.std) for n in found.values()])
+    value, std = 100 * np.hypot.reduce(each)
+    return float(value), float(std)

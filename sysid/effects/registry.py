@@ -1,27 +1,27 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
-from sysid.effects.clock import DELAY, DWELL, FILTERS, ROWS_LOST, THERMOMETER_LAG
+from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SLOPE
+from sysid.effects.clock import DELAY, DWELL, FILTERS, PHASE_DELAY, ROWS_LOST
+from sysid.effects.drift import F0_DRIFT, OFFSET_DRIFT, SELF_HEATING, THERMOMETER_LAG
+from sysid.effects.drive import DEAD_BAND, POWER
 from sysid.effects.effect import Effect
-from sysid.effects.plate import (
-    AMPLITUDE_DAMPING,
-    DUFFING,
-    F0_DRIFT,
-    FEEDTHROUGH,
-    OVERSHOOT,
-    SECOND_MODE,
-    SELF_HEATING,
-)
-from sysid.effects.sensor import OFFSET_DRIFT, SATURATIONS, SLOPE
+from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT
+from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.trials.trial import NUISANCES
 
 EFFECTS: tuple[Effect, ...] = (
     *SATURATIONS,
+    IMAGE,
+    AC_COUPLING,
     *ROWS_LOST,
     DELAY,
     *FILTERS,
     OVERSHOOT,
     DUFFING,
     *AMPLITUDE_DAMPING,
+    ASYMMETRIC,
+    POWER,
+    DEAD_BAND,
     F0_DRIFT,
     SELF_HEATING,
     SECOND_MODE,
@@ -29,6 +29,7 @@ EFFECTS: tuple[Effect, ...] = (
     SLOPE,
     OFFSET_DRIFT,
     DWELL,
+    PHASE_DELAY,
     THERMOMETER_LAG,
 )
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for

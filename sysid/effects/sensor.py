@@ -1,16 +1,16 @@
-"""What a sensor or its recorder makes of a response: it is compressed at its largest, or lies on a background
-or an offset that goes on."""
+"""What a sensor or its recorder makes of a response: it compresses it, mirrors a part of it, or forgets what
+stays."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import SEEN, About, Effect, Told, number
-from sysid.trials.trial import SLOPED, Trial
+from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, number, shares, size
+from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
+FORGOTTEN = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # time constants of a high-pass in a log
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
-LEAST_ROWS = 8
 
 
 def _compressed(power: int, each: bool) -> Effect:
@@ -75,98 +75,92 @@ SATURATIONS = tuple(
 )  # softly, and as a clip does
 
 
-def _beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:
-    """The trial with a shape (n,) in phase and in quadrature, as shares of the largest response."""
-    more = (values[0] + 1j * values[1]) * about.top * shape
-    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+def _mirrored(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """W of y = W + c conj W, what channels show whose gains, or angles, are not alike."""
+    y, c = trial.log.response, values[0] + 1j * values[1]
+    return replace(trial, log=replace(trial.log, response=(y - c * np.conj(y)) / (1 - abs(c) ** 2)))
 
 
-def _shares(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-    names = ("in_phase", "in_quadrature")[: trial.channels]
-    each = zip(names, values, stds, strict=False)
-    return {name: number(value, std, "of the largest response") for name, value, std in each}
-
-
-def _size(found: dict[str, Number]) -> tuple[float, float]:
-    """Percent of the largest response, and the error."""
-    each = np.array([(n.value, n.std) for n in found.values()])
-    value, std = 100 * np.hypot.reduce(each)
-    return float(value), float(std)
-
-
-def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    place = 2 * (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
-    return _beside(trial, values, about, place)
-
-
-def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
-    change, error = (2 * x for x in _size(found))
+def _mirrored_said(trial: Trial, found: dict[str, Number]) -> Told:
+    share, error = size(found)
     return Told(
-        f"its background changes by {change:.2g} ± {error:.1g} % of the largest response from one end of its"
-        " frequencies to the other",
-        "of what else the drive reaches, or of an output offset that drifts; sweep back as well",
+        f"d and q are not alike: {share:.2g} ± {error:.1g} % of the response is mirrored, as by channels"
+        " whose gains differ by twice as much or that are not at right angles",
+        "calibrate the channels against each other",
     )
 
 
-# Of settled points a slope is one of the bench's columns. What is in the plate's frame is turned with it.
-SLOPE = Effect(
-    name="slope",
-    shows=lambda trial: (
-        not trial.steady
-        and trial.signed
-        and trial.resonant
-        and trial.driven
-        and "background" in trial.nuisances
-        and len(np.unique(trial.log.frequency)) >= SLOPED
-    ),
-    stds=lambda trial, about: np.array([TAKEN[-1], TAKEN[-1]]),
+IMAGE = Effect(
+    name="image",
+    shows=lambda trial: np.iscomplexobj(trial.log.response),
+    stds=lambda trial, about: np.array([TAKEN[1], TAKEN[1]]),
     starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
-    applied=_sloped,
-    numbers=_shares,
-    said=_sloped_said,
-    alike=("offset", "background", "drift", "second_mode", "duffing", "late", "early", "astray"),
+    applied=_mirrored,
+    numbers=shares,
+    said=_mirrored_said,
+    scope="bench",
+    alike=(
+        "second_mode",
+        "background",
+        "duffing",
+        "saturation",
+        "late",
+        "early",
+        "drift",
+        "dwell",
+        "phase_delay",
+    ),
 )
 
 
-def _creeping(trial: Trial) -> bool:
-    """A transient of d and q, or of a signed output, whose offset is not known to stay."""
-    log, asked = trial.log, trial.nuisances
-    moving = not trial.steady and trial.signed and "offset" in asked and "baseline" not in asked
-    return moving and len(log) >= LEAST_ROWS and log.time[-1] > log.time[0]
+def _coupled(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """W of dy/dt = dW/dt - y/T: y and its integral over T."""
+    log, rate = trial.log, max(float(values[0]), 0.0) / lasted(trial)
+    steps = 0.5 * np.diff(log.time) * (log.response[1:] + log.response[:-1])
+    return replace(trial, log=replace(log, response=log.response + rate * np.append(0.0, np.cumsum(steps))))
 
 
-def _crept(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    time = trial.log.time
-    return _beside(trial, values, about, (time - time[0]) / (time[-1] - time[0]))
-
-
-def _crept_said(trial: Trial, found: dict[str, Number]) -> Told:
-    share, error = _size(found)
+def _coupled_said(trial: Trial, found: dict[str, Number]) -> Told:
+    time = found["time_s"]
     return Told(
-        f"its output offset drifts by {share:.2g} ± {error:.1g} % of the largest response from the first row"
-        " to the last",
-        "wait until it is constant, or record a shorter log",
+        f"what stays dies away behind its sensor, within {time.value:.3g} ± {time.std:.1g} s, as behind a"
+        " high-pass (AC coupling)",
+        "couple the sensor to DC",
     )
 
 
-OFFSET_DRIFT = Effect(
-    name="offset_drift",
-    shows=_creeping,
-    stds=lambda trial, about: np.array([TAKEN[-1], TAKEN[-1]]),
-    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
-    applied=_crept,
-    numbers=_shares,
-    said=_crept_said,
+def _coupled_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time = lasted(trial) / max(float(values[0]), 1e-300)
+    return {"time_s": number(time, time * stds[0] / max(float(values[0]), 1e-300), "s")}
+
+
+AC_COUPLING = Effect(
+    name="ac_coupling",
+    shows=lambda trial: (
+        not trial.steady
+        and trial.signed
+        and trial.driven
+        and len(trial.log) >= LEAST_ROWS
+        and lasted(trial) > 0
+    ),
+    stds=lambda trial, about: np.array([FORGOTTEN[-1]]),
+    starts=lambda trial, about: FORGOTTEN[:, None],
+    applied=_coupled,
+    numbers=_coupled_numbers,
+    said=_coupled_said,
+    scope="bench",
     known_as=("offset",),
     alike=(
         "offset",
         "drift",
         "late",
         "early",
-        "rows_lost",
         "astray",
         "saturation",
-        "duffing",
         "off_resonance",
+        "rows_lost",
+        "duffing",
+        "gain",
     ),
+    makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
 )

@@ -22,7 +22,7 @@ from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.odd import odd_one
 from sysid.verdict.result import Result
-from sysid.verdict.unexplained import left_of
+from sysid.verdict.unexplained import left_of, slow
 
 BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
 NEARLY = 3.0  # log-likelihood within which two explanations of one misfit are both named
@@ -151,7 +151,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         and (said := odd_one(question.minimiser, question.trials, best, gain))
     ):
         return Judged([Finding("odd", "refused", said)], [], [])
-    described = not (wrong or any(f.certain for f in found) or any(d.key == "noise" for d in doubts))
+    described = not (wrong or any(f.certain for f in found) or any(slow(t, best.tau) for t in best.trials))
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):

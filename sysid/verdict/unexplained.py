@@ -58,7 +58,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
     even = not (trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau))
-    if even and not (sure or mostly) and max(p.time for p in trial.noise.parts) < state.tau:
+    if even and not (sure or mostly or slow(trial, state.tau)):
         return None  # faster than anything of the plate
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
@@ -68,6 +68,12 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
         )
     where = _where(trial, rows, residual[rows])
     return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
+
+
+def slow(trial: Trial, tau: float) -> bool:
+    """Whether what was taken for noise of a log lasts as long as what a wrong plate leaves: as tau in a
+    transient, from row to row of a sweep."""
+    return trial.noise.coloured and (trial.steady or max(p.time for p in trial.noise.parts) >= tau)
 
 
 def least_that_matters(state: State) -> float:

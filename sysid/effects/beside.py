@@ -1,0 +1,181 @@
+"""What is seen beside the resonance: another mode, a feedthrough of the drive, a sloping background."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.effects.effect import (
+    LEAST_ROWS,
+    SEEN,
+    About,
+    Effect,
+    Told,
+    beside,
+    number,
+    shares,
+    size,
+    sweep,
+    sweep_or_moving,
+)
+from sysid.trials.perturbed import Course
+from sysid.trials.trial import SLOPED, Trial
+from sysid.verdict.finding import Number
+
+APART = 2.0 ** np.arange(
+    0, 5
+)  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
+TURNS = np.exp(0.5j * np.pi * np.arange(4))
+DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as much as each of them drifts
+# Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
+# are in phase.
+CAPACITIVE, RESISTIVE = 0.3, 0.05
+SLOPING = 0.5  # of the largest response
+
+
+def _second(trial: Trial, place: float, width: float, drift: float, about: About) -> np.ndarray:
+    """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, which each
+    degC takes `drift` half bandwidths farther above it; from rest, of size one where the largest drive of the
+    logs holds it at its resonance; of a decay, of size one at its first row."""
+    place, drift = place * about.half_bandwidth, drift * about.half_bandwidth
+    theta = about.theta + np.array([0.0, width, place, drift, 0.0, 0.0])
+    theta[0] = -np.log(about.drive)
+    course = Course.of(trial, about.reference, theta)
+    return course.forced if trial.driven else course.free
+
+
+def _resonates(trial: Trial) -> bool:
+    """A sweep, or d and q of a transient at a recorded frequency, also of a decay."""
+    decays = (
+        not (trial.steady or trial.driven)
+        and trial.signed
+        and trial.resonant
+        and len(trial.log) >= LEAST_ROWS
+    )
+    return sweep_or_moving(trial) or (decays and trial.log.theta is None)
+
+
+def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
+    apart = found["apart_Hz"]
+    side = "above" if apart.value > 0 else "below"
+    return Told(
+        f"a second resonance, {abs(apart.value):.4g} ± {apart.std:.1g} Hz {side} the first and of"
+        f" {100 * found['size'].value:.2g} % of its response",
+        "a controller of the first alone does not know it: keep it away from there",
+    )
+
+
+def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:4]))
+    return {
+        "apart_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
+        "tau_s": number(time, time * stds[1], "s"),
+        "size": number(size, np.max(stds[2:4]), "of the largest response"),
+    } | (
+        {"drift": number(values[4], stds[4], "Hz/degC", about.half_bandwidth)}
+        if stds[4] < 0.5 * DRIFTS
+        else {}
+    )
+
+
+def _second_starts(trial: Trial, about: About) -> np.ndarray:
+    """Places to both sides, from no size at all: d and q are linear in a mode of given place and width, so
+    that one step leads to its size. Amplitudes are not: what turns them by a right angle shows only once it
+    is there."""
+    sizes = [0j] if trial.signed else list(0.5 * TURNS)
+    return np.array([[way * x, 0.0, z.real, z.imag, 0.0] for x in APART for way in (-1, 1) for z in sizes])
+
+
+def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
+    """Whether it stands where another mode can, and has a size."""
+    return bool(abs(values[0]) >= APART[0] > stds[0] and np.hypot(*values[2:4]) > SEEN * np.max(stds[2:4]))
+
+
+def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    size = (values[2] + 1j * values[3]) * about.top
+    more = size * _second(trial, values[0], values[1], values[4], about)
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+
+
+SECOND_MODE = Effect(
+    name="second_mode",
+    shows=_resonates,
+    stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0, DRIFTS]),
+    starts=_second_starts,
+    applied=_second_beside,
+    numbers=_second_numbers,
+    said=_second_said,
+    many=True,
+    scope="bench",
+    alike=("second_mode", "background", "duffing", "drift", "dwell"),
+    makes_sense=_seems_a_mode,
+)
+
+
+def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    drive = trial.inputs.drive[trial.inputs.interval]
+    more = (values[0] + 1j * values[1]) * about.top * drive / np.max(np.abs(drive))
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+
+
+def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
+    in_phase, across = found["in_phase"], found["in_quadrature"]
+    share, error = (
+        100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std))
+    )
+    return Told(
+        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest"
+        f" response",
+        "of a capacitance in parallel, or of a resonance outside of the sweep; record wd and wq, or both"
+        " parts of the admittance",
+    )
+
+
+FEEDTHROUGH = Effect(
+    name="feedthrough",
+    shows=lambda trial: sweep(trial) and not trial.signed and "background" in trial.nuisances,
+    stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
+    starts=lambda trial, about: np.array(
+        [[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]
+    ),
+    applied=_fed_through,
+    numbers=lambda trial, values, stds, about: {
+        "in_phase": number(values[0], stds[0], "of the largest response"),
+        "in_quadrature": number(values[1], stds[1], "of the largest response"),
+    },
+    said=_fed_said,
+    alike=("second_mode", "background", "duffing", "drift", "offset", "saturation"),
+)
+
+
+def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    place = 2 * (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
+    return beside(trial, values, about, place)
+
+
+def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
+    change, error = (2 * x for x in size(found))
+    return Told(
+        f"its background changes by {change:.2g} ± {error:.1g} % of the largest response from one end of its"
+        " frequencies to the other",
+        "of what else the drive reaches, or of an output offset that drifts; sweep back as well",
+    )
+
+
+# Of settled points a slope is one of the bench's columns. What is in the plate's frame is turned with it.
+SLOPE = Effect(
+    name="slope",
+    shows=lambda trial: (
+        not trial.steady
+        and trial.signed
+        and trial.resonant
+        and trial.driven
+        and "background" in trial.nuisances
+        and len(np.unique(trial.log.frequency)) >= SLOPED
+    ),
+    stds=lambda trial, about: np.array([SLOPING, SLOPING]),
+    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    applied=_sloped,
+    numbers=shares,
+    said=_sloped_said,
+    alike=("offset", "background", "drift", "second_mode", "duffing", "late", "early", "astray"),
+)

@@ -1,0 +1,184 @@
+"""What drifts while a log is recorded: the resonance with the time or by the plate's own heat, a thermometer
+behind its plate, an output offset."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sysid.effects.effect import (
+    LEAST_ROWS,
+    SEEN,
+    About,
+    Effect,
+    Told,
+    beside,
+    lasted,
+    moving,
+    number,
+    read_anew,
+    shares,
+    size,
+    sweep,
+)
+from sysid.trials.heat import HEATED, clock, warmed
+from sysid.trials.trial import LEAST_WARMING, Trial
+from sysid.verdict.finding import Number
+
+SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left it
+LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
+CREPT = 0.5  # of the largest response
+
+
+def _timed(trial: Trial) -> bool:
+    """A sweep or a transient whose rows are in the order in which they were recorded."""
+    whole = trial.whole is None or not trial.steady
+    return whole and (sweep(trial) or moving(trial)) and len(trial.log) >= LEAST_ROWS
+
+
+def _shifted(trial: Trial, shift: np.ndarray) -> Trial:
+    """The trial of a plate whose resonance is `shift` (n,) Hz above f0: a row shows what a plate that stays
+    shows by as much below."""
+    return replace(read_anew(trial, frequency=trial.log.frequency - shift), narrow=trial.narrow)
+
+
+def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
+    shift = found["shift_Hz"]
+    return Told(
+        f"its resonance drifts by {shift.value:+.3g} ± {shift.std:.1g} Hz from the first row to the last",
+        "f0 is that amid the log; record the temperature of every row, or wait until it is constant",
+    )
+
+
+F0_DRIFT = Effect(
+    name="f0_drift",
+    shows=_timed,
+    stds=lambda trial, about: np.array([SHIFTS[-1]]),
+    starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
+    applied=lambda trial, values, about: _shifted(trial, values[0] * about.span * (clock(trial.log) - 0.5)),
+    numbers=lambda trial, values, stds, about: {"shift_Hz": number(values[0], stds[0], "Hz", about.span)},
+    said=_drifted_said,
+    known_as=("drift",),
+    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
+)
+
+
+def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    power, time = np.abs(trial.log.response) ** 2, HEATED[1] * float(np.exp(values[1]))
+    return _shifted(trial, values[0] * about.span * warmed(clock(trial.log), power, time, 0.5 + values[2]))
+
+
+def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
+    shift, time = found["shift_Hz"], found["time_s"]
+    return Told(
+        f"its resonance drifts by up to {shift.value:+.3g} ± {shift.std:.1g} Hz as the plate heats itself,"
+        f" within about {time.value:.2g} s",
+        "f0 is that before; record the temperature of every row on the plate, or drive it less",
+    )
+
+
+SELF_HEATING = Effect(
+    name="self_heating",
+    shows=lambda trial: _timed(trial) and trial.log.time is not None,
+    stds=lambda trial, about: np.array([SHIFTS[-1], np.log(HEATED[2] / HEATED[1]), 0.5]),
+    starts=lambda trial, about: np.array(
+        [[x, np.log(t / HEATED[1]), 0.0] for t in HEATED for x in (*-SHIFTS[::2], *SHIFTS[::2])]
+    ),
+    applied=_heated,
+    numbers=lambda trial, values, stds, about: {
+        "shift_Hz": number(values[0], stds[0], "Hz", about.span),
+        "time_s": number(
+            float(np.exp(values[1])), float(np.exp(values[1])) * stds[1], "s", HEATED[1] * lasted(trial)
+        ),
+    },
+    said=_heated_said,
+    known_as=("drift",),
+    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
+    makes_sense=lambda values, stds: bool(abs(values[0]) > SEEN * stds[0]),
+)
+
+
+def _warming(trial: Trial) -> bool:
+    """A log of a plate that warms, or cools, meanwhile."""
+    log = trial.log
+    timed = trial.resonant and trial.driven and log.temperature is not None and log.time is not None
+    if not timed or "lag" in trial.nuisances or len(log) < LEAST_ROWS or log.time[-1] == log.time[0]:
+        return False
+    return bool(np.ptp(log.temperature) > LEAST_WARMING) and (trial.whole is None or not trial.steady)
+
+
+def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between)."""
+    log = trial.log
+    stamps, first = np.unique(log.time, return_index=True)
+    rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps))
+    warmer = log.temperature + values[0] * lasted(trial) * rate
+    return replace(read_anew(trial, temperature=warmer), narrow=trial.narrow)
+
+
+def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
+    lag = found["lag_s"]
+    return Told(
+        f"the temperature that is recorded is {abs(lag.value):.3g} ± {lag.std:.1g} s"
+        f" {'behind' if lag.value > 0 else 'ahead of'} the plate's",
+        "warm it more slowly, or wait until it is constant",
+    )
+
+
+THERMOMETER_LAG = Effect(
+    name="thermometer_lag",
+    shows=_warming,
+    stds=lambda trial, about: np.array([LAGS[-1]]),
+    starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
+    applied=_lagged,
+    numbers=lambda trial, values, stds, about: {
+        "lag_s": number(values[0], stds[0], "s", lasted(trial)),
+    },
+    said=_lagged_said,
+    scope="bench",
+    known_as=("lag",),
+    alike=("lag", "drift", "background", "second_mode", "dwell", "duffing"),
+)
+
+
+def _creeping(trial: Trial) -> bool:
+    """A transient of d and q, or of a signed output, whose offset is not known to stay."""
+    log, asked = trial.log, trial.nuisances
+    moving = not trial.steady and trial.signed and "offset" in asked and "baseline" not in asked
+    return moving and len(log) >= LEAST_ROWS and log.time[-1] > log.time[0]
+
+
+def _crept(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    time = trial.log.time
+    return beside(trial, values, about, (time - time[0]) / (time[-1] - time[0]))
+
+
+def _crept_said(trial: Trial, found: dict[str, Number]) -> Told:
+    share, error = size(found)
+    return Told(
+        f"its output offset drifts by {share:.2g} ± {error:.1g} % of the largest response from the first row"
+        " to the last",
+        "wait until it is constant, or record a shorter log",
+    )
+
+
+OFFSET_DRIFT = Effect(
+    name="offset_drift",
+    shows=_creeping,
+    stds=lambda trial, about: np.array([CREPT, CREPT]),
+    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    applied=_crept,
+    numbers=shares,
+    said=_crept_said,
+    known_as=("offset",),
+    alike=(
+        "offset",
+        "drift",
+        "late",
+        "early",
+        "rows_lost",
+        "astray",
+        "saturation",
+        "duffing",
+        "off_resonance",
+    ),
+)
