@@ -16,6 +16,7 @@ from controller.pi import within
 from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
 from controller.source import begun as first
+from controller.tracker import cooled, warmed
 
 
 class AdaptiveState(NamedTuple):
@@ -51,9 +52,8 @@ class Adaptive(NamedTuple):
     start: float
     K: float
     keep: tuple[float, float]
-    delay: tuple[float, ...] = (
-        0.0,
-    )  # one zero for each sample of latency: what is on its way at the beginning
+    # one zero for each sample of latency: what is on its way at the beginning
+    delay: tuple[float, ...] = (0.0,)
     late: tuple[float, ...] = ()
     between: float = 0.0
     lowest_voltage: float = -NO_LIMIT
@@ -82,11 +82,7 @@ class Adaptive(NamedTuple):
 
     def learned(self, state: AdaptiveState) -> Any:
         """The resonance, Hz above the start, at the temperature of the start."""
-        return (
-            state.resonance
-            if self.k_T is None
-            else state.resonance - self.k_T * (state.temperature - self.temperature)
-        )
+        return cooled(self, state.resonance, state.temperature)
 
     def step(
         self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
@@ -101,7 +97,7 @@ class Adaptive(NamedTuple):
         """
         there = seen(reference, W, xp)
         d, q, damping, resonance = self._observed(state, there, reference, W, xp)
-        resonance, temperature = self._warmed(state, resonance, temperature, xp)
+        resonance, temperature = warmed(self, resonance, state.temperature, temperature, xp)
         resonance = clip(resonance, self.lowest - self.start, self.highest - self.start, xp)
         frequency = self._frequency(state, resonance, xp)
         frequency = frequency if frozen is None else xp.where(frozen, state.frequencies[0], frequency)
@@ -145,12 +141,6 @@ class Adaptive(NamedTuple):
             e_q * d - e_d * q
         )
         return d, q, damping, resonance
-
-    def _warmed(self, state: AdaptiveState, resonance: Any, temperature: Any, xp: Any) -> tuple[Any, Any]:
-        if self.k_T is None or temperature is None:
-            return resonance, state.temperature
-        known = xp.where(xp.isfinite(temperature), temperature, state.temperature)
-        return resonance + self.k_T * (known - state.temperature), known
 
     def _moved(self, Z: tuple[Any, Any], damping: Any, offset: Any, voltage: Any) -> tuple[Any, Any]:
         """Z one sample later: Z + (a Z + b T V)(1 + a/2 + a^2/6), a = lambda T: exact to a^4/24."""

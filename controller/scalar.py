@@ -38,6 +38,21 @@ def clip(x: Any, low: Any, high: Any, xp: Any) -> Any:
     return xp.where(x < low, low, x)
 
 
+def beyond(x: Any, most: Any) -> Any:
+    """Whether x is above `most` or below -`most`."""
+    return (x > most) | (x < -most)
+
+
+def counted(condition: Any, count: Any, xp: Any) -> Any:
+    """Samples for which a condition has held, this one included."""
+    return xp.where(condition, count + 1.0, 0.0)
+
+
+def magnitude(x: Any, xp: Any) -> Any:
+    """|x|."""
+    return xp.where(x < 0.0, -x, x)
+
+
 def seen(reference: Any, W: Any, xp: Any) -> Any:
     """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose
     fourth power overflows is none either: nothing that is computed from it would be finite."""
