@@ -69,9 +69,24 @@ class Loop(Shown):
     logs: tuple[str, ...] = ()  # sha256
 
     def _brief(self) -> Any:
-        from controller.shown import of_loop
+        """What it is made for, and what it promises."""
+        from sysid.report.brief import Brief
+        from sysid.report.text import seconds
 
-        return of_loop(self)
+        promise, limit, unit = self.promise, self.limits.voltage, self.response_unit or ""
+        plate = "" if self.plate is None else f" for the plate {self.plate}"
+        head = f"Loop: {self.method}{plate}, a sample every {seconds(self.sample_time)}"
+        settling = seconds(promise.settling) if math.isfinite(promise.settling) else "none, as a note says"
+        margins = f"gain {promise.gain:.3g}, phase {promise.phase:.3g} deg, disk {promise.disk:.3g}"
+        f0 = "not known: no tracker" if self.f0 is None else f"{self.f0:.8g} Hz"
+        rows = (
+            ("plate", f"G {self.G:.6g}, tau {seconds(self.tau)}, f0 {f0}"),
+            ("closed loop", f"{self.bandwidth_hz:.4g} Hz, by {self.bandwidth_bound}"),
+            ("settling to 5 %", f"{settling}, to {self.amplitude:.4g} {unit}".rstrip()),
+            ("margins", margins),
+            ("voltage limit", "none" if limit is None else f"{limit:.4g} {self.drive_unit or ''}".rstrip()),
+        )
+        return Brief(head, ("", "kept by 99 % of the plants"), rows, self.notes[:3])
 
     def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
         """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 from controller import scalar
 from controller.dq import Command
 from controller.guard import CODES
-from controller.scalar import NO_LIMIT, clip, either, seen
+from controller.scalar import NO_LIMIT, beyond, clip, counted, either, magnitude, seen
 
 OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
 MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
@@ -219,7 +219,7 @@ class Machine(NamedTuple):
         soft = xp.where(risen > wanted, wanted, risen)
         low = xp.where(state.mode == SOFT, soft, find)
         asked = xp.where(state.mode > SOFT, wanted, low)
-        return xp.where(opened, xp.where(drives < 0.0, -drives, drives), asked)
+        return xp.where(opened, magnitude(drives, xp), asked)
 
     def _stated(self, state: MachineState, held: Held, xp: Any) -> tuple[tuple[Any, Any], Any]:
         """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far
@@ -248,7 +248,7 @@ class Machine(NamedTuple):
         near = state.counts.near
         near = xp.where(close & suits, near + 1.0, xp.where((was == FIND) & (near > 0.0), near - 1.0, 0.0))
         waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
-        waited = xp.where(waits, state.counts.waited + 1.0, 0.0)
+        waited = counted(waits, state.counts.waited, xp)
         off, follow = self._off(state, held, means, xp)
         swung, since, side = self._swung(state, means, voltage, most, xp)
         found = xp.where(swung >= self.swings, CODES["oscillates"], 0.0)
@@ -275,9 +275,8 @@ class Machine(NamedTuple):
     def _off(self, state: MachineState, held: Held, means: Means, xp: Any) -> tuple[Any, Any]:
         """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate
         needs for it, less those for which both were right; and the fault that this is."""
-        slip, room, turned = means.asked - means.d, NEAR * means.asked, self.beside[2] * means.d
-        beside = ((means.q > turned) | (means.q < -turned)) & (held.task == 0.0)
-        slips = (slip > room) | (slip < -room) | beside
+        beside = beyond(means.q, self.beside[2] * means.d) & (held.task == 0.0)
+        slips = beyond(means.asked - means.d, NEAR * means.asked) | beside
         makes = self.gain * means.voltage
         odd = (makes < self.fits[0] * means.d) | ((makes > self.fits[2] * means.d) & (held.task == 0.0))
         judged = (state.mode == RUN) & (means.asked > self.find)

@@ -156,16 +156,14 @@ def linearised(
 
         return differences(step, (np.zeros(1),), np.ones(1, complex), 1e-3)
     free = control._replace(lowest_voltage=-NO_LIMIT, highest_voltage=NO_LIMIT, slew=NO_LIMIT)
-    one, zero = np.ones_like(damping), np.zeros_like(damping)
+    one = np.ones_like(damping)
     sent = len(control.delay) + 1
 
     def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
         """One step of the observer and its law, without limits."""
         d, now, *rest = state
-        past = tuple((v, zero) for v in rest[sent:])
-        before = AdaptiveState(
-            d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past
-        )
+        past = tuple((v, 0.0) for v in rest[sent:])
+        before = AdaptiveState(d, 0.0, now, 0.0, control.temperature, tuple(rest[:sent]), (0.0,) * sent, past)
         after, command, _ = free.step(before, 1.0, W, None, np)
         return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
@@ -212,23 +210,12 @@ def differences(
     `step` takes a tuple of (n,) and W to a tuple and V. The step is smooth about its settled state, so that
     the error is that of the square of `size`, relative.
     """
-    count = len(state)
-    scale = [np.maximum(np.abs(s), 1e-3) * size for s in state]
-
-    def moved(k: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
-        """State and voltage after a step, the k-th number of what goes in (the last: W) shifted."""
-        where = tuple(s + sign * scale[k] if i == k else s for i, s in enumerate(state))
-        seen = W + sign * size if k == count else W
-        after, V = step(where, seen)
-        return np.stack([np.broadcast_to(a, state[0].shape) for a in after]), np.broadcast_to(
-            V, state[0].shape
-        )
-
-    columns, outputs = [], []
-    for k in range(count + 1):
-        (up, high), (down, low) = moved(k, 1.0), moved(k, -1.0)
-        width = 2 * (scale[k] if k < count else size)
-        columns.append((up - down) / width)
-        outputs.append((high - low) / width)
-    A = np.stack(columns[:count], -1).transpose(1, 0, 2)
-    return A, columns[count].T, np.stack(outputs[:count], -1), outputs[count]
+    given = (*state, W)
+    scale = np.stack([*(np.maximum(np.abs(s), 1e-3) * size for s in state), np.full(len(W), size)])
+    # Each number that goes in, and out, up and down with the k-th of them shifted: (2, k, n).
+    shifts = np.array([1.0, -1.0])[:, None, None, None] * np.eye(len(given))[:, :, None] * scale
+    *into, reading = (v + shifts[:, :, i] for i, v in enumerate(given))
+    after, V = step(tuple(into), reading)
+    ends = np.stack([np.broadcast_to(out, shifts[:, :, 0].shape) for out in (*after, V)], -1)
+    J = ((ends[0] - ends[1]) / (2 * scale[..., None])).transpose(1, 2, 0)
+    return J[:, :-1, :-1], J[:, :-1, -1], J[:, -1, :-1], J[:, -1, -1]
