@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
-from controller.pi import within
+from controller.pi import slewed, within
 from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
 from controller.source import begun as first
@@ -107,12 +107,11 @@ class Adaptive(NamedTuple):
             after = ahead if k == len(state.voltages) - 1 else after
         detuned = self.turn * (resonance - frequency)
         held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
-        wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (
-            1.0 / self.push
-        )
+        removed = share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0])
+        wanted = (removed + held) * (1.0 / self.push)
         last = state.voltages[0]
         lowest, highest = within(self.lowest_voltage, self.highest_voltage, most, xp)
-        voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), lowest, highest, xp)
+        voltage = slewed(wanted, last, self.slew, lowest, highest, xp)
         voltage = xp.where(xp.isfinite(reference), voltage, last)
         if len(state.voltages) == 1:  # no latency: this command acts at once
             after = self._moved((d, q), damping, resonance - frequency, voltage)
@@ -125,8 +124,7 @@ class Adaptive(NamedTuple):
     def _observed(
         self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any
     ) -> tuple[Any, Any, Any, Any]:
-        """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e /
-        Z."""
+        """Z, T/tau and resonance with this sample's e: Z + (1 - keep^2) e, lambda T + (1 - keep)^2 e / Z."""
         keep_d, keep_q = self.keep
         seen, before = ((state.d, state.q), *state.past)[-2:]
         e_d = xp.where(there, W.real - (seen[0] + self.between * (before[0] - seen[0])), 0.0)
@@ -137,9 +135,8 @@ class Adaptive(NamedTuple):
         rate = xp.where(learns, 1.0, 0.0) / xp.where(learns, size, 1.0)
         damping = state.damping - (1.0 - keep_d) * (1.0 - keep_d) * rate * (e_d * d + e_q * q)
         damping = clip(damping, 0.2 * self.damping, 20.0 * self.damping, xp)
-        resonance = state.resonance + (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (
-            e_q * d - e_d * q
-        )
+        turned = (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (e_q * d - e_d * q)
+        resonance = state.resonance + turned
         return d, q, damping, resonance
 
     def _moved(self, Z: tuple[Any, Any], damping: Any, offset: Any, voltage: Any) -> tuple[Any, Any]:
@@ -150,8 +147,7 @@ class Adaptive(NamedTuple):
         return d + m_d * go_d - m_q * go_q, q + m_d * go_q + m_q * go_d
 
     def _frequency(self, state: AdaptiveState, resonance: Any, xp: Any) -> Any:
-        """The frequency to drive with, Hz above the start: the resonance, by steps that the source can
-        make."""
+        """The frequency to drive with, Hz above the start: the resonance, by steps of the source."""
         last = state.frequencies[0]
         wanted = clip(resonance, last - self.sweep, last + self.sweep, xp)
         if self.source is None:

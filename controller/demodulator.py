@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller import scalar
-from controller.scalar import NO_LIMIT
+from controller.scalar import NO_LIMIT, either
 
 IMAGE = 1e-3  # of |W|, that is left of the image at twice the carrier
 ORDER = 4  # poles: for this image within a fifth of the delay that the best number, seven, would have
@@ -84,8 +84,7 @@ class Demodulator(NamedTuple):
     def of(
         cls, rate: float, carrier: float, patience: float, scale: float = 1.0, most: float = NO_LIMIT
     ) -> "Demodulator":
-        """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises
-        ValueError."""
+        """For a sampling rate and a carrier, Hz: the fastest filters that leave IMAGE. Raises ValueError."""
         apart = 1.0 - math.cos(4 * math.pi * carrier / rate)
         if apart < LEAST:
             raise ValueError(
@@ -105,8 +104,7 @@ class Demodulator(NamedTuple):
 
     @property
     def age(self) -> float:
-        """s since the last sample when a controller reads W, on average: the two clocks know nothing of each
-        other."""
+        """s since the last sample when a controller reads W, on average: the two clocks are independent."""
         return 0.5 / self.rate
 
     def init(self) -> DemodulatorState:
@@ -123,13 +121,11 @@ class Demodulator(NamedTuple):
         d, q, poles = -w * c, w * s, []
         for pole in state.poles:
             d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
-            poles.append(Pole(xp.where(there, d, pole.d), xp.where(there, q, pole.q)))
-        missed = xp.where(
-            there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
-        )
+            poles.append(Pole(d, q))
+        missed = xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
         less = xp.where(state.clipped > 0.0, state.clipped - 1.0, 0.0)
         clipped = xp.where((sample >= self.most) | (sample <= -self.most), self.patience, less)
-        gone, clipped = missed >= self.patience, xp.where(there, clipped, state.clipped)
-        last = poles[-1]
-        said = xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)
-        return DemodulatorState(tuple(poles), missed, clipped), *said
+        heard = DemodulatorState(tuple(poles), 0.0, clipped)
+        after = either(there, heard, state._replace(missed=missed), xp)
+        gone, last = after.missed >= self.patience, after.poles[-1]
+        return after, xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)

@@ -11,13 +11,12 @@ from controller.demodulator import SAMPLES, Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.laws import METHODS, Asked, Method, calibrated, guarded, switched
-from controller.limits import Limits, amplitude_of, limits_of, range_of
+from controller.laws import Asked, calibrated, guarded, switched
+from controller.limits import Limits, amplitude_of, check_rig, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
-from controller.rig import Calibrated, Rig
-from controller.suited import checked
+from controller.rig import METHODS, Calibrated, Method, Rig
 from sysid.shown import Shown
 
 
@@ -107,8 +106,7 @@ class Loop(Shown):
 
     @property
     def delay(self) -> float:
-        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and
-        latency."""
+        """s, from a motion of the plate to the command for it: drive, sensor, demodulator and latency."""
         return self.latency + self.rig.delay(self.f0)
 
 
@@ -158,9 +156,9 @@ def design(
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
-    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming, rig.thermometer)
+    plants = Ensemble.of(plate, ranged, rig.thermometer)
     amplitude = amplitude_of(plate, limits, amplitude, ranged.finger, plants)
-    checked(plate, rig, limits, amplitude)
+    check_rig(plate, rig, limits, amplitude)
     late = _latency(T, latency if latency is not None else rig.latency, method)
     asked = Asked(plate, T, late, limits, rig, method, plants, amplitude, ranged)
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
@@ -243,7 +241,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
         turn = f": 1 us of it turns W by {360e-6 * plate.f0:.3g} degrees" if plate.f0 else ""
         found.append(f"the loop's sensor is taken to be that of the logs, without a delay of its own{turn}")
     elif sensor.gain_error or sensor.angle_error:
-        beside = math.tan(math.radians(sensor.angle_error)) / (2 * math.pi * plate.tau)
+        beside = math.tan(math.radians(sensor.angle_error)) * plate.half_bandwidth
         found.append(
             f"the loop's sensor is known to {100 * sensor.gain_error / sensor.gain:.2g} % and"
             f" {sensor.angle_error:.2g} degrees (standard deviations): the amplitude to as much, and the"

@@ -40,8 +40,7 @@ ANSWER = 0.1  # of what the drive makes of the plate, above which an answer stan
 
 
 class Answer(NamedTuple):
-    """The mean frequency `f` and the mean `q` = Wq of late; by how much the frequency `moves` Wq of a sound
-    plate."""
+    """The mean frequency `f` and Wq, `q`, of late; by how much the frequency `moves` Wq of a sound plate."""
 
     f: Any
     q: Any
@@ -196,8 +195,7 @@ class Guard(NamedTuple):
         was driven when it first was the same."""
         was, there = state.suspected, seen(0.0, W, xp)
         size = W.real * W.real + W.imag * W.imag
-        # A plate that was braked, and is held, is as small as its voltage, while what is expected still dies
-        # away.
+        # A plate that was braked, and is held, is as small as its voltage; what is expected still dies away.
         makes = self.gain * magnitude(state.voltage, xp)
         low = self.floor * xp.where(makes < state.expected, makes, state.expected)
         same = there & (W.real == state.d) & (W.imag == state.q)

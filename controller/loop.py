@@ -20,17 +20,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from controller.dq import Command
-from controller.readings import noise_of, recorded
 from controller.trace import Trace
 from sysid.precision import jitted
 from sysid.scene import engine
-from sysid.scene.effects import Delay, FrequencyResolution, Inputs, Inverter, PhaseReset
+from sysid.scene.effects import (
+    Delay,
+    FrequencyResolution,
+    Inputs,
+    Inverter,
+    PhaseReset,
+    Quantisation,
+    Saturation,
+)
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 from sysid.scene.timeline import divided, held, inputs_at
 
 LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
+RECORDER = (Saturation, Quantisation)
 
 
 def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
@@ -114,8 +122,7 @@ class Schedule(NamedTuple):
 
 
 class _Shape(NamedTuple):
-    """What decides which program it is: readings and commands that may be on their way, samples, pieces,
-    fidelity."""
+    """What decides which program it is: readings and commands on their way, samples, pieces, fidelity."""
 
     readings: int
     commands: int
@@ -240,7 +247,7 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     control, plant, effects, reference, sample_time, between = numbers
     first = jax.tree.map(lambda v: v[0], schedule)
     carry = jax.vmap(partial(_begin, shape=shape))(control, plant, effects, reference, first)
-    noise = jax.vmap(partial(noise_of, samples=shape.samples))(effects, seeds, sample_time)
+    noise = jax.vmap(partial(_noise_of, samples=shape.samples))(effects, seeds, sample_time)
     noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
 
     def body(carry, now):
@@ -275,7 +282,7 @@ def _piece(
     now, noise = happening
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
     told, before = readings[now.reading], readings[now.reading + 1]
-    measured = recorded(effects, told + between * (before - told), noise)
+    measured = _recorded(effects, told + between * (before - told), noise)
     state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
     frequency = now.frequency if command.frequency is None else command.frequency
     state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)
@@ -310,11 +317,35 @@ def _made(effects: tuple, frequency: Any) -> Any:
 
 
 def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple[Any, Any]:
-    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles
-    since then."""
+    """The turn of the frame where a source starts at phase zero with another frequency; its cycles since."""
     if not any(isinstance(e, PhaseReset) for e in effects):
         return None, carry.cycles
     changed = inputs.omega != carry.before.omega
     turn = jnp.where(changed, jnp.exp(2j * jnp.pi * carry.cycles), 1.0)
     since = jnp.where(changed, 0.0, carry.cycles) + inputs.omega / (2 * jnp.pi) * duration
     return turn, since - jnp.floor(since)
+
+
+def _noise_of(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[Any, Any] | None:
+    """What noise adds to each reading, and the share that it leaves of it: those effects are linear in it."""
+    drawn = tuple(e for e in effects if e.kind == "noise" and not isinstance(e, RECORDER))
+    if not drawn:
+        return None
+    key = jax.random.key(seed)
+    states = tuple(e.init(engine.key_for(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
+
+    def made(value: float) -> Any:
+        """(samples,) readings of a response that stays at `value`."""
+        return engine.noisy(drawn, jnp.full(samples, value, complex), states, key, 0, sample_time)[0]
+
+    offset = made(0.0)
+    return offset, jnp.round((made(1.0) - offset).real)
+
+
+def _recorded(effects: tuple, response: Any, noise: Any) -> Any:
+    """The reading of a response, in the noise that `_noise_of` made of it."""
+    response = response if noise is None else noise[0] + noise[1] * response
+    for e in effects:
+        if isinstance(e, RECORDER):
+            response = e.noise(response, None, None, None)[0]
+    return response

@@ -222,8 +222,7 @@ class Machine(NamedTuple):
         return xp.where(opened, magnitude(drives, xp), asked)
 
     def _stated(self, state: MachineState, held: Held, xp: Any) -> tuple[tuple[Any, Any], Any]:
-        """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far
-        it is afterwards."""
+        """Voltage and frequency of an open loop, a sweep to its end and then nothing; how far it is then."""
         upwards, end = held.offset < 0.0, -held.offset
         over = xp.where(upwards, state.swept > end, state.swept < end)
         sweeps = state.mode == SWEEP
@@ -257,8 +256,7 @@ class Machine(NamedTuple):
         return Counts(near, waited, off, swung, since, side), xp.where(waited >= self.limit, late, found)
 
     def _near(self, mode: Any, held: Held, means: Means, asked: Any, xp: Any) -> Any:
-        """Whether the mean reading is near to what is asked; half as strict while the resonance is looked
-        for."""
+        """Whether the mean reading is near to what is asked; less strict while a resonance is looked for."""
         rough = mode == FIND
         off = asked * xp.where(rough, ROUGH, NEAR)
         turned, error = means.d * xp.where(rough, *self.beside[:2]), means.d - asked

@@ -51,8 +51,7 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
 
 
 def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.ndarray) -> np.ndarray:
-    """Gain margin (n,) of an observer, which learns another damping at another gain; zero where it is not
-    stable at gain one."""
+    """Gain margin (n,) of an observer, which learns another damping at another gain; 0 if unstable at one."""
 
     def unstable(gain: np.ndarray) -> np.ndarray:
         """Whether a pole of the loop lies outside of the unit circle."""
@@ -71,8 +70,7 @@ def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.
 
 
 def _closed(control: Any, plants: Ensemble, T: float, delay: float, gain: np.ndarray) -> np.ndarray:
-    """What a sample makes (n, s, s) of the controller's state, Wd, and the voltages of the last d + 1
-    samples."""
+    """What a sample makes (n, s, s) of the controller's state, Wd, and the last d + 1 voltages."""
     A, B, C, D = linearised(control, plants.rate * T, gain)
     n, s = B.shape
     g0, g1, alpha, d = held(plants, T, delay)
@@ -126,14 +124,11 @@ def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.
     values, vectors = np.linalg.eig(A)
     # Modes, unless two coincide: then the resolvent itself.
     if np.all(np.linalg.cond(vectors) < 1e8):
-        weights = (C[:, None, :] @ vectors)[:, 0] * np.linalg.solve(vectors, B[..., None].astype(complex))[
-            ..., 0
-        ]
-        return -(np.einsum("ni,nmi->nm", weights, 1 / (z[None, :, None] - values[:, None, :])) + D[:, None])
-    n = A.shape[-1]
-    solved = np.linalg.solve(
-        z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex)
-    )[..., 0]
+        shares = np.linalg.solve(vectors, B[..., None].astype(complex))[..., 0]
+        C, solved = (C[:, None, :] @ vectors)[:, 0] * shares, 1 / (z[None, :, None] - values[:, None, :])
+    else:
+        resolved = z[None, :, None, None] * np.eye(A.shape[-1]) - A[:, None]
+        solved = np.linalg.solve(resolved, B[:, None, :, None].astype(complex))[..., 0]
     return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
 
 
@@ -174,30 +169,24 @@ def linearised(
 
 def _read(L: np.ndarray, angle: np.ndarray, T: float) -> Margins:
     size, phase = np.abs(L), np.unwrap(np.angle(L), axis=1)
-    # Where the phase passes -180 degrees (and the Nyquist point, where L is real), and where the size passes
-    # one.
+    # Where the phase passes -180 degrees (also in Nyquist's point, where L is real) and the size passes one.
     turned = phase - np.round((phase[:, :1] + np.pi / 2) / (2 * np.pi)) * 2 * np.pi
     gain = np.full(len(L), np.inf)
     lead, late = np.full(len(L), np.inf), np.full(len(L), np.inf)
-    for n in range(len(L)):
-        p, s = turned[n], np.log(size[n])
-        at = _crossings(p, -np.pi, s)
+    for n, (p, s) in enumerate(zip(turned, np.log(size), strict=True)):
+        at = _crossed(np.flatnonzero((p[:-1] > -np.pi) & (p[1:] <= -np.pi)), p, -np.pi, s)
         ends = [s[-1]] if abs(np.sin(p[-1])) < 1e-6 and np.cos(p[-1]) < 0 else []
-        over = np.exp(-np.array([*at, *ends]))
-        gain[n] = min(over, default=np.inf)
+        gain[n] = min(np.exp(-np.array([*at, *ends])), default=np.inf)
         cuts = np.flatnonzero(np.diff(np.sign(s)))
-        for i in cuts:
-            share = s[i] / (s[i] - s[i + 1])
-            w, here = angle[i] + share * (angle[i + 1] - angle[i]), p[i] + share * (p[i + 1] - p[i])
-            lead[n], late[n] = min(lead[n], here + np.pi), min(late[n], (here + np.pi) / w * T)
+        w, left = _crossed(cuts, s, 0.0, angle), _crossed(cuts, s, 0.0, p) + np.pi
+        lead[n], late[n] = min(left, default=np.inf), min(left / w * T, default=np.inf)
     disk = 2 / np.max(np.abs((1 - L) / (1 + L)), axis=1)
     stable = (gain > 1) & (lead > 0)
     return Margins(*(np.where(stable, m, 0.0) for m in (gain, lead, disk, late)))
 
 
-def _crossings(values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
-    """`of`, on straight lines, where `values` pass downwards through `level`."""
-    i = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
+def _crossed(i: np.ndarray, values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
+    """`of`, on straight lines, where `values` pass `level` between rows i and i + 1."""
     share = (values[i] - level) / (values[i] - values[i + 1])
     return of[i] + share * (of[i + 1] - of[i])
 

@@ -1,5 +1,4 @@
-"""The promise of a design: margins and step responses over the plants that it must serve, with the controller
-that runs."""
+"""The promise of a design: margins and steps of the controller that runs, over the plants it must serve."""
 
 import cmath
 import math
@@ -42,8 +41,7 @@ class Clock(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """From rest to `amplitude`, of each of the `plants`; `start`: the design's resonance, Hz, None without
-    one."""
+    """From rest to `amplitude`, of each of the `plants`; `start`: the design's resonance, Hz, or None."""
 
     plants: Ensemble
     clock: Clock
@@ -99,10 +97,8 @@ def promise(law: Any, taken: Steps, guard: Any = None, machine: Any = None) -> P
     rows = [round(q * (len(plants.rate) - 1)) for q in LEVELS]
     spread = {name: tuple(np.sort(values)[rows].tolist()) for name, values in each.items()}
     begun = math.inf if machine is None else startup(machine, law, taken)
-    shown = _shown(W, V, clock.T, worst["settling"])
-    return Promise(
-        **worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay)
-    )
+    shown, band = _shown(W, V, clock.T, worst["settling"]), bode(law, plants, clock.T, clock.delay)
+    return Promise(**worst, spread=spread, response=shown, startup=begun, bode=band)
 
 
 def settling(law: Any, taken: Steps) -> float:
@@ -183,15 +179,8 @@ def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[A
             settled = -push * voltage / pole
             moves, moved = Z - settled, growth(pole * duration)
             if filters is not None:
-                outputs = behind(
-                    outputs,
-                    settled,
-                    moves,
-                    moved,
-                    filters,
-                    duration * filters.rate,
-                    growth(-pole / filters.rate),
-                )
+                passed, back = duration * filters.rate, growth(-pole / filters.rate)
+                outputs = behind(outputs, settled, moves, moved, filters, passed, back)
             Z = settled + moves * moved
             top = np.maximum(top, np.abs(Z))
             if end == heard:
@@ -208,16 +197,14 @@ def behind(
     binomial, for parts of a sample too."""
     left, share = 1.0 - filters.share, 1.0
     beside: list[Any] = []
-    found: list[Any] = []
-    fades = [left**samples]
+    found, fades = [], [left**samples]
     for k in range(filters.order - 1):
         fades.append(fades[-1] * filters.share * (samples + k) / (k + 1))
     for output in outputs:
         share = share * (filters.share / (1.0 - left * back))
         beside = [output - settled - moves * share, *beside]
-        found.append(
-            settled + moves * moved * share + sum(f * b for f, b in zip(fades, beside, strict=False))
-        )
+        fading = sum(f * b for f, b in zip(fades, beside, strict=False))
+        found.append(settled + moves * moved * share + fading)
     return found
 
 

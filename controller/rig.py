@@ -53,7 +53,7 @@ import cmath
 import math
 import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn, get_args
 
 from controller import scalar
 from controller.actuator import Adc, Dac, Inverter
@@ -61,7 +61,8 @@ from controller.demodulator import SAMPLES, Demodulator
 from controller.scalar import NO_LIMIT
 from controller.source import Multiples, Source, Timer
 
-METHODS = ("pi", "paper", "pll", "adaptive")
+Method = Literal["pi", "paper", "pll", "adaptive"]
+METHODS = get_args(Method)
 FLAG = (True, False)
 # What a key may be one of.
 WORDS = {"bipolar": FLAG, "thermometer": FLAG, "arithmetic": ("single", "double"), "method": METHODS}
@@ -193,21 +194,24 @@ class Rig(NamedTuple):
         return cls(**values)
 
     def source(self, start: float) -> Source | None:
-        """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to
-        matter."""
+        """The frequencies that can be made, near `start` Hz; None: any (a synthesiser's are so fine)."""
         if self.timer is not None:
             return Timer.of(self.timer, start)
         return None if self.frequency_step is None else Multiples.of(self.frequency_step, start)
 
     def delay(self, f0: float | None) -> float:
-        """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's
-        filters."""
+        """Seconds by which a reading is late: the drive's hold, the sensor, the exported demodulator."""
         return self.late if f0 is None else self.late + self.demodulator(f0, 1.0).delay
 
     @property
     def late(self) -> float:
         """The same without the demodulator."""
-        return self.hold + (0.0 if self.sensor is None else self.sensor.delay)
+        return self.hold + self.shown.delay
+
+    @property
+    def shown(self) -> Sensor:
+        """The loop's sensor beside that of the logs, or that one."""
+        return self.sensor or Sensor()
 
     @property
     def hold(self) -> float:
@@ -215,8 +219,7 @@ class Rig(NamedTuple):
         return 0.0 if self.drive_update is None else 0.5 / self.drive_update
 
     def demodulator(self, f0: float, sample_time: float) -> Demodulator:
-        """What gives Wd and Wq; they are missing when all samples of a controller step are. Raises
-        ValueError."""
+        """What gives Wd and Wq, missing when all samples of a controller step are. Raises ValueError."""
         adc = self.adc
         rate = SAMPLES * f0 if adc is None else adc.rate
         patience = max(1.0, math.ceil(rate * sample_time))
@@ -267,8 +270,7 @@ class _Reader:
     def table(
         self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, Any]
     ) -> dict[str, Any]:
-        """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true
-        or false."""
+        """Numbers in `units`, by the longest name that a key begins with; one of the `words` of a name."""
         from sysid.logs.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}

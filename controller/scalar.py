@@ -71,8 +71,7 @@ def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
 
 
 def typed(control: Any, kind: Any) -> Any:
-    """A controller, or a state, with every float in another type of number: its steps then compute in that
-    type."""
+    """A controller, or a state, with every float in another type, in which its steps then compute."""
     if isinstance(control, tuple):
         items = [typed(item, kind) for item in control]
         return type(control)(*items) if hasattr(control, "_fields") else tuple(items)

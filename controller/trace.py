@@ -45,8 +45,7 @@ class Trace(Shown):
         return pd.DataFrame(self._columns())
 
     def plot(self) -> Any:
-        """A figure of matplotlib, over time: the amplitude beside what was asked for, Wd and Wq, the voltage,
-        the frequency."""
+        """A figure of matplotlib: the amplitude beside what was asked, Wd and Wq, voltage, frequency."""
         from sysid.report.plots import BLUE, GREY, ORANGE, blank, styled, time_axis
 
         unit, drive = self.response_unit or "1", self.drive_unit or "1"

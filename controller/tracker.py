@@ -1,5 +1,4 @@
-"""Resonance trackers, which set the drive frequency from Wq/Wd: the paper's sign rule, one that knows the
-fitted tau, and a PLL."""
+"""Resonance trackers, which set the frequency from Wq/Wd: the paper's rule, one that knows tau, and a PLL."""
 
 from typing import Any, NamedTuple
 
@@ -22,8 +21,7 @@ class TrackerState(NamedTuple):
 
 
 class TrackerInfo(NamedTuple):
-    """For people: the measurement was `missing`; an update was due and the frequency was `held`; the `step`
-    in Hz."""
+    """For people: the measurement was `missing`; an update was due but `held` back; the `step` in Hz."""
 
     missing: Any
     held: Any
