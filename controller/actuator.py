@@ -47,12 +47,10 @@ class Inverter(NamedTuple):
 
     def check(self, limit: float | None) -> None:
         """Raise ValueError for a voltage limit that it cannot make."""
-        most = self.most
-        if limit is None or limit > most * (1 + 1e-9):
+        if limit is None or limit > self.most * (1 + 1e-9):
             said = "no limit" if limit is None else f"{limit:g}"
-            raise ValueError(
-                f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make"
-            )
+            most = f"{self.most:.4g} at most, which the inverter can make"
+            raise ValueError(f"found a voltage limit of {said}, expected {most}")
 
     def series(self, limit: float) -> np.ndarray:
         """Coefficients a of  duty = x (a0 + a1 x^2 + ...), x = V / limit, for |V| <= limit: as few as

@@ -185,10 +185,8 @@ def _delay(record: _Record) -> Finding | None:
     if math.sqrt(left / len(Wd)) > TOLD * record.target or np.ptp(V) < TOLD * np.max(np.abs(V)):
         return None
     found = late * T / FINE
-    hint = (
-        f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency in"
-        " the rig file"
-    )
+    hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay:"
+    hint += " state latency in the rig file"
     kept = found <= expected + MORE * T
     return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
 
@@ -226,10 +224,8 @@ def _beside(record: _Record) -> Finding:
     beside = float(np.median(log.frequency[record.end :])) - controller["plant"]["f0"]
     over = beside - min(max(beside, ends[0]), ends[1])
     turned = math.degrees(math.atan(over / hb))
-    hint = (
-        f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than"
-    )
-    hint += " that of the logs"
+    hint = f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees;"
+    hint += " or another temperature than that of the logs"
     expected = f"{ends[0] - TURNED * hb:+.3g} to {ends[1] + TURNED * hb:+.3g} Hz"
     return Finding("frequency less f0", f"{beside:+.4g} Hz", expected, abs(over) <= TURNED * hb, hint)
 

@@ -63,10 +63,8 @@ class _Point(NamedTuple):
 def _open(at: _Point) -> Iterator[Stage]:
     """Demodulator and sign of q, in open loop."""
     where = "at the resonance" if at.f0 is None else f"at {at.f0:.8g} Hz"
-    expect = (
-        f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is"
-        f" small beside it"
-    )
+    expect = f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms;"
+    expect += " Wq is small beside it"
     do = f"open loop: {at.low:.4g} {at.drive} "
     yield Stage("demodulator", do + where, expect, _set("OPEN_LOOP", voltage=at.low))
     if at.f0 is None:
@@ -83,10 +81,10 @@ def _open(at: _Point) -> Iterator[Stage]:
 def _closed(at: _Point, controller: Mapping[str, Any]) -> Iterator[Stage]:
     """The slow loop alone, with its tracker, and the whole."""
     do = f"gains divided by {SLOWER:g}, tracker off, ask for {at.small:.4g} {at.response}"
-    expect = (
-        f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at"
-        f" the end"
-    )
+    T = controller["sample_time_s"]
+    K = -math.expm1(-2 * math.pi * controller["bandwidth_Hz"] * T) / SLOWER
+    expect = f"without overshoot to 95 % in {1e3 * SETTLED / -math.log1p(-K) * T:.3g} ms,"
+    expect += f" with {at.low:.4g} {at.drive} at the end"
     yield Stage("slow loop", do, expect, _set("AMPLITUDE", reference=at.small, share=1 / SLOWER))
     tracker, promise = controller["tracker"], controller["promise"]
     if tracker and at.f0 is not None:
@@ -97,8 +95,8 @@ def _closed(at: _Point, controller: Mapping[str, Any]) -> Iterator[Stage]:
     if promise["settling_s"] is not None:
         expect = (
             f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end;"
-            f" an overshoot of {100 * promise['overshoot']:.2g} % at most, beside the noise"
         )
+        expect += f" an overshoot of {100 * promise['overshoot']:.2g} % at most, beside the noise"
         do = f"the gains as they are, in run ask for {at.amplitude:.4g} {at.response}"
         yield Stage("full", do, expect, _set("REGULATE", reference=at.amplitude))
 
@@ -113,12 +111,6 @@ def _disturbed(at: _Point, controller: Mapping[str, Any]) -> Iterator[Stage]:
     if guard is not None:
         expect = f"no voltage after {1e3 * guard['patience_s']:.3g} ms, and none until the fault is reset"
         yield Stage("fault", "pull the sensor's plug", expect)
-
-
-def _slow(controller: Mapping[str, Any]) -> float:
-    """Seconds to 95 % of the loop whose K is divided by SLOWER."""
-    K = -math.expm1(-2 * math.pi * controller["bandwidth_Hz"] * controller["sample_time_s"])
-    return SETTLED / -math.log1p(-K / SLOWER) * controller["sample_time_s"]
 
 
 def _updates(tracker: Mapping[str, float], half_bandwidth: float) -> float:

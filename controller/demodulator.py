@@ -52,18 +52,11 @@ def cosine_and_sine(turn: Turn, xp: Any) -> tuple[Any, Any]:
     return xp.where(turn.half, -c, c), xp.where(turn.half, -s, s)
 
 
-class Pole(NamedTuple):
-    """Output of one filter."""
-
-    d: Any
-    q: Any
-
-
 class DemodulatorState(NamedTuple):
-    """The filters, the first in front; how many samples have been missing in a row; and for how many more it
-    is remembered that one was `clipped`."""
+    """Outputs d and q of the filters, the first in front; how many samples have been missing in a row; and
+    for how many more it is remembered that one was `clipped`."""
 
-    poles: tuple[Pole, ...]
+    poles: tuple[tuple[Any, Any], ...]
     missed: Any
     clipped: Any
 
@@ -109,7 +102,7 @@ class Demodulator(NamedTuple):
 
     def init(self) -> DemodulatorState:
         """At rest."""
-        return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0, 0.0)
+        return DemodulatorState(((0.0, 0.0),) * self.order, 0.0, 0.0)
 
     def step(
         self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar
@@ -119,13 +112,13 @@ class Demodulator(NamedTuple):
         there = xp.isfinite(sample)
         w = (2.0 * self.scale) * sample
         d, q, poles = -w * c, w * s, []
-        for pole in state.poles:
-            d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
-            poles.append(Pole(d, q))
+        for was_d, was_q in state.poles:
+            d, q = was_d + self.share * (d - was_d), was_q + self.share * (q - was_q)
+            poles.append((d, q))
         missed = xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
         less = xp.where(state.clipped > 0.0, state.clipped - 1.0, 0.0)
         clipped = xp.where((sample >= self.most) | (sample <= -self.most), self.patience, less)
         heard = DemodulatorState(tuple(poles), 0.0, clipped)
         after = either(there, heard, state._replace(missed=missed), xp)
-        gone, last = after.missed >= self.patience, after.poles[-1]
-        return after, xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)
+        gone, (d, q) = after.missed >= self.patience, after.poles[-1]
+        return after, xp.where(gone, xp.nan, d), xp.where(gone, xp.nan, q)

@@ -105,8 +105,8 @@ def _promise(p: Promise) -> dict[str, Any]:
     kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
     kept["startup_s"] = _known(p.startup)
     kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
-    rows = zip(("time_s", "W_5", "W_50", "W_95"), p.response[:4], strict=True)
-    step = dict(rows) | dict(zip(("V_5", "V_50", "V_95"), p.response.voltage, strict=True))
+    shown = ("time_s", "W_5", "W_50", "W_95", "V_5", "V_50", "V_95")
+    step = dict(zip(shown, (*p.response[:4], *p.response.voltage), strict=True))
     return kept | {"step_response": _digits(step), "bode": None if p.bode is None else _bode(p.bode)}
 
 

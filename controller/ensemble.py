@@ -1,5 +1,4 @@
-"""The plants that a design must serve: draws of the posterior, each with a finger and a temperature from the
-stated range."""
+"""The plants that a design must serve: draws of the posterior with fingers and temperatures of its range."""
 
 from typing import NamedTuple
 
@@ -7,6 +6,7 @@ import numpy as np
 
 from controller.plate import Plate
 
+Span = tuple[float, float]  # from and to
 COUNT = 400  # plants: the 1 % that a promise leaves out are four of them
 
 
@@ -17,7 +17,7 @@ class Range(NamedTuple):
 
     finger: float
     force: float | None
-    warming: tuple[float, float]
+    warming: Span
 
 
 class Ensemble(NamedTuple):

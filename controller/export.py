@@ -1,7 +1,6 @@
 """A Loop as C: the law (`controller/c/`), the same for every plate, and a header of a plate's parameters."""
 
 import re
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +17,7 @@ from controller.rig import Calibrated
 from controller.scalar import NO_LIMIT, typed
 from controller.source import Multiples, Timer
 from controller.tracker import PLL, SignTracker
+from sysid import __version__
 
 Precision = Literal["single", "double"]
 KINDS = {"single": np.float32, "double": np.float64}
@@ -184,7 +184,7 @@ def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
     rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
     macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop).items()]
     return PLATE.format(
-        law=name, version=_version(), stamp="\n * ".join(_stamp(loop, drive, response)),
+        law=name, version=_text(__version__), stamp="\n * ".join(_stamp(loop, drive, response)),
         reach="".join(f" *   {line}\n" for line in _reach(loop, drive, response)),
         guard=_guard(plate_header(Path(name)).name), macros="\n".join(macros), values=" \\\n".join(rows),
     )  # fmt: skip
@@ -281,13 +281,6 @@ def _c(value: Any) -> str:
 def _real(value: float) -> str:
     text = f"{float(value):.17g}"
     return text if re.search("[.e]", text) else text + ".0"
-
-
-def _version() -> str:
-    try:
-        return _text(version("sysid"))
-    except PackageNotFoundError:
-        return "of a checkout"
 
 
 def _stamp(loop: Loop, drive: str, response: str) -> list[str]:

@@ -3,19 +3,15 @@ a rig can do what is asked of it, as a whole."""
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from controller.ensemble import Ensemble, Range
+from controller.ensemble import Ensemble, Range, Span
 from controller.plate import Plate, positive
 from controller.rig import Rig
 
-if TYPE_CHECKING:
-    from sysid.logs.log import Log
-
-# voltage limit over the steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not
-# stated
+# limit over steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
 HEADROOM = 1.6
 # of the amplitude, up to which a reading may go before it is a fault, and a converter must show it
 CREST = 1.35
@@ -30,11 +26,11 @@ class Limits(NamedTuple):
     where they come from."""
 
     voltage: float | None
-    frequency: tuple[float, float] | None
+    frequency: Span | None
     said: str
 
 
-def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float, float] | None) -> Range:
+def range_of(plate: Plate, rig: Rig, finger: float | None, warming: Span | None) -> Range:
     """The stated range, else the rig's, else the untouched plate at its reference temperature."""
     force = rig.force if finger is None else None
     if finger is None:
@@ -50,7 +46,7 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: tuple[float,
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
 
 
-def _pair(warming: tuple[float, float]) -> tuple[float, float]:
+def _pair(warming: Span) -> Span:
     """From and to, both finite. Raises ValueError."""
     try:
         low, high = (float(v) for v in warming)
@@ -76,7 +72,7 @@ def _damping(plate: Plate, force: float) -> float:
     return plate.finger.value * float(contact(force, xp=np))
 
 
-def _warming(plate: Plate, rig: Rig) -> tuple[float, float]:
+def _warming(plate: Plate, rig: Rig) -> Span:
     reference = getattr(plate.fit, "reference_temperature", None)
     if rig.coldest is None and rig.warmest is None:
         return 0.0, 0.0
@@ -106,13 +102,7 @@ def amplitude_of(plate: Plate, limits: Limits, asked: float | None, finger: floa
     return float(asked)
 
 
-def limits_of(
-    plate: Plate,
-    rig: Rig,
-    voltage: float | None,
-    window: tuple[float, float] | None,
-    warming: tuple[float, float],
-) -> Limits:
+def limits_of(plate: Plate, rig: Rig, voltage: float | None, window: Span | None, warming: Span) -> Limits:
     """The stated limits, else the rig's, but no further than the logs have seen."""
     logs = [fitted.log for fitted in getattr(plate.fit, "logs", ())]
     driven = [float(np.max(np.abs(log.drive))) for log in logs if log.drive is not None]
@@ -122,9 +112,8 @@ def limits_of(
         voltage = min(seen, default=None)
         said = "the rig's" if voltage is not None and voltage == rig.voltage_limit else said
     elif rig.voltage_limit is not None and voltage > rig.voltage_limit:
-        raise ValueError(
-            f"found voltage_limit = {voltage:g}, expected the rig's {rig.voltage_limit:g} at most"
-        )
+        most = f"{rig.voltage_limit:g} at most"
+        raise ValueError(f"found voltage_limit = {voltage:g}, expected the rig's {most}")
     if voltage is not None:
         positive("voltage_limit", voltage)
     if plate.f0 is None:
@@ -141,7 +130,7 @@ def limits_of(
     return Limits(voltage, window, said)
 
 
-def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float] | None:
+def _window(plate: Plate, rig: Rig, logs: Sequence[Any]) -> Span | None:
     """The rig's frequency window; an end not stated lies half a bandwidth beyond where logs were driven."""
     swept = [log.frequency for log in logs if log.frequency is not None]
     low, high = rig.lowest_frequency, rig.highest_frequency
@@ -157,7 +146,7 @@ def _window(plate: Plate, rig: Rig, logs: "Sequence[Log]") -> tuple[float, float
     return None if low is None or high is None else (low, high)
 
 
-def _coolest(plate: Plate, window: tuple[float, float], warming: tuple[float, float]) -> str:
+def _coolest(plate: Plate, window: Span, warming: Span) -> str:
     """The temperatures at which the resonance stays within a window, in words."""
     if not (plate.k_T and window[0] < plate.f0 < window[1]):
         return ""
@@ -207,10 +196,8 @@ def _source(rig: Rig, f0: float, half_bandwidth: float) -> Iterator[Refusal]:
             yield f"{name} = {clock:g} Hz", why, f"{name} = {least:.4g} Hz"
     source: Any = rig.source(f0)
     if source is not None and 0.5 * source.step > half_bandwidth:
-        why = (
-            f"half of the plate's bandwidth is {half_bandwidth:.3g} Hz, so that the resonance may lie beside"
-            " all of them"
-        )
+        why = f"half of the plate's bandwidth is {half_bandwidth:.3g} Hz, so that the resonance may lie"
+        why += " beside all of them"
         nearest = f"frequency_step = {2 * half_bandwidth:.3g} Hz"
         if rig.timer is not None:
             nearest = f"timer = {f0 * f0 / (2 * half_bandwidth):.3g} Hz"

@@ -69,9 +69,8 @@ def closed_loops(
         cut[key] = cut.get(key) or _Run.of(one, _playable(scene), reference)
         runs.append(replace(cut[key], seed=seed))
     if len(found := {r.scene.fidelity for r in runs}) > 1:
-        raise SceneError(
-            f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all"
-        )
+        why = f"found fidelities {', '.join(sorted(found))}, expected one for all"
+        raise SceneError(f"{scenes[0].name}: {why}")
     readings, commands, samples, pieces = (
         max(n) for n in zip(*((*r.depths, len(r.time), len(r.knots)) for r in runs), strict=True)
     )
@@ -91,10 +90,8 @@ def _side_by_side(runs: list["_Run"], size: int, shape: "_Shape") -> list[Trace]
             for r in filled
         ]
         if len({jax.tree.structure(g) for g in given}) > 1:
-            raise SceneError(
-                f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects"
-                f" in all"
-            )
+            why = "found scenes or loops of different kinds, expected the same effects in all"
+            raise SceneError(f"{runs[0].scene.name}: {why}")
         # An integer would be another program.
         numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)
         pieces = {id(r.knots): r.schedule(shape.pieces) for r in {id(r.knots): r for r in filled}.values()}
@@ -133,8 +130,7 @@ class _Shape(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One scene, cut at its events: `knots` (M,) s, and which of them are samples; the amplitude that is
-    `asked` for at each of these."""
+    """One scene, cut at its events: `knots` (M,) s, those that are samples, the amplitude `asked` at these."""
 
     loop: Any
     scene: Scene
@@ -209,19 +205,16 @@ class _Run:
 
 
 def _playable(scene: Scene) -> Scene:
+    why = None
     if scene.kind == "steady" or scene.fidelity == "steady":
-        raise SceneError(
-            f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time"
-        )
-    if scene.fidelity == "carrier":
+        why = "a scene of settled points, expected kind = 'transient': a loop takes time"
+    elif scene.fidelity == "carrier":
         known = ", ".join(engine.RUNGS[1:])
-        raise SceneError(
-            f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here"
-        )
-    if scene.find(Inverter):
-        raise SceneError(
-            f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit"
-        )
+        why = f"fidelity 'carrier', expected one of {known}, or auto, which is exact here"
+    elif scene.find(Inverter):
+        why = "effects.inverter, expected a drive in the controller's own unit"
+    if why:
+        raise SceneError(f"{scene.name}: found {why}")
     # What is cheap enough for the scene's own drive says nothing of what a controller does.
     return replace(scene, fidelity="exact") if scene.fidelity == "auto" else scene
 
@@ -252,9 +245,8 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
 
     def body(carry, now):
         """One piece, of all runs side by side."""
-        return jax.vmap(partial(_piece, rung=shape.rung))(
-            carry, now, control, plant, effects, reference, between
-        )
+        piece = jax.vmap(partial(_piece, rung=shape.rung))
+        return piece(carry, now, control, plant, effects, reference, between)
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
 

@@ -160,9 +160,8 @@ class Machine(NamedTuple):
         frozen = held.task > 0.0
         asked = self._asked(state, held, opened, xp)
         least = 1.0 / abs(self.gain)
-        needed = xp.where(
-            was == FIND, self.heaviest * least, clip(state.needs, least, self.heaviest * least, xp)
-        )
+        heaviest = self.heaviest * least
+        needed = xp.where(was == FIND, heaviest, clip(state.needs, least, heaviest, xp))
         most = xp.where((was >= FIND) & (was <= LOCK), self.headroom * asked * needed, NO_LIMIT)
         stated, swept = self._stated(state, held, xp)
         control, command, said = self.control.step(
@@ -180,7 +179,7 @@ class Machine(NamedTuple):
         mode = xp.where((fault > 0.0) & (was != FAULT), FAULT, mode)
         fault = xp.where(mode == OFF, 0.0, fault)
         moved = mode != was
-        near, waited, off = (xp.where(moved, 0.0, n) for n in counts[:3])
+        counts = Counts(*(xp.where(moved, 0.0, n) for n in counts[:3]), *counts[3:])
         on = on & (mode > OFF) & (mode != FAULT)
         learned = xp.where(on & (was == RUN), self.control.learned(control), state.learned)
         learned = xp.where(mode == FAULT, 0.0, learned)
@@ -188,9 +187,8 @@ class Machine(NamedTuple):
         resting = self.control.rest(begun, xp).frequency
         frequency = None if resting is None else xp.where(on, command.frequency, resting)
         after = MachineState(
-            either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means,
-            counts._replace(near=near, waited=waited, off=off), xp.where(on, asked, 0.0), needs, learned,
-            xp.where(on, swept, held.offset),
+            either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means, counts,
+            xp.where(on, asked, 0.0), needs, learned, xp.where(on, swept, held.offset),
         )  # fmt: skip
         return after, Command(xp.where(on, command.voltage, 0.0), frequency), MachineInfo(fault, mode, said)
 
@@ -302,10 +300,8 @@ class Machine(NamedTuple):
         """What comes after this mode, without a fault."""
         was, wanted = state.mode, held.reference
         done = counts.near >= self.patience
-        begun = xp.where(
-            held.task > 1.0, xp.where(held.task > 2.0, SWEEP, OPEN), xp.where(wanted > 0.0, FIND, OFF)
-        )
-        mode = xp.where(was == OFF, begun, was)
+        begun, opened = xp.where(wanted > 0.0, FIND, OFF), xp.where(held.task > 2.0, SWEEP, OPEN)
+        mode = xp.where(was == OFF, xp.where(held.task > 1.0, opened, begun), was)
         mode = xp.where((was == FIND) & done, SOFT, mode)
         mode = xp.where((was == SOFT) & (asked >= wanted), LOCK, mode)
         mode = xp.where((was == LOCK) & done, RUN, mode)

@@ -8,8 +8,7 @@ from controller.scalar import NO_LIMIT, clip, either, seen
 
 
 class PIState(NamedTuple):
-    """`integral` and the last `output`, both in the drive unit; the `model`'s amplitude, the latest first
-    (response unit)."""
+    """`integral`, last `output` (drive unit); the `model`'s amplitude, the latest first (response unit)."""
 
     integral: Any
     output: Any

@@ -87,10 +87,12 @@ def promise(law: Any, taken: Steps, guard: Any = None, machine: Any = None) -> P
     plants, clock = taken.plants, taken.clock
     found = margins(law, plants, clock.T, clock.delay)
     W, V, tops = rises(law, taken, guard)
-    each = {"settling": judged(W, taken)[0], "overshoot": _overshoot(V, tops, taken)}
+    # The largest |W| from sample to sample, with what the carrier's phase may add to it.
+    overshoot = judged(tops + by_phase(V, taken), taken)[1]
+    each = {"settling": judged(W, taken)[0], "overshoot": overshoot}
     tenth = taken._replace(amplitude=SMALL * taken.amplitude)
     _, V_tenth, tops_tenth = rises(law, tenth)
-    each["small"] = _overshoot(V_tenth, tops_tenth, tenth)
+    each["small"] = judged(tops_tenth + by_phase(V_tenth, tenth), tenth)[1]
     worst = {name: _worst(values, -1) for name, values in each.items()}
     each |= found._replace(phase=np.rad2deg(found.phase))._asdict()
     worst |= {name: _worst(each[name], 1) for name in found._fields}
@@ -107,8 +109,7 @@ def settling(law: Any, taken: Steps) -> float:
 
 
 def startup(machine: Any, law: Any, taken: Steps) -> float:
-    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not
-    come to run."""
+    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more fail."""
     few = taken.plants.every(math.ceil(len(taken.plants.rate) / STARTED))
     if taken.amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
         return math.inf
@@ -223,11 +224,6 @@ def judged(W: np.ndarray, taken: Steps) -> tuple[np.ndarray, np.ndarray]:
     last = len(W) - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
     settling = np.where(outside[-1], np.inf, (last + 1) * taken.clock.T)
     return settling, np.maximum(np.max(W, axis=0) / abs(amplitude) - 1, 0.0)
-
-
-def _overshoot(V: np.ndarray, tops: np.ndarray, taken: Steps) -> np.ndarray:
-    """(n,) of the largest |W| from sample to sample, with what the carrier's phase may add to it."""
-    return judged(tops + by_phase(V, taken), taken)[1]
 
 
 def by_phase(V: np.ndarray, taken: Steps) -> np.ndarray:

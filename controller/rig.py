@@ -263,9 +263,8 @@ class _Reader:
             self.refuse("sensor.calibration", early, "a sensor that is no earlier than the logs'")
         if found.delay < 0:  # within its error none; the whole angle is what counts
             found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
-        return Sensor(
-            found.gain, (found.rotation + 180) % 360 - 180, found.delay, found.gain_error, found.angle_error
-        )
+        turn = (found.rotation + 180) % 360 - 180
+        return Sensor(found.gain, turn, found.delay, found.gain_error, found.angle_error)
 
     def table(
         self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, Any]
