@@ -1,4 +1,4 @@
-"""The plants that a design must serve: draws of the posterior with fingers and temperatures of its range."""
+"""The plants that a design must serve: draws of the posterior, fingers and temperatures of a range."""
 
 from typing import NamedTuple
 

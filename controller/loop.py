@@ -130,7 +130,7 @@ class _Shape(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One scene, cut at its events: `knots` (M,) s, those that are samples, the amplitude `asked` at these."""
+    """One scene, cut at its events: `knots` (M,) s, those that are samples, the amplitude `asked` there."""
 
     loop: Any
     scene: Scene
