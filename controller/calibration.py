@@ -50,10 +50,9 @@ def calibrate(path: str | Path) -> Calibration:
     mean = float(np.mean(f))
     spread = bool(np.ptp(f) > 1e-9 * mean)
     shapes = np.stack([W, (f - mean) * W], 1)[:, : 2 if spread else 1]
-    if len(f) < LEAST + shapes.shape[1] or not np.any(W):
-        raise LogError(
-            f"{path}: found {len(f)} rows, expected {LEAST + shapes.shape[1]} or more, with a response"
-        )
+    least = LEAST + shapes.shape[1]
+    if len(f) < least or not np.any(W):
+        raise LogError(f"{path}: found {len(f)} rows, expected {least} or more, with a response")
     found, *_ = np.linalg.lstsq(shapes, S, rcond=None)
     left = S - shapes @ found
     # variance of each of the real and the imaginary part
@@ -76,10 +75,8 @@ def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for name in ("frequency", "wd", "wq", "sensor_wd", "sensor_wq"):
         at = [k for k, label in enumerate(head.names) if label == name or label.startswith(f"{name}_")]
         if len(at) != 1:
-            raise LogError(
-                f"{path}: found {len(at)} columns {name}_*, expected one of each sensor's wd and wq, and"
-                f" frequency"
-            )
+            why = "expected one of each sensor's wd and wq, and frequency"
+            raise LogError(f"{path}: found {len(at)} columns {name}_*, {why}")
         wanted[name] = at[0]
     body = read_body(head, list(wanted.values()))
     found = {name: body.numbers[at] for name, at in wanted.items()}

@@ -221,7 +221,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
             f" {1e3 * asked.patience * asked.T:.3g} ms"
         )
     if plate.f0 is None:
-        found.append(f"no tracker: f0 is not determined: {plate.why}")
+        found.append(f"no tracker: {plate.why}")
     if bound == "posterior":
         found.append(
             "slower than the delay alone asks for: 1 % of the plates that the logs allow have a G/tau more"

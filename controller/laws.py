@@ -189,9 +189,7 @@ class Asked(NamedTuple):
     def _adaptive(self, bandwidth: float) -> Adaptive:
         plate, T = self.plate, self.T
         if plate.f0 is None:
-            raise ValueError(
-                f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without"
-            )
+            raise ValueError(f"no adaptive controller: {plate.why}; method 'pi' does without")
         lowest, highest = self.voltages()
         late = (self.delay - self.latency) / T
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
@@ -212,7 +210,7 @@ def calibrated(control: Any, asked: Asked) -> Any:
     if rig.sensor is None and not rig.hold:
         return control
     if rig.late and plate.f0 is None:
-        raise ValueError(f"the sensor's delay cannot be corrected: f0 is not determined: {plate.why}")
+        raise ValueError(f"the sensor's delay cannot be corrected: {plate.why}")
     correction = rig.shown.correction(plate.f0 or 0.0, rig.hold)
     return Calibrated(control, correction.real, correction.imag)
 

@@ -169,8 +169,7 @@ def _refusals(plate: Plate, rig: Rig, limits: Limits, amplitude: float) -> Itera
             why = f"it makes {part.most:.4g} at most, and the voltage limit is {limits.voltage:g}"
             yield name, why, f"voltage_limit = {part.most:.4g}"
     if plate.f0 is not None:
-        yield from _source(rig, plate.f0, plate.half_bandwidth)
-        yield from _rates(rig, plate.f0)
+        yield from _clocks(rig, plate.f0, plate.half_bandwidth)
 
 
 def _sensor(rig: Rig, amplitude: float) -> Iterator[Refusal]:
@@ -189,7 +188,7 @@ def _sensor(rig: Rig, amplitude: float) -> Iterator[Refusal]:
         yield f"adc.bits = {adc.bits:g}", why, f"bits = {least}"
 
 
-def _source(rig: Rig, f0: float, half_bandwidth: float) -> Iterator[Refusal]:
+def _clocks(rig: Rig, f0: float, half_bandwidth: float) -> Iterator[Refusal]:
     for name, clock, least in (("timer", rig.timer, 2 * f0), ("dds", rig.dds, 2.5 * f0)):
         if clock is not None and clock < least:
             why = f"it cannot make a carrier of {f0:.6g} Hz"
@@ -202,9 +201,6 @@ def _source(rig: Rig, f0: float, half_bandwidth: float) -> Iterator[Refusal]:
         if rig.timer is not None:
             nearest = f"timer = {f0 * f0 / (2 * half_bandwidth):.3g} Hz"
         yield f"frequencies {source.step:.4g} Hz apart", why, nearest
-
-
-def _rates(rig: Rig, f0: float) -> Iterator[Refusal]:
     if rig.adc is not None and rig.adc.rate * rig.sample_time < 1.0:
         why = f"a step every {rig.sample_time:g} s is less than a sample of the sensor"
         nearest = f"rate = {1 / rig.sample_time:.4g} Hz, or sample_time = {1 / rig.adc.rate:.3g} s"

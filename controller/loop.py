@@ -94,7 +94,8 @@ def _side_by_side(runs: list["_Run"], size: int, shape: "_Shape") -> list[Trace]
             raise SceneError(f"{runs[0].scene.name}: {why}")
         # An integer would be another program.
         numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)
-        pieces = {id(r.knots): r.schedule(shape.pieces) for r in {id(r.knots): r for r in filled}.values()}
+        once = {id(r.knots): r for r in filled}
+        pieces = {key: r.schedule(shape.pieces) for key, r in once.items()}
         schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(pieces[id(r.knots)] for r in filled))
         rows = jax.tree.map(np.asarray, _play(numbers, schedule, np.array([r.seed for r in filled]), shape))
     return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
@@ -158,8 +159,8 @@ class _Run:
             asked = profile.at(time)
         end = time[-1] if len(time) else 0.0
         events = [time, time - late, time + loop.latency]
-        moving = (scene.inputs.get(name) for name in ("temperature", "force", "contact"))
-        at = np.concatenate([*events, *(p.edges(0.0, end) for p in moving if p)]) / Ts
+        moving = scene.inputs.keys() & {"temperature", "force", "contact"}
+        at = np.concatenate([*events, *(scene.inputs[name].edges(0.0, end) for name in moving)]) / Ts
         whole = np.round(at)
         # a shared instant is one, whatever rounding made of it
         at = np.where(np.abs(at - whole) < NEAR, whole, at)

@@ -57,7 +57,7 @@ def plate_of(source: Any) -> Plate:
     if "G" in draws and "tau" in draws:
         spread = max(float(np.quantile(np.ravel(draws["G"]) / np.ravel(draws["tau"]), 0.99)) / (G / tau), 1.0)
     touched, unknown = _value(parameters, "finger_damping")
-    finger = Known(touched, touched is not None, f"finger_damping is not determined: {unknown}")
+    finger = Known(touched, touched is not None, unknown)
     return Plate(G, tau, f0, _value(parameters, "k_T")[0], spread, source, fit, why, finger, _name(fit))
 
 
@@ -77,7 +77,7 @@ def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]
     p = parameters.get(name, Known(None, False, "the fit does not have it"))
     if p.determined and p.value is not None and math.isfinite(p.value):
         return float(p.value), ""
-    return None, p.why or "the fit gives no reason"
+    return None, f"{name} is not determined: {p.why or 'the fit gives no reason'}"
 
 
 def _name(fit: Any) -> str | None:
@@ -89,7 +89,7 @@ def _name(fit: Any) -> str | None:
 def _needed(parameters: Mapping[str, Any], name: str) -> float:
     value, why = _value(parameters, name)
     if value is None:
-        raise ValueError(f"no controller: {name} is not determined: {why}")
+        raise ValueError(f"no controller: {why}")
     return value
 
 

@@ -71,7 +71,9 @@ def mapped(function: Any, value: Any, *others: Any) -> Any:
 
 
 def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
-    """Of two states of one form, number by number."""
+    """Of two states of one form, number by number; at once where the condition is a plain one."""
+    if isinstance(condition, bool):
+        return yes if condition else no
     return mapped(lambda a, b: xp.where(condition, a, b), yes, no)
 
 
