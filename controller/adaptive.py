@@ -86,8 +86,7 @@ class Adaptive(NamedTuple):
 
     def step(
         self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
     ) -> tuple[AdaptiveState, Command, None]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of
         K, the most voltage and whether the frequency is `frozen` in, what to drive with out; the state tells

@@ -24,6 +24,8 @@ def as_dict(loop: Loop) -> dict[str, Any]:
     """
     T, machine, limits, d = loop.sample_time, loop.switched, loop.limits, loop.demodulator
     guard = machine and machine.control
+    heard = d and {"rate_Hz": d.rate, "share": d.share, "poles": d.order}
+    heard = d and heard | {"delay_s": d.delay, "scale": d.scale}
     content = {
         "schema": SCHEMA,
         "plate": loop.plate,
@@ -52,8 +54,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
         # for how long it looks on
         "guard": guard and {"patience_s": guard.patience * T, "stuck_after_s": guard.repeats * T},
         "rig": _rig(loop.rig),
-        "demodulator": d
-        and {"rate_Hz": d.rate, "share": d.share, "poles": d.order, "delay_s": d.delay, "scale": d.scale},
+        "demodulator": heard,
         "start_up": None if machine is None else _start_up(machine, T),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),

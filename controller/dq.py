@@ -50,8 +50,7 @@ class DQ(NamedTuple):
 
     def step(
         self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
     ) -> tuple[DQState, Command, DQInfo]:  # fmt: skip
         """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share
         of the PI's gains, the most voltage, and whether the tracker is `frozen`. Out: what to drive with."""

@@ -132,8 +132,7 @@ class Guard(NamedTuple):
 
     def step(
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
         stated: tuple[Any, Any, Any] | None = None, arrived: Any = None,
     ) -> tuple[GuardState, Command, GuardInfo]:  # fmt: skip
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where

@@ -145,9 +145,8 @@ class Machine(NamedTuple):
 
     def step(
         self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0,
-        clipped: Any = False, arrived: Any = None,
+        share: Any = 1.0, enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0,
+        offset: Any = 0.0, clipped: Any = False, arrived: Any = None,
     ) -> tuple[MachineState, Command, MachineInfo]:  # fmt: skip
         """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of
         the bandwidth; `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS;

@@ -263,6 +263,7 @@ class _Reader:
             self.refuse("sensor.calibration", early, "a sensor that is no earlier than the logs'")
         if found.delay < 0:  # within its error none; the whole angle is what counts
             found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
+        self.suits("sensor.", "gain", found.gain)
         turn = (found.rotation + 180) % 360 - 180
         return Sensor(found.gain, turn, found.delay, found.gain_error, found.angle_error)
 
