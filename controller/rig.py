@@ -305,7 +305,7 @@ class _Reader:
         if name in OR_ZERO and value < 0:
             self.refuse(prefix + name, value, "zero or more")
         if name not in (*ANY_SIGN, *OR_ZERO) and not (value is not None and value > 0):
-            self.refuse(prefix + name, value, "a number above zero")
+            self.refuse(prefix + name, value, f"a {'gain' if name == 'gain' else 'number'} above zero")
 
     def agree(self, values: dict[str, Any]) -> None:
         """Refuses numbers that contradict each other."""
