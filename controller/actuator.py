@@ -1,5 +1,4 @@
-"""From voltage and frequency to what the rig takes: duty ratio or converter code, timer ticks or a phase
-increment."""
+"""From voltage and frequency to what the rig takes: duty ratio or code, timer ticks or a phase increment."""
 
 import math
 from typing import NamedTuple
@@ -11,8 +10,7 @@ ACCURATE = 1e-4  # of a duty ratio of one, to which it is
 
 
 class Adc(NamedTuple):
-    """The sensor's converter: `bits`, signed; full scale +-`full_scale` in what the sensor shows; `rate` in
-    Hz."""
+    """The sensor's converter: signed `bits`; +-`full_scale` in what the sensor shows; `rate` in Hz."""
 
     bits: float
     full_scale: float
@@ -25,7 +23,7 @@ class Adc(NamedTuple):
 
 
 class Dac(NamedTuple):
-    """A converter for the peak voltage: `bits`, signed; full scale +-`full_scale` in the drive unit."""
+    """A converter for the peak voltage: signed `bits`; +-`full_scale` in the drive unit."""
 
     bits: float
     full_scale: float
@@ -37,8 +35,7 @@ class Dac(NamedTuple):
 
 
 class Inverter(NamedTuple):
-    """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels; a negative duty
-    ratio is turned."""
+    """V = supply * duty, or (4/pi) supply sin(pi duty/2), the fundamental of three levels, of either sign."""
 
     supply: float
     sine: bool
@@ -50,12 +47,10 @@ class Inverter(NamedTuple):
 
     def check(self, limit: float | None) -> None:
         """Raise ValueError for a voltage limit that it cannot make."""
-        most = self.most
-        if limit is None or limit > most * (1 + 1e-9):
+        if limit is None or limit > self.most * (1 + 1e-9):
             said = "no limit" if limit is None else f"{limit:g}"
-            raise ValueError(
-                f"found a voltage limit of {said}, expected {most:.4g} at most, which the inverter can make"
-            )
+            most = f"{self.most:.4g} at most, which the inverter can make"
+            raise ValueError(f"found a voltage limit of {said}, expected {most}")
 
     def series(self, limit: float) -> np.ndarray:
         """Coefficients a of  duty = x (a0 + a1 x^2 + ...), x = V / limit, for |V| <= limit: as few as
@@ -66,8 +61,9 @@ class Inverter(NamedTuple):
         x = np.cos(np.linspace(0, np.pi / 2, 400)[:-1])
         wanted = 2 / math.pi * np.arcsin(ratio * x)
         for count in range(1, 12):
-            a = np.linalg.lstsq(x[:, None] ** (2 * np.arange(count) + 1), wanted, rcond=None)[0]
-            if np.max(np.abs(x[:, None] ** (2 * np.arange(count) + 1) @ a - wanted)) < ACCURATE:
+            powers = x[:, None] ** (2 * np.arange(count) + 1)
+            a = np.linalg.lstsq(powers, wanted, rcond=None)[0]
+            if np.max(np.abs(powers @ a - wanted)) < ACCURATE:
                 break
         return a
 

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
-from controller.pi import within
+from controller.pi import slewed, within
 from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
 from controller.source import begun as first
+from controller.tracker import cooled, warmed
 
 
 class AdaptiveState(NamedTuple):
@@ -51,9 +52,8 @@ class Adaptive(NamedTuple):
     start: float
     K: float
     keep: tuple[float, float]
-    delay: tuple[float, ...] = (
-        0.0,
-    )  # one zero for each sample of latency: what is on its way at the beginning
+    # one zero for each sample of latency: what is on its way at the beginning
+    delay: tuple[float, ...] = (0.0,)
     late: tuple[float, ...] = ()
     between: float = 0.0
     lowest_voltage: float = -NO_LIMIT
@@ -82,16 +82,11 @@ class Adaptive(NamedTuple):
 
     def learned(self, state: AdaptiveState) -> Any:
         """The resonance, Hz above the start, at the temperature of the start."""
-        return (
-            state.resonance
-            if self.k_T is None
-            else state.resonance - self.k_T * (state.temperature - self.temperature)
-        )
+        return cooled(self, state.resonance, state.temperature)
 
     def step(
         self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
     ) -> tuple[AdaptiveState, Command, None]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of
         K, the most voltage and whether the frequency is `frozen` in, what to drive with out; the state tells
@@ -101,7 +96,7 @@ class Adaptive(NamedTuple):
         """
         there = seen(reference, W, xp)
         d, q, damping, resonance = self._observed(state, there, reference, W, xp)
-        resonance, temperature = self._warmed(state, resonance, temperature, xp)
+        resonance, temperature = warmed(self, resonance, state.temperature, temperature, xp)
         resonance = clip(resonance, self.lowest - self.start, self.highest - self.start, xp)
         frequency = self._frequency(state, resonance, xp)
         frequency = frequency if frozen is None else xp.where(frozen, state.frequencies[0], frequency)
@@ -111,12 +106,11 @@ class Adaptive(NamedTuple):
             after = ahead if k == len(state.voltages) - 1 else after
         detuned = self.turn * (resonance - frequency)
         held = damping * ahead[0] + detuned * ahead[1]  # -Re(lambda T Z)
-        wanted = (share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0]) + held) * (
-            1.0 / self.push
-        )
+        removed = share * (self.K / (1.0 - 0.5 * self.damping)) * (reference - ahead[0])
+        wanted = (removed + held) * (1.0 / self.push)
         last = state.voltages[0]
         lowest, highest = within(self.lowest_voltage, self.highest_voltage, most, xp)
-        voltage = clip(clip(wanted, last - self.slew, last + self.slew, xp), lowest, highest, xp)
+        voltage = slewed(wanted, last, self.slew, lowest, highest, xp)
         voltage = xp.where(xp.isfinite(reference), voltage, last)
         if len(state.voltages) == 1:  # no latency: this command acts at once
             after = self._moved((d, q), damping, resonance - frequency, voltage)
@@ -129,8 +123,7 @@ class Adaptive(NamedTuple):
     def _observed(
         self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any
     ) -> tuple[Any, Any, Any, Any]:
-        """Z, T/tau and resonance with this sample's news: Z + (1 - keep^2) e,  lambda T + (1 - keep)^2 e /
-        Z."""
+        """Z, T/tau and resonance with this sample's e: Z + (1 - keep^2) e, lambda T + (1 - keep)^2 e / Z."""
         keep_d, keep_q = self.keep
         seen, before = ((state.d, state.q), *state.past)[-2:]
         e_d = xp.where(there, W.real - (seen[0] + self.between * (before[0] - seen[0])), 0.0)
@@ -141,16 +134,9 @@ class Adaptive(NamedTuple):
         rate = xp.where(learns, 1.0, 0.0) / xp.where(learns, size, 1.0)
         damping = state.damping - (1.0 - keep_d) * (1.0 - keep_d) * rate * (e_d * d + e_q * q)
         damping = clip(damping, 0.2 * self.damping, 20.0 * self.damping, xp)
-        resonance = state.resonance + (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (
-            e_q * d - e_d * q
-        )
+        turned = (1.0 - keep_q) * (1.0 - keep_q) * (1.0 / self.turn) * rate * (e_q * d - e_d * q)
+        resonance = state.resonance + turned
         return d, q, damping, resonance
-
-    def _warmed(self, state: AdaptiveState, resonance: Any, temperature: Any, xp: Any) -> tuple[Any, Any]:
-        if self.k_T is None or temperature is None:
-            return resonance, state.temperature
-        known = xp.where(xp.isfinite(temperature), temperature, state.temperature)
-        return resonance + self.k_T * (known - state.temperature), known
 
     def _moved(self, Z: tuple[Any, Any], damping: Any, offset: Any, voltage: Any) -> tuple[Any, Any]:
         """Z one sample later: Z + (a Z + b T V)(1 + a/2 + a^2/6), a = lambda T: exact to a^4/24."""
@@ -160,8 +146,7 @@ class Adaptive(NamedTuple):
         return d + m_d * go_d - m_q * go_q, q + m_d * go_q + m_q * go_d
 
     def _frequency(self, state: AdaptiveState, resonance: Any, xp: Any) -> Any:
-        """The frequency to drive with, Hz above the start: the resonance, by steps that the source can
-        make."""
+        """The frequency to drive with, Hz above the start: the resonance, by steps of the source."""
         last = state.frequencies[0]
         wanted = clip(resonance, last - self.sweep, last + self.sweep, xp)
         if self.source is None:

@@ -13,7 +13,7 @@ slower loop.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -67,40 +67,35 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
             f"the default is {min(plant, safe):.6g} Hz"
         )
     if wanted > safe * (1 + 1e-5):  # the six digits that the message below prints are accepted
-        why = (
-            f" for 99 % of what the logs leave of G/tau (up to {100 * (plate.spread - 1):.2g} % above its"
-            f" mean)"
-        )
+        above = f"up to {100 * (plate.spread - 1):.2g} % above its mean"
+        why = f" for 99 % of what the logs leave of G/tau ({above})" if plate.spread > 1.005 else ""
         raise ValueError(
-            f"bandwidth_hz = {wanted:g} cannot be had: with a delay of {asked.delay:g} s the loop"
-            f" oscillates above {safe:.6g} Hz{why if plate.spread > 1.005 else ''}; the nearest that can be"
-            f" had is {safe:.6g} Hz"
+            f"bandwidth_hz = {wanted:g} cannot be had: with a delay of {asked.delay:g} s the loop oscillates"
+            f" above {safe:.6g} Hz{why}; the nearest that can be had is {safe:.6g} Hz"
         )
     return Bandwidth(min(float(wanted), safe), limit, "stated")
 
 
 def _suited(asked: Asked) -> None:
     """Raises ValueError for a method that the plate, or the sample time, rules out."""
-    tau = asked.plate.tau
-    half_bandwidth, step = 1 / (2 * math.pi * tau), SignTracker(0.0, 1.0).size
+    half_bandwidth, step = asked.plate.half_bandwidth, SignTracker(0.0, 1.0).size
     if asked.method == "paper" and asked.plate.f0 is not None and step > half_bandwidth:
         raise ValueError(
             f"method = 'paper' cannot be had: its frequency goes to and fro by {step:g} Hz, and half of the"
             f" plate's bandwidth is {half_bandwidth:.3g} Hz; methods that can be had: pi, pll, adaptive"
         )
-    slowest = tau / (1 + asked.ranged.finger)
+    slowest = asked.plate.tau / (1 + asked.ranged.finger)
     if asked.method == "adaptive" and slowest * (1 + 1e-9) < asked.T:
         under = " under the finger" if asked.ranged.finger else ""
         raise ValueError(
             f"sample_time = {asked.T:g} s cannot be had with method = 'adaptive': its observer foresees no"
-            f" more than one time"
-            f" constant{under}; the nearest that can be had is {slowest:.3g} s, or methods pi, pll"
+            f" more than one time constant{under}; the nearest that can be had is {slowest:.3g} s, or methods"
+            " pi, pll"
         )
 
 
 def _limit(asked: Asked) -> float:
-    """Hz, of the largest K whose poles are real with the loop's delay; where the delay is predicted,
-    PREDICTED_K."""
+    """Hz, of the largest K whose poles are real with the delay; where that is predicted, PREDICTED_K."""
     d, K = asked.delay / asked.T, PREDICTED_K
     if asked.method != "adaptive":
         K = math.exp(d * math.log(max(d, 1e-300)) - (d + 1) * math.log1p(d))  # d may be thousands
@@ -114,50 +109,40 @@ def _settled(asked: Asked, wanted: float, fastest: float, limit: float) -> Bandw
     positive("settling_time", wanted)
     enough, tried = wanted * (1 + 1e-9), np.geomspace(fastest / 8, fastest, 10)
     # From the fastest: overshoot may make it settle later than a slower one.
-    times = [_taken(asked, b) for b in tried[::-1]]
-    best = min(times)
-    if best > enough and asked.leads:
-        best = min(best, led := _taken(asked, fastest, True))
-        if led <= enough:
-            return Bandwidth(fastest, limit, "settling", True)
-    if best > enough:
-        if not math.isfinite(best):
-            why = unkept(asked, fastest)
-        else:
-            why = _too_little_voltage(asked, wanted) or _in_the_way(asked, tried, enough)
-            why += f"; the nearest that can be had is {1e3 * best:.4g} ms"
-        raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}")
-    slowest = next(b for b, t in zip(tried, times[::-1], strict=True) if t <= enough)
-    return Bandwidth(float(slowest), limit, "settling")
+    times = {b: _taken(asked, b) for b in tried[::-1]}
+    if kept := [b for b, t in times.items() if t <= enough]:
+        return Bandwidth(float(min(kept)), limit, "settling")
+    led = _taken(asked, fastest, True) if asked.leads else math.inf
+    if led <= enough:
+        return Bandwidth(fastest, limit, "settling", True)
+    best = min(led, *times.values())
+    if math.isfinite(best):
+        why = _too_little_voltage(asked, wanted) or _in_the_way(asked, tried, enough)
+        why += f"; the nearest that can be had is {1e3 * best:.4g} ms"
+    else:
+        why = unkept(asked, fastest)
+    raise ValueError(f"settling_time = {1e3 * wanted:g} ms cannot be had: {why}")
 
 
-def _in_the_way(asked: Asked, tried: Iterable[float], enough: float) -> str:
+def _in_the_way(asked: Asked, tried: np.ndarray, enough: float) -> str:
     """That without which the loop would settle in `enough` s, in words: resonances that lie apart, a finger,
     or both; where it would not without them either, the sample time and the delay."""
     untouched = asked.over(asked.ranged._replace(finger=0.0)) if asked.ranged.finger else asked
     low, high = asked.ranged.warming
-    warms = (low, high) != (0.0, 0.0) and asked.plants.warming is None
-    apart = (
-        f"the range of temperatures, warming = ({low:g}, {high:g}),"
-        if warms
-        else "what the logs leave open of f0"
-    )
-    found = (
-        f"the resonance begins up to {asked.beside:.3g} Hz beside the frequency at which the loop starts,"
-        f" and has to be found"
-    )
+    apart = "what the logs leave open of f0"
+    if (low, high) != (0.0, 0.0) and asked.plants.warming is None:
+        apart = f"the range of temperatures, warming = ({low:g}, {high:g}),"
+    found = f"the resonance begins up to {asked.beside:.3g} Hz beside the frequency at which the loop starts,"
+    found += " and has to be found"
     finger = f"the finger, which adds {asked.ranged.finger:g} times the plate's own damping,"
-    cases = [
-        (asked._replace(plants=asked.plants.resonant), f"{apart} stands in the way: {found}"),
+    still, neither = (a._replace(plants=a.plants.resonant) for a in (asked, untouched))
+    for without, why in (
+        (still, f"{apart} stands in the way: {found}"),
         (untouched, f"{finger} stands in the way"),
-        (
-            untouched._replace(plants=untouched.plants.resonant),
-            f"{finger} and {apart} stand in the way: {found}",
-        ),
-    ]
-    tried, leads = list(tried), {False, asked.leads}
-    for without, why in cases:
-        if without is not asked and any(_taken(without, b, lead) <= enough for b in tried for lead in leads):
+        (neither, f"{finger} and {apart} stand in the way: {found}"),
+    ):
+        laws = ((b, lead) for b in tried for lead in {False, asked.leads})
+        if without is not asked and any(_taken(without, *law) <= enough for law in laws):
             return why
     why = f"the sample time {asked.T:g} s and the delay {asked.delay:g} s stand in the way"
     return why + ("" if asked.leads else ": a faster loop oscillates")
@@ -185,8 +170,7 @@ def _too_little_voltage(asked: Asked, wanted: float) -> str | None:
 
 
 def unpromised(asked: Asked, law: DQ | Adaptive) -> str | None:
-    """Why no settling time is promised whatever the plants do: it would take too many samples. None where it
-    would not."""
+    """Why no settling time is promised, whatever the plants do: too many samples; None where they are not."""
     if (needed := samples(law, asked.plants, asked.T)) <= LONGEST:
         return None
     enough = 1.01 * asked.T * needed / LONGEST  # s; the samples are inversely as their time, but for a few
@@ -232,8 +216,7 @@ def _settles(asked: Asked, bandwidth: float, lead: bool = False) -> bool:
 
 
 def _narrower(asked: Asked, bandwidth: float) -> str:
-    """The widest share of the range of temperatures with which the loop locks; where it is not they that keep
-    it, what determines f0."""
+    """The widest share of the temperatures with which the loop locks, or else what determines f0."""
     ranged, ends = asked.ranged, asked.ranged.warming
 
     def within(share: float) -> bool:
@@ -247,8 +230,7 @@ def _narrower(asked: Asked, bandwidth: float) -> str:
 
 
 def _hindered(asked: Asked, bandwidth: float, lead: bool) -> str | None:
-    """The part of the rig without which the plants would settle, and the nearest that can be had; None where
-    it is none."""
+    """The part of the rig, if any, without which the plants would settle, and the nearest that can be had."""
 
     def settles(name: str, value: float | None) -> bool:
         """With another value of that part."""

@@ -50,10 +50,9 @@ def calibrate(path: str | Path) -> Calibration:
     mean = float(np.mean(f))
     spread = bool(np.ptp(f) > 1e-9 * mean)
     shapes = np.stack([W, (f - mean) * W], 1)[:, : 2 if spread else 1]
-    if len(f) < LEAST + shapes.shape[1] or not np.any(W):
-        raise LogError(
-            f"{path}: found {len(f)} rows, expected {LEAST + shapes.shape[1]} or more, with a response"
-        )
+    least = LEAST + shapes.shape[1]
+    if len(f) < least or not np.any(W):
+        raise LogError(f"{path}: found {len(f)} rows, expected {least} or more, with a response")
     found, *_ = np.linalg.lstsq(shapes, S, rcond=None)
     left = S - shapes @ found
     # variance of each of the real and the imaginary part
@@ -65,10 +64,8 @@ def calibrate(path: str | Path) -> Calibration:
     if spread:
         delay = -float((found[1] / a).imag) / (2 * math.pi)
         delay_error = math.sqrt(covariance[1, 1]) / gain / (2 * math.pi)
-    turn = math.degrees(float(np.angle(a)) + 2 * math.pi * mean * delay)
-    return Calibration(
-        gain, (turn + 180) % 360 - 180, delay, error * gain, math.degrees(error), delay_error, mean
-    )
+    turn = (math.degrees(float(np.angle(a)) + 2 * math.pi * mean * delay) + 180) % 360 - 180
+    return Calibration(gain, turn, delay, error * gain, math.degrees(error), delay_error, mean)
 
 
 def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,21 +75,17 @@ def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for name in ("frequency", "wd", "wq", "sensor_wd", "sensor_wq"):
         at = [k for k, label in enumerate(head.names) if label == name or label.startswith(f"{name}_")]
         if len(at) != 1:
-            raise LogError(
-                f"{path}: found {len(at)} columns {name}_*, expected one of each sensor's wd and wq, and"
-                f" frequency"
-            )
+            why = "expected one of each sensor's wd and wq, and frequency"
+            raise LogError(f"{path}: found {len(at)} columns {name}_*, {why}")
         wanted[name] = at[0]
     body = read_body(head, list(wanted.values()))
     found = {name: body.numbers[at] for name, at in wanted.items()}
     there = np.all([np.isfinite(v) for v in found.values()], 0)
-    unit = head.names[wanted["frequency"]].removeprefix("frequency").strip("_") or "Hz"
-    for one, other in (("wd", "wq"), ("sensor_wd", "sensor_wq")):
-        units = [head.names[wanted[name]].removeprefix(name).strip("_") for name in (one, other)]
-        if units[0] != units[1]:
-            raise LogError(
-                f"{path}: found {one} in {units[0]!r} and {other} in {units[1]!r}, expected one unit"
-            )
-    f = np.asarray(convert(found["frequency"], unit, "Hz"), float)
-    W, S = (found[d] + 1j * found[q] for d, q in (("wd", "wq"), ("sensor_wd", "sensor_wq")))
+    units = {name: head.names[at].removeprefix(name).strip("_") for name, at in wanted.items()}
+    pairs = (("wd", "wq"), ("sensor_wd", "sensor_wq"))
+    for d, q in pairs:
+        if units[d] != units[q]:
+            raise LogError(f"{path}: found {d} in {units[d]!r} and {q} in {units[q]!r}, expected one unit")
+    f = np.asarray(convert(found["frequency"], units["frequency"] or "Hz", "Hz"), float)
+    W, S = (found[d] + 1j * found[q] for d, q in pairs)
     return f[there], W[there], S[there]

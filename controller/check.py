@@ -5,7 +5,7 @@ the frequency.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +31,7 @@ FINE, DAMPINGS, TOLD, MORE = 10, (0.0, 0.25, 0.5, 1.0, 2.0), 0.03, 0.5
 
 
 class Finding(NamedTuple):
-    """One prediction: what was found, what was expected, whether it was kept, and a likely cause where it was
-    not."""
+    """One prediction: what was found and expected, whether it was kept, and a likely cause if not."""
 
     what: str
     found: str
@@ -57,18 +56,12 @@ class _Record(NamedTuple):
     @classmethod
     def of(cls, controller: Mapping[str, Any], log: Log) -> "_Record":
         """Raises LogError for a record that cannot be judged."""
-        _same_plate(controller, log)
+        for why in _refusals(controller, log):
+            raise LogError(f"{log.name}: a record of a closed loop: {why}")
         end = int((1 - LAST) * len(log))
-        begin = _begin(controller, log, end)
-        last = np.abs(log.response[end:])
-        if (target := float(np.median(last))) == 0:
-            raise LogError(
-                f"{log.name}: a record of a closed loop: found no response at its end, expected the amplitude"
-                " that was asked for"
-            )
-        return cls(
-            controller, log, begin, end, target, float(np.std(last)), float(np.median(np.diff(log.time)))
-        )
+        last, row = np.abs(log.response[end:]), float(np.median(np.diff(log.time)))
+        target, noise = float(np.median(last)), float(np.std(last))
+        return cls(controller, log, int(_resting(log, end)[-1]), end, target, noise, row)
 
     @property
     def W(self) -> np.ndarray:
@@ -82,8 +75,8 @@ class _Record(NamedTuple):
 
 
 def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
-    """The predictions of a controller.json against a record of its loop. Raises LogError for a record that
-    cannot be judged."""
+    """The predictions of a controller.json against a record of its loop. Raises LogError for one that cannot
+    be judged."""
     record = _Record.of(controller, log)
     found = [_settling(record), _overshoot(record), _delay(record), _voltage(record)]
     if controller["plant"]["f0"] is not None and controller["tracker"]:
@@ -93,44 +86,37 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     return [f for f in found if f is not None]
 
 
-def _same_plate(controller: Mapping[str, Any], log: Log) -> None:
+def _refusals(controller: Mapping[str, Any], log: Log) -> Iterator[str]:
+    """Why a record cannot be judged."""
     named, expected = stated(log.metadata, "plate"), controller.get("plate")
     if named and expected and named != expected:
-        raise LogError(
-            f"{log.name}: found the plate {named!r}, expected {expected!r}, for which controller.json was"
-            f" designed"
-        )
-
-
-def _begin(controller: Mapping[str, Any], log: Log, end: int) -> int:
-    """The last row before the voltage rises, to bring the amplitude to where it is from row `end` on."""
-    what = f"{log.name}: a record of a closed loop"
+        yield f"found the plate {named!r}, expected {expected!r}, for which controller.json was designed"
     for name, values in (("voltage_*", log.drive), ("time_*", log.time)):
         if values is None:
-            raise LogError(f"{what}: found no {name} column, expected one")
+            yield f"found no {name} column, expected one"
     if log.amplitude_only:
-        raise LogError(f"{what}: found an amplitude alone, expected wd and wq")
+        yield "found an amplitude alone, expected wd and wq"
     for kind, unit in (("response", log.response_unit), ("drive", log.drive_unit)):
         if controller["units"][kind] not in (None, unit):
-            raise LogError(
-                f"{what}: found {unit}, expected {controller['units'][kind]} as in controller.json"
-            )
+            yield f"found {unit}, expected {controller['units'][kind]} as in controller.json"
+    end = int((1 - LAST) * len(log))
+    resting = _resting(log, end)
+    if not len(resting) or resting[0] != 0 or not np.any(log.drive):
+        yield f"found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest"
+    if (rows := len(log) - resting[-1] - 1) < 19:
+        yield f"found {rows} rows after the voltage rises, expected 20 or more"
+    if not np.median(np.abs(log.response[end:])):
+        yield "found no response at its end, expected the amplitude that was asked for"
+
+
+def _resting(log: Log, end: int) -> np.ndarray:
+    """Rows before the voltage rises, to bring the amplitude to where it is from row `end` on."""
     V, W = np.abs(log.drive), np.abs(log.response)
     steady = np.median(V[end:])
     flicker = 1.4826 * np.median(np.abs(V[end:] - steady))  # the standard deviation of normal noise
     risen = max(SHARE * np.max(V), min(FLICKER * flicker, RISEN * steady)) < V
-    if risen[0] or np.max(V) == 0:
-        raise LogError(
-            f"{what}: found {log.drive[0]:g} {log.drive_unit} in its first row, expected it to begin at rest"
-        )
     half = int(np.argmax(0.5 * np.median(W[end:]) < W))
-    resting = np.flatnonzero(~risen[: max(half, int(np.argmax(risen)))])
-    begin = int(resting[-1])
-    if len(log) - begin < 20:
-        raise LogError(
-            f"{what}: found {len(log) - begin - 1} rows after the voltage rises, expected 20 or more"
-        )
-    return begin
+    return np.flatnonzero(~risen[: max(half, int(np.argmax(risen)))])
 
 
 def _settling(record: _Record) -> Finding | None:
@@ -142,8 +128,7 @@ def _settling(record: _Record) -> Finding | None:
         return None
     outside = np.flatnonzero(np.abs(record.W[begin:] - target) > BAND * target + NOISE * record.noise)
     last = begin + (int(outside[-1]) if len(outside) else 0)
-    # The promise counts from the sample at which the amplitude was asked for, a latency before the voltage
-    # follows.
+    # The promise counts from when the amplitude was asked for, a latency before the voltage follows.
     taken = float(log.time[min(last + 1, len(log) - 1)] - log.time[begin])
     late = (controller.get("demodulator") or {}).get("delay_s", 0.0)  # by which what is recorded is
     kept = taken <= promised + record.row + controller["sample_time_s"] + late
@@ -200,10 +185,8 @@ def _delay(record: _Record) -> Finding | None:
     if math.sqrt(left / len(Wd)) > TOLD * record.target or np.ptp(V) < TOLD * np.max(np.abs(V)):
         return None
     found = late * T / FINE
-    hint = (
-        f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay: state latency in"
-        " the rig file"
-    )
+    hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay:"
+    hint += " state latency in the rig file"
     kept = found <= expected + MORE * T
     return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
 
@@ -241,10 +224,8 @@ def _beside(record: _Record) -> Finding:
     beside = float(np.median(log.frequency[record.end :])) - controller["plant"]["f0"]
     over = beside - min(max(beside, ends[0]), ends[1])
     turned = math.degrees(math.atan(over / hb))
-    hint = (
-        f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees; or another temperature than"
-    )
-    hint += " that of the logs"
+    hint = f"a sensor or a drive that is late or turned, by {turned:+.0f} degrees;"
+    hint += " or another temperature than that of the logs"
     expected = f"{ends[0] - TURNED * hb:+.3g} to {ends[1] + TURNED * hb:+.3g} Hz"
     return Finding("frequency less f0", f"{beside:+.4g} Hz", expected, abs(over) <= TURNED * hb, hint)
 

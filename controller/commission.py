@@ -6,7 +6,7 @@ sample.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 SHARE = 0.1  # of the voltage limit, at which one begins
@@ -26,15 +26,7 @@ class Stage(NamedTuple):
 def sheet(controller: Mapping[str, Any]) -> list[Stage]:
     """The stages for the content of a controller.json, each safe once the one before is as expected."""
     at = _Point.of(controller)
-    possible = [
-        _demodulator(at),
-        _sign_of_q(at),
-        _slow_loop(at, controller),
-        _tracker(at, controller),
-        _full(at, controller),
-    ]
-    possible += [_touch(at, controller["voltage_limit"]), _fault(controller["guard"])]
-    return [stage for stage in possible if stage is not None]
+    return [*_open(at), *_closed(at, controller), *_disturbed(at, controller)]
 
 
 def _set(task: str, **inputs: float) -> str:
@@ -68,87 +60,57 @@ class _Point(NamedTuple):
         return cls(plant["tau"], plant["f0"], half, amplitude, steady, low, plant["G"] * low, *words)
 
 
-def _demodulator(at: _Point) -> Stage:
+def _open(at: _Point) -> Iterator[Stage]:
+    """Demodulator and sign of q, in open loop."""
     where = "at the resonance" if at.f0 is None else f"at {at.f0:.8g} Hz"
-    expect = (
-        f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms; Wq is"
-        f" small beside it"
-    )
-    return Stage(
-        "demodulator",
-        f"open loop: {at.low:.4g} {at.drive} {where}",
-        expect,
-        _set("OPEN_LOOP", voltage=at.low),
-    )
-
-
-def _sign_of_q(at: _Point) -> Stage | None:
+    expect = f"Wd settles at {at.small:.4g} {at.response}, to 95 % in {1e3 * SETTLED * at.tau:.3g} ms;"
+    expect += " Wq is small beside it"
+    do = f"open loop: {at.low:.4g} {at.drive} "
+    yield Stage("demodulator", do + where, expect, _set("OPEN_LOOP", voltage=at.low))
     if at.f0 is None:
-        return None
-    do = f"open loop: {at.low:.4g} {at.drive} at {at.f0 - at.half_bandwidth:.8g} Hz, half a bandwidth below"
+        return
+    do += f"at {at.f0 - at.half_bandwidth:.8g} Hz, half a bandwidth below"
     expect = (
         f"Wd and Wq both at {at.small / 2:.4g} {at.response}; a negative Wq has the other sign. Each degree"
         f" of rotation makes the tracker settle {at.half_bandwidth * math.tan(math.radians(1)):.3g} Hz"
         " beside the resonance"
     )
-    return Stage("sign of q", do, expect, _set("OPEN_LOOP", voltage=at.low, offset=-at.half_bandwidth))
+    yield Stage("sign of q", do, expect, _set("OPEN_LOOP", voltage=at.low, offset=-at.half_bandwidth))
 
 
-def _slow_loop(at: _Point, controller: Mapping[str, Any]) -> Stage:
+def _closed(at: _Point, controller: Mapping[str, Any]) -> Iterator[Stage]:
+    """The slow loop alone, with its tracker, and the whole."""
     do = f"gains divided by {SLOWER:g}, tracker off, ask for {at.small:.4g} {at.response}"
-    expect = (
-        f"without overshoot to 95 % in {1e3 * _slow(controller):.3g} ms, with {at.low:.4g} {at.drive} at"
-        f" the end"
-    )
-    return Stage("slow loop", do, expect, _set("AMPLITUDE", reference=at.small, share=1 / SLOWER))
+    T = controller["sample_time_s"]
+    K = -math.expm1(-2 * math.pi * controller["bandwidth_Hz"] * T) / SLOWER
+    expect = f"without overshoot to 95 % in {1e3 * SETTLED / -math.log1p(-K) * T:.3g} ms,"
+    expect += f" with {at.low:.4g} {at.drive} at the end"
+    yield Stage("slow loop", do, expect, _set("AMPLITUDE", reference=at.small, share=1 / SLOWER))
+    tracker, promise = controller["tracker"], controller["promise"]
+    if tracker and at.f0 is not None:
+        taken = _updates(tracker, at.half_bandwidth) * tracker["period_s"] + SETTLED * at.tau
+        expect = f"f within {0.1 * at.half_bandwidth:.2g} Hz of the resonance in {1e3 * taken:.3g} ms"
+        do = f"tracker on, begun at {at.f0 + at.half_bandwidth:.8g} Hz, at the same amplitude"
+        yield Stage("tracker", do, expect, _set("REGULATE", reference=at.small, offset=at.half_bandwidth))
+    if promise["settling_s"] is not None:
+        expect = (
+            f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end;"
+        )
+        expect += f" an overshoot of {100 * promise['overshoot']:.2g} % at most, beside the noise"
+        do = f"the gains as they are, in run ask for {at.amplitude:.4g} {at.response}"
+        yield Stage("full", do, expect, _set("REGULATE", reference=at.amplitude))
 
 
-def _tracker(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
-    tracker = controller["tracker"]
-    if not tracker or at.f0 is None:
-        return None
-    taken = _updates(tracker, at.half_bandwidth) * tracker["period_s"] + SETTLED * at.tau
-    expect = f"f within {0.1 * at.half_bandwidth:.2g} Hz of the resonance in {1e3 * taken:.3g} ms"
-    do = f"tracker on, begun at {at.f0 + at.half_bandwidth:.8g} Hz, at the same amplitude"
-    return Stage("tracker", do, expect, _set("REGULATE", reference=at.small, offset=at.half_bandwidth))
-
-
-def _full(at: _Point, controller: Mapping[str, Any]) -> Stage | None:
-    promise = controller["promise"]
-    if promise["settling_s"] is None:
-        return None
-    expect = (
-        f"within 5 % after {1e3 * promise['settling_s']:.3g} ms, {at.steady:.4g} {at.drive} at the end; an"
-        f" overshoot of {100 * promise['overshoot']:.2g} % at most, beside the noise"
-    )
-    do = f"the gains as they are, in run ask for {at.amplitude:.4g} {at.response}"
-    return Stage("full", do, expect, _set("REGULATE", reference=at.amplitude))
-
-
-def _touch(at: _Point, limit: float | None) -> Stage:
-    spare = (
-        ""
-        if limit is None
-        else f"; {limit:.4g} {at.drive} hold it up to {limit / at.steady:.3g} times the damping"
-    )
-    return Stage(
-        "touch",
-        "a finger on the plate",
-        f"the amplitude comes back, the voltage rises as the damping does{spare}",
-    )
-
-
-def _fault(guard: Mapping[str, Any] | None) -> Stage | None:
-    if guard is None:
-        return None
-    expect = f"no voltage after {1e3 * guard['patience_s']:.3g} ms, and none until the fault is reset"
-    return Stage("fault", "pull the sensor's plug", expect)
-
-
-def _slow(controller: Mapping[str, Any]) -> float:
-    """Seconds to 95 % of the loop whose K is divided by SLOWER."""
-    K = -math.expm1(-2 * math.pi * controller["bandwidth_Hz"] * controller["sample_time_s"])
-    return SETTLED / -math.log1p(-K / SLOWER) * controller["sample_time_s"]
+def _disturbed(at: _Point, controller: Mapping[str, Any]) -> Iterator[Stage]:
+    """A touch, and a fault."""
+    limit, guard = controller["voltage_limit"], controller["guard"]
+    expect = "the amplitude comes back, the voltage rises as the damping does"
+    if limit is not None:
+        expect += f"; {limit:.4g} {at.drive} hold it up to {limit / at.steady:.3g} times the damping"
+    yield Stage("touch", "a finger on the plate", expect)
+    if guard is not None:
+        expect = f"no voltage after {1e3 * guard['patience_s']:.3g} ms, and none until the fault is reset"
+        yield Stage("fault", "pull the sensor's plug", expect)
 
 
 def _updates(tracker: Mapping[str, float], half_bandwidth: float) -> float:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controller import scalar
-from controller.scalar import NO_LIMIT
+from controller.scalar import NO_LIMIT, either
 
 IMAGE = 1e-3  # of |W|, that is left of the image at twice the carrier
 ORDER = 4  # poles: for this image within a fifth of the delay that the best number, seven, would have
@@ -52,18 +52,11 @@ def cosine_and_sine(turn: Turn, xp: Any) -> tuple[Any, Any]:
     return xp.where(turn.half, -c, c), xp.where(turn.half, -s, s)
 
 
-class Pole(NamedTuple):
-    """Output of one filter."""
-
-    d: Any
-    q: Any
-
-
 class DemodulatorState(NamedTuple):
-    """The filters, the first in front; how many samples have been missing in a row; and for how many more it
-    is remembered that one was `clipped`."""
+    """Outputs d and q of the filters, the first in front; how many samples have been missing in a row; and
+    for how many more it is remembered that one was `clipped`."""
 
-    poles: tuple[Pole, ...]
+    poles: tuple[tuple[Any, Any], ...]
     missed: Any
     clipped: Any
 
@@ -84,8 +77,7 @@ class Demodulator(NamedTuple):
     def of(
         cls, rate: float, carrier: float, patience: float, scale: float = 1.0, most: float = NO_LIMIT
     ) -> "Demodulator":
-        """For a sampling rate and a carrier in Hz: the fastest filters that leave IMAGE of the image. Raises
-        ValueError."""
+        """For a sampling rate and a carrier, Hz: the fastest filters that leave IMAGE. Raises ValueError."""
         apart = 1.0 - math.cos(4 * math.pi * carrier / rate)
         if apart < LEAST:
             raise ValueError(
@@ -105,13 +97,12 @@ class Demodulator(NamedTuple):
 
     @property
     def age(self) -> float:
-        """s since the last sample when a controller reads W, on average: the two clocks know nothing of each
-        other."""
+        """s since the last sample when a controller reads W, on average: the two clocks are independent."""
         return 0.5 / self.rate
 
     def init(self) -> DemodulatorState:
         """At rest."""
-        return DemodulatorState((Pole(0.0, 0.0),) * self.order, 0.0, 0.0)
+        return DemodulatorState(((0.0, 0.0),) * self.order, 0.0, 0.0)
 
     def step(
         self, state: DemodulatorState, sample: Any, turn: Turn, xp: Any = scalar
@@ -121,15 +112,13 @@ class Demodulator(NamedTuple):
         there = xp.isfinite(sample)
         w = (2.0 * self.scale) * sample
         d, q, poles = -w * c, w * s, []
-        for pole in state.poles:
-            d, q = pole.d + self.share * (d - pole.d), pole.q + self.share * (q - pole.q)
-            poles.append(Pole(xp.where(there, d, pole.d), xp.where(there, q, pole.q)))
-        missed = xp.where(
-            there, 0.0, xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
-        )
+        for was_d, was_q in state.poles:
+            d, q = was_d + self.share * (d - was_d), was_q + self.share * (q - was_q)
+            poles.append((d, q))
+        missed = xp.where(state.missed < self.patience, state.missed + 1.0, state.missed)
         less = xp.where(state.clipped > 0.0, state.clipped - 1.0, 0.0)
         clipped = xp.where((sample >= self.most) | (sample <= -self.most), self.patience, less)
-        gone, clipped = missed >= self.patience, xp.where(there, clipped, state.clipped)
-        last = poles[-1]
-        said = xp.where(gone, xp.nan, last.d), xp.where(gone, xp.nan, last.q)
-        return DemodulatorState(tuple(poles), missed, clipped), *said
+        heard = DemodulatorState(tuple(poles), 0.0, clipped)
+        after = either(there, heard, state._replace(missed=missed), xp)
+        gone, (d, q) = after.missed >= self.patience, after.poles[-1]
+        return after, xp.where(gone, xp.nan, d), xp.where(gone, xp.nan, q)

@@ -11,13 +11,12 @@ from controller.demodulator import SAMPLES, Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
 from controller.guard import Guard
-from controller.laws import METHODS, Asked, Method, calibrated, guarded, switched
-from controller.limits import Limits, amplitude_of, limits_of, range_of
+from controller.laws import Asked, calibrated, guarded, switched
+from controller.limits import Limits, amplitude_of, check_rig, limits_of, range_of
 from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
-from controller.rig import Calibrated, Rig
-from controller.suited import checked
+from controller.rig import METHODS, Calibrated, Method, Rig
 from sysid.shown import Shown
 
 
@@ -69,9 +68,24 @@ class Loop(Shown):
     logs: tuple[str, ...] = ()  # sha256
 
     def _brief(self) -> Any:
-        from controller.shown import of_loop
+        """What it is made for, and what it promises."""
+        from sysid.report.brief import Brief
+        from sysid.report.text import seconds
 
-        return of_loop(self)
+        promise, limit, unit = self.promise, self.limits.voltage, self.response_unit or ""
+        plate = "" if self.plate is None else f" for the plate {self.plate}"
+        head = f"Loop: {self.method}{plate}, a sample every {seconds(self.sample_time)}"
+        settling = seconds(promise.settling) if math.isfinite(promise.settling) else "none, as a note says"
+        margins = f"gain {promise.gain:.3g}, phase {promise.phase:.3g} deg, disk {promise.disk:.3g}"
+        f0 = "not known: no tracker" if self.f0 is None else f"{self.f0:.8g} Hz"
+        rows = (
+            ("plate", f"G {self.G:.6g}, tau {seconds(self.tau)}, f0 {f0}"),
+            ("closed loop", f"{self.bandwidth_hz:.4g} Hz, by {self.bandwidth_bound}"),
+            ("settling to 5 %", f"{settling}, to {self.amplitude:.4g} {unit}".rstrip()),
+            ("margins", margins),
+            ("voltage limit", "none" if limit is None else f"{limit:.4g} {self.drive_unit or ''}".rstrip()),
+        )
+        return Brief(head, ("", "kept by 99 % of the plants"), rows, self.notes[:3])
 
     def plot(self, path: str | Path | None = None) -> tuple[Any, Any]:
         """Figures of matplotlib: the promised step response beside its voltage; loop and sensitivity over
@@ -92,8 +106,7 @@ class Loop(Shown):
 
     @property
     def delay(self) -> float:
-        """s, from a motion of the plate to the command that answers it: drive, sensor, demodulator and
-        latency."""
+        """s, from a motion of the plate to the command for it: drive, sensor, demodulator and latency."""
         return self.latency + self.rig.delay(self.f0)
 
 
@@ -143,9 +156,9 @@ def design(
     plate = plate_of(source)
     ranged = range_of(plate, rig, finger, warming)
     limits = limits_of(plate, rig, voltage_limit, frequency_window, ranged.warming)
-    plants = Ensemble.of(source, plate.means, ranged.finger, ranged.warming, rig.thermometer)
+    plants = Ensemble.of(plate, ranged, rig.thermometer)
     amplitude = amplitude_of(plate, limits, amplitude, ranged.finger, plants)
-    checked(plate, rig, limits, amplitude)
+    check_rig(plate, rig, limits, amplitude)
     late = _latency(T, latency if latency is not None else rig.latency, method)
     asked = Asked(plate, T, late, limits, rig, method, plants, amplitude, ranged)
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
@@ -188,9 +201,7 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         limits=asked.limits,
         amplitude=asked.amplitude,
         plate=plate.name,
-        finger=asked.ranged.finger,
-        force=asked.ranged.force,
-        warming=asked.ranged.warming,
+        **asked.ranged._asdict(),
         promise=promise,
         rig=asked.rig,
         drive_unit=drive_unit,
@@ -210,7 +221,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
             f" {1e3 * asked.patience * asked.T:.3g} ms"
         )
     if plate.f0 is None:
-        found.append(f"no tracker: f0 is not determined: {plate.why}")
+        found.append(f"no tracker: {plate.why}")
     if bound == "posterior":
         found.append(
             "slower than the delay alone asks for: 1 % of the plates that the logs allow have a G/tau more"
@@ -228,7 +239,7 @@ def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
         turn = f": 1 us of it turns W by {360e-6 * plate.f0:.3g} degrees" if plate.f0 else ""
         found.append(f"the loop's sensor is taken to be that of the logs, without a delay of its own{turn}")
     elif sensor.gain_error or sensor.angle_error:
-        beside = math.tan(math.radians(sensor.angle_error)) / (2 * math.pi * plate.tau)
+        beside = math.tan(math.radians(sensor.angle_error)) * plate.half_bandwidth
         found.append(
             f"the loop's sensor is known to {100 * sensor.gain_error / sensor.gain:.2g} % and"
             f" {sensor.angle_error:.2g} degrees (standard deviations): the amplitude to as much, and the"

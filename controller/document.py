@@ -5,10 +5,8 @@ from typing import Any
 
 from controller.adaptive import Adaptive
 from controller.commission import sheet
-from controller.demodulator import Demodulator
 from controller.design import Loop
 from controller.dq import DQ
-from controller.guard import Guard
 from controller.machine import Machine
 from controller.margins import Bode
 from controller.promise import Promise
@@ -24,7 +22,10 @@ def as_dict(loop: Loop) -> dict[str, Any]:
 
     Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
     """
-    T, machine, limits = loop.sample_time, loop.switched, loop.limits
+    T, machine, limits, d = loop.sample_time, loop.switched, loop.limits, loop.demodulator
+    guard = machine and machine.control
+    heard = d and {"rate_Hz": d.rate, "share": d.share, "poles": d.order}
+    heard = d and heard | {"delay_s": d.delay, "scale": d.scale}
     content = {
         "schema": SCHEMA,
         "plate": loop.plate,
@@ -50,9 +51,10 @@ def as_dict(loop: Loop) -> dict[str, Any]:
             "amplitude": loop.amplitude,
         },
         "promise": _promise(loop.promise),
-        "guard": None if machine is None else _guard(machine.control, T),
+        # for how long it looks on
+        "guard": guard and {"patience_s": guard.patience * T, "stuck_after_s": guard.repeats * T},
         "rig": _rig(loop.rig),
-        "demodulator": None if loop.demodulator is None else _demodulator(loop.demodulator),
+        "demodulator": heard,
         "start_up": None if machine is None else _start_up(machine, T),
         "units": {"drive": loop.drive_unit, "response": loop.response_unit},
         "notes": list(loop.notes),
@@ -70,16 +72,6 @@ def _law(law: DQ | Adaptive) -> dict[str, Any]:
     gains = {"Kp": pi.Kp, "Ki_Ts": pi.Ki_Ts}
     fed = m and {"keep": m.keep, "push": m.push, "latest": m.latest, "remembered": len(m.line)}
     return {"gains": {"d": gains, "q": dict(gains)}, "anti_windup": pi.anti_windup, "feed_forward": fed}
-
-
-def _guard(guard: Guard, T: float) -> dict[str, float]:
-    """For how long it looks on."""
-    return {"patience_s": guard.patience * T, "stuck_after_s": guard.repeats * T}
-
-
-def _demodulator(d: Demodulator) -> dict[str, float]:
-    """How it is sampled."""
-    return {"rate_Hz": d.rate, "share": d.share, "poles": d.order, "delay_s": d.delay, "scale": d.scale}
 
 
 def _start_up(m: Machine, T: float) -> dict[str, float]:
@@ -114,8 +106,8 @@ def _promise(p: Promise) -> dict[str, Any]:
     kept: dict[str, Any] = {said: _known(getattr(p, name)) for name, said in names.items()}
     kept["startup_s"] = _known(p.startup)
     kept["quantiles_5_50_95"] = {said: [_known(q) for q in p.spread[name]] for name, said in names.items()}
-    rows = zip(("time_s", "W_5", "W_50", "W_95"), p.response[:4], strict=True)
-    step = dict(rows) | dict(zip(("V_5", "V_50", "V_95"), p.response.voltage, strict=True))
+    shown = ("time_s", "W_5", "W_50", "W_95", "V_5", "V_50", "V_95")
+    step = dict(zip(shown, (*p.response[:4], *p.response.voltage), strict=True))
     return kept | {"step_response": _digits(step), "bode": None if p.bode is None else _bode(p.bode)}
 
 

@@ -1,5 +1,4 @@
-"""The paper's structure, figure 7: an amplitude loop on Wd sets the voltage, and a tracker brings Wq to
-zero."""
+"""The paper's structure, figure 7: an amplitude loop on Wd sets the voltage, a tracker brings Wq to zero."""
 
 from typing import Any, NamedTuple
 
@@ -17,8 +16,7 @@ class DQState(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a controller asks for: peak `voltage` in the drive unit, `frequency` in Hz (None: set by
-    others)."""
+    """What a controller asks for: peak `voltage` (drive unit), `frequency` in Hz (None: set by others)."""
 
     voltage: Any
     frequency: Any
@@ -47,14 +45,12 @@ class DQ(NamedTuple):
 
     def rest(self, begun: Any = 0.0, xp: Any = scalar) -> Command:
         """What is driven before the first sample has taken effect."""
-        return Command(
-            0.0, None if self.tracker is None else self.tracker.start + self.tracker.init(begun, xp).offset
-        )
+        tracker = self.tracker
+        return Command(0.0, None if tracker is None else tracker.start + tracker.init(begun, xp).offset)
 
     def step(
         self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
     ) -> tuple[DQState, Command, DQInfo]:  # fmt: skip
         """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share
         of the PI's gains, the most voltage, and whether the tracker is `frozen`. Out: what to drive with."""

@@ -1,11 +1,23 @@
-"""The plants that a design must serve: draws of the posterior, each with a finger and a temperature from the
-stated range."""
+"""The plants that a design must serve: draws of the posterior, fingers and temperatures of a range."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from controller.plate import Plate
+
+Span = tuple[float, float]  # from and to
 COUNT = 400  # plants: the 1 % that a promise leaves out are four of them
+
+
+class Range(NamedTuple):
+    """The range that a promise covers: the largest damping added by a finger, in units of the plate's own,
+    and the `force` at which it occurs (N; None: not known); temperatures in degC above the reference, from
+    and to."""
+
+    finger: float
+    force: float | None
+    warming: Span
 
 
 class Ensemble(NamedTuple):
@@ -19,45 +31,31 @@ class Ensemble(NamedTuple):
     warming: np.ndarray | None = None
 
     @classmethod
-    def of(
-        cls,
-        source: Any,
-        means: dict[str, float],
-        finger: float,
-        warming: tuple[float, float],
-        thermometer: bool = False,
-    ) -> "Ensemble":
-        """From `source.draws` of what has a mean, where there are any, else from the `means`. `finger`: the
-        largest added damping in units of the plate's own; `warming`: degC above the reference temperature,
-        from and to.
+    def of(cls, plate: Plate, ranged: Range, thermometer: bool = False) -> "Ensemble":
+        """From the draws of what the plate has a mean of, where there are any, else from the means.
 
         Finger and temperature are spread evenly over their ranges, their ends included.
         """
-        drawn_by = getattr(source, "draws", {})
-        draws = {
-            name: np.ravel(values) for name, values in drawn_by.items() if name in means
-        }  # f0 is drawn, determined or not
-        draws = {
-            name: values[np.linspace(0, len(values) - 1, COUNT).astype(int)] for name, values in draws.items()
-        }
-
-        alone = not draws and finger == 0.0 and warming[0] == warming[1]
+        means, (low, high) = plate.means, ranged.warming
+        drawn_by = getattr(plate.source, "draws", {})
+        # f0 is drawn, determined or not
+        draws = {name: np.ravel(values) for name, values in drawn_by.items() if name in means}
+        alone = not draws and ranged.finger == 0.0 and low == high
         k = np.zeros(1) if alone else np.arange(COUNT)
 
         def drawn(name: str) -> np.ndarray:
             """Its draws, or its mean as often."""
-            return draws.get(name, np.full(len(k), means.get(name) or 0.0))
+            if name not in draws:
+                return np.full(len(k), means.get(name) or 0.0)
+            return draws[name][np.linspace(0, len(draws[name]) - 1, COUNT).astype(int)]
 
-        # Two fractions that fill the square evenly (Kronecker sequence of the plastic number), stretched to
-        # reach its edges.
-        u, v = (
-            np.clip(1.02 * ((k * a) % 1.0) - 0.01, 0.0, 1.0) for a in (0.7548776662466927, 0.5698402909980532)
-        )
-        warm = warming[0] + v * (warming[1] - warming[0])
+        # Two fractions that fill the square evenly, up to its edges (Kronecker sequence, plastic number).
+        plastic = (0.7548776662466927, 0.5698402909980532)
+        u, v = (np.clip(1.02 * ((k * a) % 1.0) - 0.01, 0.0, 1.0) for a in plastic)
+        warm, tau = low + v * (high - low), drawn("tau")
         shift = drawn("f0") - (means.get("f0") or 0.0) + drawn("k_T") * warm
-        return cls(
-            drawn("G") / drawn("tau"), (1.0 + finger * u) / drawn("tau"), shift, warm if thermometer else None
-        )
+        rate = (1.0 + ranged.finger * u) / tau
+        return cls(drawn("G") / tau, rate, shift, warm if thermometer else None)
 
     def every(self, step: int) -> "Ensemble":
         """Each `step`-th of the plants."""

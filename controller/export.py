@@ -1,8 +1,6 @@
-"""A Loop as C: the law (`controller/c/`), the same for every plate, and a header of the plate's own
-parameters."""
+"""A Loop as C: the law (`controller/c/`), the same for every plate, and a header of a plate's parameters."""
 
 import re
-from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +17,7 @@ from controller.rig import Calibrated
 from controller.scalar import NO_LIMIT, typed
 from controller.source import Multiples, Timer
 from controller.tracker import PLL, SignTracker
+from sysid import __version__
 
 Precision = Literal["single", "double"]
 KINDS = {"single": np.float32, "double": np.float64}
@@ -42,11 +41,8 @@ def export_c(loop: Loop, path: str | Path, precision: Precision | None = None, p
         )
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", prefix):
         raise ValueError(f"found the prefix {prefix!r}, expected small letters, digits and _, a letter first")
-    for target, text in zip(
-        (path, path.with_suffix(".c"), plate_header(path)),
-        texts(loop, path.name, precision, prefix),
-        strict=True,
-    ):
+    targets = path, path.with_suffix(".c"), plate_header(path)
+    for target, text in zip(targets, texts(loop, path.name, precision, prefix), strict=True):
         target.write_text(text, encoding="ascii", newline="\n")
 
 
@@ -75,11 +71,7 @@ def texts(
 
 def _renamed(text: str, prefix: str) -> str:
     """Its names with another prefix than dq and DQ; the names of files stay."""
-    return (
-        re.sub(r"\bdq_(?!pi\b|pi_)", f"{prefix}_", re.sub(r"\bDQ_", f"{prefix.upper()}_", text))
-        if prefix != "dq"
-        else text
-    )
+    return re.sub(r"\bdq_(?!pi\b|pi_)", f"{prefix}_", re.sub(r"\bDQ_", f"{prefix.upper()}_", text))
 
 
 def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
@@ -96,17 +88,12 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
     names = "demodulator_share=share demodulator_scale=scale sample_most=most sample_patience=patience"
     values |= _of(d, names)
-    return {
-        name: int(min(values[name], 2**24)) if kind.endswith("int32_t") else values[name]
-        for kind, name in _fields()
-    }
-
-
-def _fields() -> list[tuple[str, str]]:
-    """Type and name of each field of dq_params."""
     header = (files("controller") / "c" / "dq.h").read_text(encoding="ascii")
     struct = header[header.index("uint32_t layout;") : header.index("} dq_params;")]
-    return re.findall(r"\b(dq_real|u?int32_t) (\w+);", struct)
+    return {
+        name: int(min(values[name], 2**24)) if kind.endswith("int32_t") else values[name]
+        for kind, name in re.findall(r"\b(dq_real|u?int32_t) (\w+);", struct)
+    }
 
 
 def _of(part: Any, names: str, otherwise: float = 0.0) -> dict[str, Any]:
@@ -158,10 +145,9 @@ def _tracker(law: Any) -> dict[str, Any]:
     """What follows the resonance, a tracker or an observer; None: nothing does."""
     t = law if isinstance(law, Adaptive) else law.tracker
     source = getattr(t, "source", None)
-    names = (
-        "tracker_share=share tracker_lead=lead tracker_max_step=max_step tracker_most=most gate k_T dead_band"
-    )
-    found = _of(t, f"tracker_gain={'size' if isinstance(t, SignTracker) else 'gain'} {names}")
+    names = "tracker_share=share tracker_lead=lead tracker_max_step=max_step tracker_most=most gate k_T"
+    gain = "size" if isinstance(t, SignTracker) else "gain"
+    found = _of(t, f"tracker_gain={gain} {names} dead_band")
     found |= _of(t, "every tracker_half_bandwidth=half_bandwidth", 1.0)
     found |= _of(source, "source_step=step source_first=first source_periods=periods source_centre=centre")
     found["tracker"] = 0 if t is None else 2 if isinstance(t, SignTracker) else 3 if isinstance(t, PLL) else 1
@@ -198,7 +184,7 @@ def _plate(loop: Loop, name: str, values: dict[str, Any]) -> str:
     rows = [f"    {_c(value)}, /* {field} */" for field, value in values.items()]
     macros = [f"#define DQ_PLATE_{field} {text}" for field, text in _macros(loop).items()]
     return PLATE.format(
-        law=name, version=_version(), stamp="\n * ".join(_stamp(loop, drive, response)),
+        law=name, version=_text(__version__), stamp="\n * ".join(_stamp(loop, drive, response)),
         reach="".join(f" *   {line}\n" for line in _reach(loop, drive, response)),
         guard=_guard(plate_header(Path(name)).name), macros="\n".join(macros), values=" \\\n".join(rows),
     )  # fmt: skip
@@ -208,13 +194,8 @@ def _macros(loop: Loop) -> dict[str, str]:
     """Limits, scales and times, for the code around the law; none for what there is not."""
     d, rig, limit = loop.demodulator, loop.rig, loop.limits.voltage
     found: dict[str, Any] = {"SAMPLE_TIME": loop.sample_time, "LATENCY": loop.latency, "DELAY": loop.delay}
-    found |= {
-        "VOLTAGE_LIMIT": limit,
-        "AMPLITUDE": loop.amplitude,
-        "GAIN": loop.G,
-        "TAU": loop.tau,
-        "F0": loop.f0,
-    }
+    found |= {"VOLTAGE_LIMIT": limit, "AMPLITUDE": loop.amplitude}
+    found |= {"GAIN": loop.G, "TAU": loop.tau, "F0": loop.f0}
     if d is not None:
         found |= {"SAMPLE_RATE": d.rate, "SAMPLE_SCALE": d.scale}
     if rig.dac is not None:
@@ -237,8 +218,7 @@ def _macros(loop: Loop) -> dict[str, str]:
 
 
 def _record_header(loop: Loop) -> str:
-    """The first lines of a record of the loop, for a C string: what `identify` has to know. A unit that
-    nobody stated is 1."""
+    """The first lines of a record, for a C string: what `identify` has to know. A unit not stated is 1."""
     lines = ["# sampling: instant"]
     if (d := loop.demodulator) is not None:  # the rows are behind its filters, each of one pole
         lines += [f"# lockin_tau_s: {d.delay / d.order:.6g}", f"# lockin_order: {d.order}"]
@@ -246,9 +226,8 @@ def _record_header(loop: Loop) -> str:
     if loop.plate is not None and _text(loop.plate, 40) == loop.plate:
         lines.append(f"# plate: {loop.plate}")
     drive, response = (_text(unit or "1") for unit in (loop.drive_unit, loop.response_unit))
-    lines.append(
-        f"time_s,wd_{response},wq_{response},{'voltage' if drive == 'V' else 'drive'}_{drive},frequency_Hz"
-    )
+    named = "voltage" if drive == "V" else "drive"
+    lines.append(f"time_s,wd_{response},wq_{response},{named}_{drive},frequency_Hz")
     return "".join(f"{line}\\n" for line in lines)
 
 
@@ -259,26 +238,27 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
     guard, limit, gain = machine.control, machine.voltages[1], abs(loop.G)
 
     def most(volts: float) -> str:
-        """As text."""
         if volts >= NO_LIMIT / 2:
             return "no limit of the voltage was stated"
         return f"{volts:.4g} {drive}, {gain * volts:.4g} {response}"
 
     def after(samples: float) -> str:
-        """As text."""
         return f"{1e3 * loop.sample_time * samples:.4g} ms"
 
     needed = machine.headroom * machine.amplitude / gain
     finds = machine.headroom * machine.heaviest * machine.find / gain
-    heaviest, stuck = most(min(limit, machine.heaviest * needed)), after(guard.repeats)
+    touched = ""
+    if machine.heaviest > 1:
+        heaviest = most(min(limit, machine.heaviest * needed))
+        touched = f"; {heaviest} where find has seen the heaviest finger"
     lines = [
         f"find: {most(min(limit, finds))}",
-        f"soft start and lock: {most(min(limit, needed))}"
-        + (f"; {heaviest} where find has seen the heaviest finger" if machine.heaviest > 1 else ""),
+        f"soft start and lock: {most(min(limit, needed))}{touched}",
         f"run, and the tasks in open loop: {most(limit)}",
         f"missing, dead, above, edge, clipped: in each of these after {after(guard.patience)}, above from"
         f" {guard.ceiling:g} times what is asked",
-        f"stuck: in each of these {stuck} after the drive has moved; reversed: after {after(guard.doubts)}",
+        f"stuck: in each of these {after(guard.repeats)} after the drive has moved; reversed: after"
+        f" {after(guard.doubts)}",
         f"lost: find or lock after {after(machine.limit)}; model: the same, and run as follow",
         f"follow: run after {after(machine.follows)} more than it was right",
         f"oscillates: lock or run after {after(machine.swings * machine.swing_time)} at most",
@@ -301,13 +281,6 @@ def _c(value: Any) -> str:
 def _real(value: float) -> str:
     text = f"{float(value):.17g}"
     return text if re.search("[.e]", text) else text + ".0"
-
-
-def _version() -> str:
-    try:
-        return _text(version("sysid"))
-    except PackageNotFoundError:
-        return "of a checkout"
 
 
 def _stamp(loop: Loop, drive: str, response: str) -> list[str]:
@@ -338,6 +311,5 @@ def _text(unit: str, most: int = 24) -> str:
 
 
 def _guard(name: str) -> str:
-    """An identifier from a file name; the prefix keeps it from starting with a digit or a reserved
-    underscore."""
+    """An identifier from a file name; the prefix keeps it from starting with a digit or an underscore."""
     return "SYSID_" + re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from controller import scalar
 from controller.dq import Command
-from controller.scalar import NO_LIMIT, clip, seen
+from controller.scalar import NO_LIMIT, beyond, clip, counted, either, magnitude, seen
 
 # as dq_fault in C
 FAULTS = (
@@ -40,8 +40,7 @@ ANSWER = 0.1  # of what the drive makes of the plate, above which an answer stan
 
 
 class Answer(NamedTuple):
-    """The mean frequency `f` and the mean `q` = Wq of late; by how much the frequency `moves` Wq of a sound
-    plate."""
+    """The mean frequency `f` and Wq, `q`, of late; by how much the frequency `moves` Wq of a sound plate."""
 
     f: Any
     q: Any
@@ -133,8 +132,7 @@ class Guard(NamedTuple):
 
     def step(
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
         stated: tuple[Any, Any, Any] | None = None, arrived: Any = None,
     ) -> tuple[GuardState, Command, GuardInfo]:  # fmt: skip
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where
@@ -144,12 +142,9 @@ class Guard(NamedTuple):
             state.control, reference, W, temperature, xp, share, most, frozen
         )
         if stated is not None:
-            command = Command(
-                *(
-                    o if o is None else xp.where(stated[0], s, o)
-                    for s, o in zip(stated[1:], command, strict=True)
-                )
-            )
+            opened, voltage, frequency = stated
+            frequency = None if command.frequency is None else frequency
+            command = either(opened, Command(voltage, frequency), command, xp)
         at_edge, frequency = self._window(command.frequency, xp)
         wanted, faded = self.ceiling * reference, state.allowed - self.decay * state.allowed
         allowed = xp.where(wanted > self.least, wanted, self.least)
@@ -161,30 +156,28 @@ class Guard(NamedTuple):
         if frozen is not None:
             at_edge, turned = at_edge & xp.logical_not(frozen), xp.where(frozen, 0.0, turned)
         suspected = suspected._replace(
-            edge=xp.where(at_edge, state.suspected.edge + 1.0, 0.0), turned=turned,
-            clipped=xp.where(clipped, state.suspected.clipped + 1.0, 0.0),
+            edge=counted(at_edge, state.suspected.edge, xp), turned=turned,
+            clipped=counted(clipped, state.suspected.clipped, xp),
             behind=self._behind(state.suspected.behind, arrived, xp),
         )  # fmt: skip
         fault = xp.where(state.fault == 0.0, self._found(suspected, xp), state.fault)
         most = xp.where(most < self.limit, most, self.limit)
         voltage = clip(command.voltage, -most, most, xp)
         voltage = xp.where((fault == 0.0) & xp.isfinite(voltage), voltage, 0.0)
-        size = xp.where(voltage < 0.0, -voltage, voltage)
-        expected = state.expected + self.decay * (self.gain * size - state.expected)
+        expected = state.expected + self.decay * (self.gain * magnitude(voltage, xp) - state.expected)
         after = GuardState(control, fault, suspected, expected, allowed, d, q, since, heard, voltage, answer)
         return after, Command(voltage, frequency), GuardInfo(fault, said)
 
     def _found(self, suspected: Suspicion, xp: Any) -> Any:
         """The first fault that has been suspected for long enough."""
-        fails = {
-            name: getattr(suspected, name) >= self.patience
-            for name in ("missing", "dead", "above", "edge", "clipped")
-        }
-        fails["missing"] = fails["missing"] | (suspected.behind >= self.patience)
-        fails |= {"stuck": suspected.stuck >= self.repeats, "reversed": suspected.turned >= self.doubts}
-        found = 0.0
-        for name in sorted(fails, key=FAULTS.index, reverse=True):
-            found = xp.where(fails[name], CODES[name], found)
+        found, patience = 0.0, self.patience
+        for name, count, most in (
+            ("clipped", suspected.clipped, patience), ("reversed", suspected.turned, self.doubts),
+            ("edge", suspected.edge, patience), ("above", suspected.above, patience),
+            ("stuck", suspected.stuck, self.repeats), ("dead", suspected.dead, patience),
+            ("missing", suspected.missing, patience), ("missing", suspected.behind, patience),
+        ):  # fmt: skip
+            found = xp.where(count >= most, CODES[name], found)
         return found
 
     def _behind(self, was: Any, arrived: Any, xp: Any) -> Any:
@@ -201,32 +194,27 @@ class Guard(NamedTuple):
         was driven when it first was the same."""
         was, there = state.suspected, seen(0.0, W, xp)
         size = W.real * W.real + W.imag * W.imag
-        # A plate that was braked, and is held, is as small as its voltage, while what is expected still dies
-        # away.
-        makes = self.gain * xp.where(state.voltage < 0.0, -state.voltage, state.voltage)
+        # A plate that was braked, and is held, is as small as its voltage; what is expected still dies away.
+        makes = self.gain * magnitude(state.voltage, xp)
         low = self.floor * xp.where(makes < state.expected, makes, state.expected)
         same = there & (W.real == state.d) & (W.imag == state.q)
         missing = xp.where(there, 0.0, was.missing + 1.0)
-        dead = xp.where(
-            there, xp.where((size < low * low) & (low > self.quiet), was.dead + 1.0, 0.0), was.dead
-        )
+        dead = xp.where(there, counted((size < low * low) & (low > self.quiet), was.dead, xp), was.dead)
         # From the first repetition on: what drove the plate there is what holds it, and a sound one stays.
         repeats = same & (was.stuck > 0.0)
         since = xp.where(repeats, state.since, state.voltage)
         heard = None if frequency is None else xp.where(repeats, state.heard, frequency)
         moved = self._moved(state.voltage, since, heard, frequency)
         stuck = xp.where(same, xp.where(moved, was.stuck + 1.0, 1.0), 0.0)
-        above = xp.where(there, xp.where(size > high * high, was.above + 1.0, 0.0), was.above)
+        above = xp.where(there, counted(size > high * high, was.above, xp), was.above)
         return was._replace(missing=missing, dead=dead, stuck=stuck, above=above), since, heard
 
     def _moved(self, voltage: Any, since: Any, heard: Any, frequency: Any) -> Any:
         """Whether the drive is another than when the reading first was the same."""
-        moved, enough = voltage - since, 1e-3 * self.limit
-        moves = (moved > enough) | (moved < -enough)
-        if frequency is not None:
-            turned, far = frequency - heard, 2e-3 * (self.highest - self.lowest)
-            moves = moves | (turned > far) | (turned < -far)
-        return moves
+        moves = beyond(voltage - since, 1e-3 * self.limit)
+        if frequency is None:
+            return moves
+        return moves | beyond(frequency - heard, 2e-3 * (self.highest - self.lowest))
 
     def _answered(
         self, state: GuardState, d: Any, q: Any, frequency: Any, xp: Any
@@ -237,13 +225,12 @@ class Guard(NamedTuple):
             return None, state.suspected.turned
         off, beside = frequency - was.f, q - was.q
         # Both as if the frequency had moved Wq upwards.
-        down = was.moves < 0.0
-        answer, against = xp.where(down, -was.moves, was.moves), xp.where(down, beside, -beside)
+        answer, against = magnitude(was.moves, xp), xp.where(was.moves < 0.0, beside, -beside)
         low, high = ALIKE
         wrong = (answer > ANSWER * state.expected) & (against > low * answer) & (against < high * answer)
         moves = (1.0 - self.decay) * was.moves - self.turn * (off * d)
         after = Answer(was.f + self.memory * off, was.q + self.memory * beside, moves)
-        return after, xp.where(wrong, state.suspected.turned + 1.0, 0.0)
+        return after, counted(wrong, state.suspected.turned, xp)
 
     def _window(self, frequency: Any, xp: Any) -> tuple[Any, Any]:
         if frequency is None:

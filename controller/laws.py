@@ -1,22 +1,21 @@
-"""The parts of a controller for a given bandwidth: control law, tracker, guard, start-up machine,
-demodulator."""
+"""The parts of a controller for a given bandwidth: law, tracker, guard, start-up machine, demodulator."""
 
 import math
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from controller.adaptive import Adaptive
 from controller.demodulator import Demodulator
 from controller.dq import DQ
-from controller.ensemble import Ensemble
+from controller.ensemble import Ensemble, Range
 from controller.guard import Guard
-from controller.limits import Limits, Range
+from controller.limits import Limits
 from controller.machine import ANY, Machine
 from controller.pi import PI, Model
 from controller.plate import Plate
 from controller.promise import Clock, Promise, Steps, promise
-from controller.rig import Calibrated, Rig, Sensor
+from controller.rig import Calibrated, Method, Rig
 from controller.scalar import NO_LIMIT
 from controller.tracker import PLL, SignTracker, Tracker
 
@@ -61,9 +60,6 @@ FEWEST = 4.0  # samples of the sensor in a step whose number is looked at
 SWEEPS = 20.0  # time constants in which a sweep passes over half a bandwidth: settled
 SENSIBLE = (-60.0, 200.0)  # degC, where neither a range nor a window is stated
 
-Method = Literal["pi", "paper", "pll", "adaptive"]
-METHODS = get_args(Method)
-
 
 class Asked(NamedTuple):
     """Everything that a controller is made from, except the bandwidth."""
@@ -85,26 +81,19 @@ class Asked(NamedTuple):
 
     def over(self, ranged: Range) -> "Asked":
         """The same over another range of temperatures and fingers."""
-        plants = Ensemble.of(
-            self.plate.source, self.plate.means, ranged.finger, ranged.warming, self.rig.thermometer
-        )
-        return self._replace(plants=plants, ranged=ranged)
+        return self._replace(plants=Ensemble.of(self.plate, ranged, self.rig.thermometer), ranged=ranged)
 
     @property
     def beside(self) -> float:
-        """The furthest that a resonance lies beside the frequency at which its loop starts, in Hz, with a
-        thermometer's news."""
+        """Hz, the furthest that a resonance lies beside the start of its loop, with a thermometer's news."""
         return float(np.max(np.abs(self.plants.unforeseen(self.plate.k_T))))
 
     @property
     def patience(self) -> float:
         """Samples for which the guard, and what switches the loop on, look on: at any sample time more than
         the delay and the plate's own rise take."""
-        return float(
-            math.ceil(
-                max(FAULT_AFTER / self.T, RESTS * self.plate.tau / self.T, 2 * self.delay / self.T + SPARE)
-            )
-        )
+        least = max(FAULT_AFTER, RESTS * self.plate.tau) / self.T
+        return float(math.ceil(max(least, 2 * self.delay / self.T + SPARE)))
 
     @property
     def period(self) -> float:
@@ -119,9 +108,8 @@ class Asked(NamedTuple):
     @property
     def leads(self) -> bool:
         """Whether a voltage can be fed forward: its limit is known, and it may change at once."""
-        return (
-            self.method in ("pi", "pll") and self.limits.voltage is not None and self.rig.voltage_slew is None
-        )
+        at_once = self.limits.voltage is not None and self.rig.voltage_slew is None
+        return at_once and self.method in ("pi", "pll")
 
     def control(self, bandwidth: float, lead: bool = False) -> DQ | Adaptive:
         """The controller of a closed-loop bandwidth (Hz): the PI's zero on the plate's pole, its gains those
@@ -138,10 +126,11 @@ class Asked(NamedTuple):
 
     def promise(self, law: DQ | Adaptive, guard: Guard | None = None) -> Promise:
         """What the controller does with each of the plants: margins, and how it settles, behind its guard."""
+        if guard is None:
+            return promise(law, self.steps)
         # Readings without noise repeat themselves to the last bit, and no sensor is stuck.
-        sound = None if guard is None else guard._replace(repeats=NO_LIMIT)
-        started = None if guard is None else switched(guard._replace(repeats=NO_LIMIT), self)
-        return promise(law, self.steps, sound, started)
+        sound = guard._replace(repeats=NO_LIMIT)
+        return promise(law, self.steps, sound, switched(sound, self))
 
     @property
     def steps(self) -> Steps:
@@ -173,15 +162,14 @@ class Asked(NamedTuple):
         if self.method == "paper":
             every = float(max(1, round(self.rig.tracker_period / self.T)))
             return SignTracker(f0, every, lowest=self.window[0], highest=self.window[1])
-        half_bandwidth = 1 / (2 * math.pi * self.plate.tau)
+        half_bandwidth = self.plate.half_bandwidth
         if self.method == "pll":
             kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
             # Between the steps of a coarse source only a quiet estimate decides: its noise goes with kp.
             kp *= 1.0 if self.rig.source(f0) is None else 0.1
             lead = kp / (2 * math.pi)
-            return PLL(
-                lead, lead * self.T / self.plate.tau, half_bandwidth, half_bandwidth, f0, **self._frequency()
-            )
+            gain = lead * self.T / self.plate.tau
+            return PLL(lead, gain, half_bandwidth, half_bandwidth, f0, **self._frequency())
         every = float(max(1, round(self.period / self.T)))
         return Tracker(BETA * half_bandwidth, half_bandwidth, f0, every, BETA, **self._frequency(LOUD))
 
@@ -192,28 +180,22 @@ class Asked(NamedTuple):
             raise ValueError(
                 "no temperature feed-forward: k_T is not determined; record a sweep at another temperature"
             )
-        at = self.reference_temperature
         step = 0.0 if source is None else source.step
-        # What is made lies half a step beside the estimate (a timer's steps grow with the frequency): within
-        # the window.
+        # What is made, within the window, lies half a step beside the estimate (a timer's steps grow with f).
         given = {"lowest": self.window[0] + 0.52 * step, "highest": self.window[1] - 0.52 * step}
-        return given | {"source": source, "dead_band": dead * step, "k_T": k_T, "temperature": at}
+        given |= {"k_T": k_T, "temperature": self.reference_temperature}
+        return given | {"source": source, "dead_band": dead * step}
 
     def _adaptive(self, bandwidth: float) -> Adaptive:
         plate, T = self.plate, self.T
         if plate.f0 is None:
-            raise ValueError(
-                f"no adaptive controller: f0 is not determined: {plate.why}; method 'pi' does without"
-            )
+            raise ValueError(f"no adaptive controller: {plate.why}; method 'pi' does without")
         lowest, highest = self.voltages()
         late = (self.delay - self.latency) / T
-        # A damping seen before its answer comes eats the margin.
-        heard, fast = OBSERVER[0], max(OBSERVER[1], self.delay)
         # Between the steps of a coarse source only a quiet estimate decides: its noise goes with t^-1.5.
-        slow, fast = (
-            math.exp(-T / max(t, 2 * T))
-            for t in (heard if self.rig.source(plate.f0) is None else 4 * heard, fast)
-        )
+        heard = OBSERVER[0] * (1 if self.rig.source(plate.f0) is None else 4)
+        # A damping seen before its answer comes eats the margin.
+        slow, fast = (math.exp(-T / max(t, 2 * T)) for t in (heard, max(OBSERVER[1], self.delay)))
         return Adaptive(
             plate.G / plate.tau * T, T / plate.tau, 2 * math.pi * T, plate.f0,
             -math.expm1(-2 * math.pi * bandwidth * T), (fast, slow), (0.0,) * round(self.latency / T),
@@ -227,10 +209,9 @@ def calibrated(control: Any, asked: Asked) -> Any:
     rig, plate = asked.rig, asked.plate
     if rig.sensor is None and not rig.hold:
         return control
-    sensor = rig.sensor or Sensor()
-    if (sensor.delay or rig.hold) and plate.f0 is None:
-        raise ValueError(f"the sensor's delay cannot be corrected: f0 is not determined: {plate.why}")
-    correction = sensor.correction(plate.f0 or 0.0, rig.hold)
+    if rig.late and plate.f0 is None:
+        raise ValueError(f"the sensor's delay cannot be corrected: {plate.why}")
+    correction = rig.shown.correction(plate.f0 or 0.0, rig.hold)
     return Calibrated(control, correction.real, correction.imag)
 
 
@@ -238,26 +219,18 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     """The controller in its guard: faults after 5 ms, or `Asked.patience`."""
     plate, T = asked.plate, asked.T
     repeats = float(math.ceil(max(STUCK_AFTER / T, ANSWERS * plate.tau / T, asked.patience)))
-    period = max(asked.period, T)
-    source = None if plate.f0 is None else asked.rig.source(plate.f0)
-    decay = -math.expm1(-T / plate.tau)
-    adc, gain = asked.rig.adc, 1.0 if asked.rig.sensor is None else asked.rig.sensor.gain
+    period, decay = max(asked.period, T), -math.expm1(-T / plate.tau)
+    adc, source = asked.rig.adc, None if plate.f0 is None else asked.rig.source(plate.f0)
+    quiet = QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / asked.rig.shown.gain
+    # Not looked at where there are so few that one more or less is as much as a fault.
+    samples = 0.0 if asked.demodulator is None else asked.demodulator.rate * T
     return Guard(
         control, asked.voltages()[1], abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING,
-        CEILING * BEGIN * asked.amplitude,
-        QUIET_SHARE * asked.amplitude if adc is None else QUIET_UNITS * adc.unit / gain, *asked.window,
-        asked.patience, repeats,
+        CEILING * BEGIN * asked.amplitude, quiet, *asked.window, asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
-        doubts=float(math.ceil(DOUBTS * period / T)), samples=_samples(asked),
+        doubts=float(math.ceil(DOUBTS * period / T)), samples=samples if samples >= FEWEST else 0.0,
     )  # fmt: skip
-
-
-def _samples(asked: Asked) -> float:
-    """Of the sensor in a step; 0, not looked at, where there are so few that one more or less is as much as a
-    fault."""
-    found = 0.0 if asked.demodulator is None else asked.demodulator.rate * asked.T
-    return found if found >= FEWEST else 0.0
 
 
 def switched(control: Guard, asked: Asked) -> Machine:
@@ -265,12 +238,10 @@ def switched(control: Guard, asked: Asked) -> Machine:
     plate, T, amplitude, samples = asked.plate, asked.T, asked.amplitude, asked.plate.tau / asked.T
     tracks = plate.f0 is not None
     limit = float(math.ceil(max(WAIT / T, 100 * samples, TRIES * asked.patience)))
-    ratio = (
-        abs(plate.G) * asked.plants.rate / np.abs(asked.plants.push)
-    )  # voltage over that of the plate of the design
+    # voltage over that of the plate of the design
+    ratio = abs(plate.G) * asked.plants.rate / np.abs(asked.plants.push)
     most, law = float(np.max(ratio)), control.control
     follower = law if isinstance(law, Adaptive) else law.tracker
-    half_bandwidth = 1 / (2 * math.pi * plate.tau)
     return Machine(
         control, amplitude, BEGIN * amplitude, amplitude / (RAMP * samples), asked.patience, limit,
         min(MEAN / asked.patience, 1.0), plate.G, plate.f0 or 0.0, asked.voltages(),
@@ -285,13 +256,12 @@ def switched(control: Guard, asked: Asked) -> Machine:
         ),
         follows=float(math.ceil(max(FOLLOW_AFTER / T, FOLLOWS * samples, 4 * asked.patience))),
         swings=SWINGS, swing=SWING, swing_time=float(math.ceil(LONGER * (2 * asked.delay / T + 1))),
-        sweep=half_bandwidth / (SWEEPS * samples),
+        sweep=plate.half_bandwidth / (SWEEPS * samples),
     )  # fmt: skip
 
 
 def _temperatures(asked: Asked) -> tuple[float, float]:
-    """What a thermometer may say: the range of the design, else those whose resonance lies in the frequency
-    window."""
+    """What a thermometer may say: the range of the design, else that whose resonances lie in the window."""
     at, k_T, window = asked.reference_temperature, asked.plate.k_T, asked.limits.frequency
     low, high = asked.ranged.warming
     if (low, high) != (0.0, 0.0):

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import jax
@@ -19,7 +20,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from controller.dq import Command
-from controller.readings import noise_of, recorded
 from controller.trace import Trace
 from sysid.precision import jitted
 from sysid.scene import engine
@@ -29,13 +29,16 @@ from sysid.scene.effects import (
     Inputs,
     Inverter,
     PhaseReset,
+    Quantisation,
+    Saturation,
 )
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
-from sysid.scene.timeline import inputs_at
+from sysid.scene.timeline import divided, held, inputs_at
 
 LANES = 128  # runs that are played side by side
 NEAR = 1e-6  # of a sample time: events as near as that happen at once
+RECORDER = (Saturation, Quantisation)
 
 
 def closed_loop(loop: Any, scene: Scene, reference: Profile | float | None = None, seed: int = 0) -> Trace:
@@ -57,38 +60,28 @@ def closed_loops(
 ) -> list[Trace]:
     """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects;
     numbers, profiles and lengths may differ. `loop` may be one, or one for each scene, of one kind."""
-    playable = {id(scene): _playable(scene) for scene in scenes}
-    scenes = [playable[id(scene)] for scene in scenes]
-    if len(found := {scene.fidelity for scene in scenes}) > 1:
-        raise SceneError(
-            f"{scenes[0].name}: found fidelities {', '.join(sorted(found))}, expected one for all"
-        )
     loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
-    cut = {
-        (id(one), id(scene)): (one, scene) for one, scene in zip(loops, scenes, strict=True)
-    }  # one scene may have many seeds
-    first = {key: _Run.of(*pair, reference) for key, pair in cut.items()}
-    runs = [
-        replace(first[id(one), id(scene)], seed=seed)
-        for one, scene, seed in zip(loops, scenes, seeds, strict=True)
-    ]
-    count = _rounded(max(len(r.knots) for r in runs))
-    readings, commands, samples = (
-        max(n) for n in zip(*((*r.depths, len(r.time)) for r in runs), strict=True)
+    cut: dict[tuple[int, int], _Run] = {}  # one scene may have many seeds
+    runs = []
+    for one, scene, seed in zip(loops, scenes, seeds, strict=True):
+        key = id(one), id(scene)
+        cut[key] = cut.get(key) or _Run.of(one, _playable(scene), reference)
+        runs.append(replace(cut[key], seed=seed))
+    if len(found := {r.scene.fidelity for r in runs}) > 1:
+        why = f"found fidelities {', '.join(sorted(found))}, expected one for all"
+        raise SceneError(f"{scenes[0].name}: {why}")
+    readings, commands, samples, pieces = (
+        max(n) for n in zip(*((*r.depths, len(r.time), len(r.knots)) for r in runs), strict=True)
     )
-    shape = _Shape(readings, commands, _rounded(samples), scenes[0].fidelity)
+    shape = _Shape(readings, commands, _rounded(samples), _rounded(pieces), runs[0].scene.fidelity)
     size = min(len(runs), LANES)
     groups = [runs[k : k + size] for k in range(0, len(runs), size)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return [
-            trace
-            for traces in pool.map(lambda group: _side_by_side(group, size, count, shape), groups)
-            for trace in traces
-        ]
+        return list(chain.from_iterable(pool.map(partial(_side_by_side, size=size, shape=shape), groups)))
 
 
-def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") -> list[Trace]:
+def _side_by_side(runs: list["_Run"], size: int, shape: "_Shape") -> list[Trace]:
     """The traces of `runs`, filled up to `size` of them."""
     filled = runs + runs[:1] * (size - len(runs))
     with jax.enable_x64(True):
@@ -97,61 +90,57 @@ def _side_by_side(runs: list["_Run"], size: int, count: int, shape: "_Shape") ->
             for r in filled
         ]
         if len({jax.tree.structure(g) for g in given}) > 1:
-            raise SceneError(
-                f"{runs[0].scene.name}: found scenes or loops of different kinds, expected the same effects"
-                f" in all"
-            )
-        numbers = jax.tree.map(
-            lambda *leaves: np.stack(leaves).astype(float), *given
-        )  # an integer would be another program
+            why = "found scenes or loops of different kinds, expected the same effects in all"
+            raise SceneError(f"{runs[0].scene.name}: {why}")
+        # An integer would be another program.
+        numbers = jax.tree.map(lambda *leaves: np.stack(leaves).astype(float), *given)
         once = {id(r.knots): r for r in filled}
-        pieces = {key: r.schedule(count) for key, r in once.items()}
+        pieces = {key: r.schedule(shape.pieces) for key, r in once.items()}
         schedule = jax.tree.map(lambda *leaves: np.stack(leaves, 1), *(pieces[id(r.knots)] for r in filled))
         rows = jax.tree.map(np.asarray, _play(numbers, schedule, np.array([r.seed for r in filled]), shape))
     return [r.trace(jax.tree.map(lambda v, i=i: v[:, i], rows)) for i, r in enumerate(runs)]
 
 
 class Schedule(NamedTuple):
-    """What happens at the beginning of each piece (M,), and what holds over it. `reads`: the sensor is
-    sampled; `runs`: the controller runs, with the reading of `reading` samples before and the scene's
-    numbers; `acting`: which command holds, counted back from the latest."""
+    """What happens at the beginning of each piece (M,), and the `inputs` that hold over it, without those of
+    the controller. `reads`: the sensor is sampled; `runs`: the controller runs, with the reading of `reading`
+    samples before and the scene's numbers of the `latest` sample; `acting`: which command holds, counted back
+    from the latest."""
 
     duration: Any
     reads: Any
     runs: Any
-    latest: Any  # sample
+    latest: Any
     reading: Any
     acting: Any
-    warming: Any
-    force: Any
-    contact: Any
+    inputs: Inputs
     reference: Any
     frequency: Any
     temperature: Any
 
 
 class _Shape(NamedTuple):
-    """What decides which program it is: readings and commands that may be on their way, samples, fidelity."""
+    """What decides which program it is: readings and commands on their way, samples, pieces, fidelity."""
 
     readings: int
     commands: int
     samples: int
+    pieces: int
     rung: str
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One scene, cut at its events: `knots` (M,) s, and which of them are samples."""
+    """One scene, cut at its events: `knots` (M,) s, those that are samples, the amplitude `asked` there."""
 
     loop: Any
     scene: Scene
-    reference: Any
+    asked: np.ndarray
     time: np.ndarray
     knots: np.ndarray
     sample: np.ndarray  # index of the knot of each sample
-    marks: tuple[
-        np.ndarray, np.ndarray, np.ndarray
-    ]  # samples run, readings taken, commands in force, counted up to each knot
+    # samples run, readings taken, commands in force, counted up to each knot
+    marks: list[np.ndarray]
     early: int  # readings from before the scene began
     depths: tuple[int, int]  # readings and commands that are on their way at most
     lag: tuple[int, float]  # whole samples, and the rest of one, by which the demodulator is late
@@ -163,102 +152,70 @@ class _Run:
         Ts = loop.sample_time
         late = delay.time if (delay := scene.find(Delay)) else 0.0
         time = np.arange(int(scene.duration / Ts * (1 + 1e-12)) + 1) * Ts
+        if reference is None:
+            asked = loop.G * inputs_at(scene, time)["drive"]
+        else:
+            profile = reference if isinstance(reference, Profile) else Profile.constant(reference)
+            asked = profile.at(time)
         end = time[-1] if len(time) else 0.0
         events = [time, time - late, time + loop.latency]
-        events += [
-            p.edges(0.0, end)
-            for name, p in scene.inputs.items()
-            if name in ("temperature", "force", "contact")
-        ]
-        at = np.concatenate(events) / Ts
+        moving = scene.inputs.keys() & {"temperature", "force", "contact"}
+        at = np.concatenate([*events, *(scene.inputs[name].edges(0.0, end) for name in moving)]) / Ts
         whole = np.round(at)
-        at = np.where(
-            np.abs(at - whole) < NEAR, whole, at
-        )  # a shared instant is one, whatever rounding made of it
-        knots = np.unique(at[(at >= 0) & (at <= end / Ts * (1 + 1e-15))])
-        if scene.substeps > 1 and len(knots) > 1:
-            share = np.arange(scene.substeps) / scene.substeps
-            knots = np.append((knots[:-1, None] + np.diff(knots)[:, None] * share).ravel(), knots[-1])
-        n = len(time)
-        instants = np.split(at[: 3 * n], 3)
+        # a shared instant is one, whatever rounding made of it
+        at = np.where(np.abs(at - whole) < NEAR, whole, at)
+        knots = divided(np.unique(at[(at >= 0) & (at <= end / Ts * (1 + 1e-15))]), scene.substeps)
+        instants = np.split(at[: 3 * len(time)], 3)
         marks = [np.searchsorted(i, knots, side="right") for i in instants]
         ran, read, acted = marks
         demodulator = getattr(loop, "demodulator", None)
         back, between = divmod(0.0 if demodulator is None else demodulator.delay / Ts, 1.0)
         depths = int(np.max(read - ran)) + int(back) + 2, int(np.max(ran - acted)) + 1
-        sample = np.searchsorted(knots, instants[0])
-        early = int(np.searchsorted(instants[1], 0.0))
-        return cls(
-            loop,
-            scene,
-            reference,
-            time,
-            knots * Ts,
-            sample,
-            (ran, read, acted),
-            early,
-            depths,
-            (int(back), between),
-        )
+        sample, early = np.searchsorted(knots, instants[0]), int(np.searchsorted(instants[1], 0.0))
+        lag = int(back), between
+        return cls(loop, scene, asked, time, knots * Ts, sample, marks, early, depths, lag)
 
     def schedule(self, count: int) -> Schedule:
         """The pieces, filled up to `count` with some in which nothing happens."""
         scene, (ran, read, acted) = self.scene, self.marks
         duration = np.diff(self.knots, append=self.knots[-1])
-        inputs = inputs_at(scene, self.knots + 0.5 * duration, commanded=True)
-        asked = inputs_at(scene, self.time)
-        latest = np.maximum(ran - 1, 0)
-        warming = None
-        if inputs["temperature"] is not None:
-            warming = inputs["temperature"] - scene.plant.reference_temperature
-        held = Schedule(
+        inputs = held(scene, inputs_at(scene, self.knots + 0.5 * duration, commanded=True), 0)
+        given, latest = inputs_at(scene, self.time), np.maximum(ran - 1, 0)
+        pieces = Schedule(
             duration=duration,
             reads=np.diff(read, prepend=self.early) > 0,
             runs=np.diff(ran, prepend=0) > 0,
             latest=latest,
             reading=read - ran + self.lag[0],
             acting=ran - acted,
-            warming=warming,
-            force=inputs["force"],
-            contact=inputs["contact"],
-            reference=self._asked(asked["drive"])[latest],
-            frequency=asked["frequency"][latest],
-            temperature=None if asked["temperature"] is None else asked["temperature"][latest],
+            inputs=inputs._replace(drive=None, omega=None, offset=None),
+            reference=self.asked[latest],
+            frequency=given["frequency"][latest],
+            temperature=None if given["temperature"] is None else given["temperature"][latest],
         )
         fill = count - len(duration)
-        quiet = held._replace(duration=0 * duration, reads=held.reads & False, runs=held.runs & False)
-        return jax.tree.map(lambda v, w: np.append(v, np.repeat(w[-1:], fill)), held, quiet)
-
-    def _asked(self, drive: np.ndarray) -> np.ndarray:
-        if self.reference is None:
-            return self.loop.G * drive
-        profile = self.reference if isinstance(self.reference, Profile) else Profile.constant(self.reference)
-        return profile.at(self.time)
+        quiet = pieces._replace(duration=0 * duration, reads=pieces.reads & False, runs=pieces.runs & False)
+        return jax.tree.map(lambda v, w: np.append(v, np.repeat(w[-1:], fill)), pieces, quiet)
 
     def trace(self, rows: tuple) -> Trace:
         """What the program gave, piece by piece, at the scene's own times."""
         motion, measured, voltage, frequency = (v[self.sample] for v in rows)
-        reference = self._asked(inputs_at(self.scene, self.time)["drive"])
-        units = (
-            getattr(self.loop, name, None) for name in ("response_unit", "drive_unit")
-        )  # of a law alone nobody says
-        return Trace(self.time, motion.real, motion.imag, voltage, frequency, reference, measured, *units)
+        # of a law alone nobody says
+        units = (getattr(self.loop, name, None) for name in ("response_unit", "drive_unit"))
+        return Trace(self.time, motion.real, motion.imag, voltage, frequency, self.asked, measured, *units)
 
 
 def _playable(scene: Scene) -> Scene:
+    why = None
     if scene.kind == "steady" or scene.fidelity == "steady":
-        raise SceneError(
-            f"{scene.name}: found a scene of settled points, expected kind = 'transient': a loop takes time"
-        )
-    if scene.fidelity == "carrier":
+        why = "a scene of settled points, expected kind = 'transient': a loop takes time"
+    elif scene.fidelity == "carrier":
         known = ", ".join(engine.RUNGS[1:])
-        raise SceneError(
-            f"{scene.name}: found fidelity 'carrier', expected one of {known}, or auto, which is exact here"
-        )
-    if scene.find(Inverter):
-        raise SceneError(
-            f"{scene.name}: found effects.inverter, expected a drive in the controller's own unit"
-        )
+        why = f"fidelity 'carrier', expected one of {known}, or auto, which is exact here"
+    elif scene.find(Inverter):
+        why = "effects.inverter, expected a drive in the controller's own unit"
+    if why:
+        raise SceneError(f"{scene.name}: found {why}")
     # What is cheap enough for the scene's own drive says nothing of what a controller does.
     return replace(scene, fidelity="exact") if scene.fidelity == "auto" else scene
 
@@ -284,14 +241,13 @@ def _play(numbers: tuple, schedule: Schedule, seeds: Any, shape: _Shape) -> Any:
     control, plant, effects, reference, sample_time, between = numbers
     first = jax.tree.map(lambda v: v[0], schedule)
     carry = jax.vmap(partial(_begin, shape=shape))(control, plant, effects, reference, first)
-    noise = jax.vmap(partial(noise_of, samples=shape.samples))(effects, seeds, sample_time)
+    noise = jax.vmap(partial(_noise_of, samples=shape.samples))(effects, seeds, sample_time)
     noise = jax.tree.map(lambda v: jnp.take_along_axis(v.T, schedule.latest, 0), noise)
 
     def body(carry, now):
         """One piece, of all runs side by side."""
-        return jax.vmap(partial(_piece, rung=shape.rung))(
-            carry, now, control, plant, effects, reference, between
-        )
+        piece = jax.vmap(partial(_piece, rung=shape.rung))
+        return piece(carry, now, control, plant, effects, reference, between)
 
     return jax.lax.scan(body, carry, (schedule, noise))[1]
 
@@ -302,41 +258,30 @@ def _begin(
     state = jax.tree.map(lambda v: jnp.asarray(v, float), control.init())
     start = control.rest().frequency
     frequency = _made(effects, first.frequency if start is None else jnp.asarray(start, float))
-    inputs = _inputs(plant, effects, reference, Command(jnp.zeros(()), frequency), first)
-    plate = _at_rest(plant, effects)
+    inputs = _inputs(effects, reference, Command(jnp.zeros(()), frequency), first)
+    quiet = tuple(e for e in effects if e.kind != "noise")
+    plate = engine.start(plant, quiet, jax.random.key(0))
     readings = jnp.full(shape.readings, engine.seen(effects, plate, inputs))
     commands = (jnp.zeros(shape.commands), jnp.full(shape.commands, frequency))
     return _Carry(plate, state, commands, readings, inputs, jnp.zeros(()))
 
 
-def _at_rest(plant: Any, effects: tuple) -> engine.State:
-    quiet = tuple(e for e in effects if e.kind != "noise")
-    return engine.start(plant, quiet, jax.random.key(0))
-
-
 def _piece(
-    carry: _Carry,
-    happening: tuple,
-    control: Any,
-    plant: Any,
-    effects: tuple,
-    reference: Any,
-    between: Any,
-    *,
-    rung: str,
-) -> tuple:
+    carry: _Carry, happening: tuple, control: Any, plant: Any, effects: tuple, reference: Any, between: Any,
+    *, rung: str,
+) -> tuple:  # fmt: skip
     """What happens at the beginning of one piece, in this order: the sensor is read, the controller runs, a
     command takes effect; then the piece."""
     now, noise = happening
     readings = _pushed(now.reads, carry.readings, engine.seen(effects, carry.plate, carry.before))
     told, before = readings[now.reading], readings[now.reading + 1]
-    measured = recorded(effects, told + between * (before - told), noise)
+    measured = _recorded(effects, told + between * (before - told), noise)
     state, command, _ = control.step(carry.control, now.reference, measured, now.temperature, jnp)
     frequency = now.frequency if command.frequency is None else command.frequency
     state = jax.tree.map(lambda new, old: jnp.where(now.runs, new, old), state, carry.control)
     asked = (command.voltage, _made(effects, frequency))
     commands = tuple(_pushed(now.runs, old, new) for old, new in zip(carry.commands, asked, strict=True))
-    inputs = _inputs(plant, effects, reference, Command(*(c[now.acting] for c in commands)), now)
+    inputs = _inputs(effects, reference, Command(*(c[now.acting] for c in commands)), now)
     turn, cycles = _turn(effects, carry, inputs, now.duration)
     motion = sum(mode.response for mode in carry.plate.modes)
     plate = engine.held(plant, effects, carry.plate, inputs, now.duration, turn, rung, reference)
@@ -349,11 +294,9 @@ def _pushed(happens: Any, line: Any, value: Any) -> Any:
     return jnp.where(happens, jnp.concatenate([jnp.reshape(value, 1), line[:-1]]), line)
 
 
-def _inputs(plant: Any, effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
-    offset = 2 * jnp.pi * (reference - command.frequency)
-    inputs = Inputs(
-        command.voltage, 2 * jnp.pi * command.frequency, offset, now.warming, now.force, now.contact
-    )
+def _inputs(effects: tuple, reference: Any, command: Command, now: Schedule) -> Inputs:
+    omega, offset = 2 * jnp.pi * command.frequency, 2 * jnp.pi * (reference - command.frequency)
+    inputs = now.inputs._replace(drive=command.voltage, omega=omega, offset=offset)
     for e in effects:
         if hasattr(e, "drive"):
             inputs = e.drive(inputs)
@@ -367,11 +310,35 @@ def _made(effects: tuple, frequency: Any) -> Any:
 
 
 def _turn(effects: tuple, carry: _Carry, inputs: Inputs, duration: Any) -> tuple[Any, Any]:
-    """The turn of the frame where a source starts anew at phase zero with another frequency, and its cycles
-    since then."""
+    """The turn of the frame where a source starts at phase zero with another frequency; its cycles since."""
     if not any(isinstance(e, PhaseReset) for e in effects):
         return None, carry.cycles
     changed = inputs.omega != carry.before.omega
     turn = jnp.where(changed, jnp.exp(2j * jnp.pi * carry.cycles), 1.0)
     since = jnp.where(changed, 0.0, carry.cycles) + inputs.omega / (2 * jnp.pi) * duration
     return turn, since - jnp.floor(since)
+
+
+def _noise_of(effects: tuple, seed: Any, sample_time: Any, samples: int) -> tuple[Any, Any] | None:
+    """What noise adds to each reading, and the share that it leaves of it: those effects are linear in it."""
+    drawn = tuple(e for e in effects if e.kind == "noise" and not isinstance(e, RECORDER))
+    if not drawn:
+        return None
+    key = jax.random.key(seed)
+    states = tuple(e.init(engine.key_for(key, e, 0)) if hasattr(e, "init") else None for e in drawn)
+
+    def made(value: float) -> Any:
+        """(samples,) readings of a response that stays at `value`."""
+        return engine.noisy(drawn, jnp.full(samples, value, complex), states, key, 0, sample_time)[0]
+
+    offset = made(0.0)
+    return offset, jnp.round((made(1.0) - offset).real)
+
+
+def _recorded(effects: tuple, response: Any, noise: Any) -> Any:
+    """The reading of a response, in the noise that `_noise_of` made of it."""
+    response = response if noise is None else noise[0] + noise[1] * response
+    for e in effects:
+        if isinstance(e, RECORDER):
+            response = e.noise(response, None, None, None)[0]
+    return response

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 from controller import scalar
 from controller.dq import Command
 from controller.guard import CODES
-from controller.scalar import NO_LIMIT, clip, either, seen
+from controller.scalar import NO_LIMIT, beyond, clip, counted, either, magnitude, seen
 
 OFF, FIND, SOFT, LOCK, RUN, FAULT, OPEN, SWEEP = (float(k) for k in range(8))
 MODES = ("off", "find", "soft start", "lock", "run", "fault", "open loop", "sweep")  # as dq_mode in C
@@ -145,9 +145,8 @@ class Machine(NamedTuple):
 
     def step(
         self, state: MachineState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0,
-        enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0, offset: Any = 0.0,
-        clipped: Any = False, arrived: Any = None,
+        share: Any = 1.0, enable: Any = True, reset: Any = False, task: Any = 0.0, voltage: Any = 0.0,
+        offset: Any = 0.0, clipped: Any = False, arrived: Any = None,
     ) -> tuple[MachineState, Command, MachineInfo]:  # fmt: skip
         """One sample, as the loop's own. The knobs: `reference`, the wanted amplitude; `share`, 0 to 1, of
         the bandwidth; `enable`; `reset`, which with enable low ends a fault; the `task`, a number of TASKS;
@@ -160,9 +159,8 @@ class Machine(NamedTuple):
         frozen = held.task > 0.0
         asked = self._asked(state, held, opened, xp)
         least = 1.0 / abs(self.gain)
-        needed = xp.where(
-            was == FIND, self.heaviest * least, clip(state.needs, least, self.heaviest * least, xp)
-        )
+        heaviest = self.heaviest * least
+        needed = xp.where(was == FIND, heaviest, clip(state.needs, least, heaviest, xp))
         most = xp.where((was >= FIND) & (was <= LOCK), self.headroom * asked * needed, NO_LIMIT)
         stated, swept = self._stated(state, held, xp)
         control, command, said = self.control.step(
@@ -180,7 +178,7 @@ class Machine(NamedTuple):
         mode = xp.where((fault > 0.0) & (was != FAULT), FAULT, mode)
         fault = xp.where(mode == OFF, 0.0, fault)
         moved = mode != was
-        near, waited, off = (xp.where(moved, 0.0, n) for n in counts[:3])
+        counts = Counts(*(xp.where(moved, 0.0, n) for n in counts[:3]), *counts[3:])
         on = on & (mode > OFF) & (mode != FAULT)
         learned = xp.where(on & (was == RUN), self.control.learned(control), state.learned)
         learned = xp.where(mode == FAULT, 0.0, learned)
@@ -188,9 +186,8 @@ class Machine(NamedTuple):
         resting = self.control.rest(begun, xp).frequency
         frequency = None if resting is None else xp.where(on, command.frequency, resting)
         after = MachineState(
-            either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means,
-            counts._replace(near=near, waited=waited, off=off), xp.where(on, asked, 0.0), needs, learned,
-            xp.where(on, swept, held.offset),
+            either(on, control, self.control.init(begun, xp), xp), mode, fault, held, means, counts,
+            xp.where(on, asked, 0.0), needs, learned, xp.where(on, swept, held.offset),
         )  # fmt: skip
         return after, Command(xp.where(on, command.voltage, 0.0), frequency), MachineInfo(fault, mode, said)
 
@@ -219,11 +216,10 @@ class Machine(NamedTuple):
         soft = xp.where(risen > wanted, wanted, risen)
         low = xp.where(state.mode == SOFT, soft, find)
         asked = xp.where(state.mode > SOFT, wanted, low)
-        return xp.where(opened, xp.where(drives < 0.0, -drives, drives), asked)
+        return xp.where(opened, magnitude(drives, xp), asked)
 
     def _stated(self, state: MachineState, held: Held, xp: Any) -> tuple[tuple[Any, Any], Any]:
-        """Voltage and frequency of an open loop, a sweep from one end to the other and then nothing; how far
-        it is afterwards."""
+        """Voltage and frequency of an open loop, a sweep to its end and then nothing; how far it is then."""
         upwards, end = held.offset < 0.0, -held.offset
         over = xp.where(upwards, state.swept > end, state.swept < end)
         sweeps = state.mode == SWEEP
@@ -248,7 +244,7 @@ class Machine(NamedTuple):
         near = state.counts.near
         near = xp.where(close & suits, near + 1.0, xp.where((was == FIND) & (near > 0.0), near - 1.0, 0.0))
         waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
-        waited = xp.where(waits, state.counts.waited + 1.0, 0.0)
+        waited = counted(waits, state.counts.waited, xp)
         off, follow = self._off(state, held, means, xp)
         swung, since, side = self._swung(state, means, voltage, most, xp)
         found = xp.where(swung >= self.swings, CODES["oscillates"], 0.0)
@@ -257,8 +253,7 @@ class Machine(NamedTuple):
         return Counts(near, waited, off, swung, since, side), xp.where(waited >= self.limit, late, found)
 
     def _near(self, mode: Any, held: Held, means: Means, asked: Any, xp: Any) -> Any:
-        """Whether the mean reading is near to what is asked; half as strict while the resonance is looked
-        for."""
+        """Whether the mean reading is near to what is asked; less strict while a resonance is looked for."""
         rough = mode == FIND
         off = asked * xp.where(rough, ROUGH, NEAR)
         turned, error = means.d * xp.where(rough, *self.beside[:2]), means.d - asked
@@ -275,9 +270,8 @@ class Machine(NamedTuple):
     def _off(self, state: MachineState, held: Held, means: Means, xp: Any) -> tuple[Any, Any]:
         """Samples in run for which the amplitude has not been what is asked, or the voltage none that a plate
         needs for it, less those for which both were right; and the fault that this is."""
-        slip, room, turned = means.asked - means.d, NEAR * means.asked, self.beside[2] * means.d
-        beside = ((means.q > turned) | (means.q < -turned)) & (held.task == 0.0)
-        slips = (slip > room) | (slip < -room) | beside
+        beside = beyond(means.q, self.beside[2] * means.d) & (held.task == 0.0)
+        slips = beyond(means.asked - means.d, NEAR * means.asked) | beside
         makes = self.gain * means.voltage
         odd = (makes < self.fits[0] * means.d) | ((makes > self.fits[2] * means.d) & (held.task == 0.0))
         judged = (state.mode == RUN) & (means.asked > self.find)
@@ -305,10 +299,8 @@ class Machine(NamedTuple):
         """What comes after this mode, without a fault."""
         was, wanted = state.mode, held.reference
         done = counts.near >= self.patience
-        begun = xp.where(
-            held.task > 1.0, xp.where(held.task > 2.0, SWEEP, OPEN), xp.where(wanted > 0.0, FIND, OFF)
-        )
-        mode = xp.where(was == OFF, begun, was)
+        begun, opened = xp.where(wanted > 0.0, FIND, OFF), xp.where(held.task > 2.0, SWEEP, OPEN)
+        mode = xp.where(was == OFF, xp.where(held.task > 1.0, opened, begun), was)
         mode = xp.where((was == FIND) & done, SOFT, mode)
         mode = xp.where((was == SOFT) & (asked >= wanted), LOCK, mode)
         mode = xp.where((was == LOCK) & done, RUN, mode)

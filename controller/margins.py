@@ -51,8 +51,7 @@ def margins(control: Any, plants: Ensemble, sample_time: float, delay: float) ->
 
 
 def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.ndarray) -> np.ndarray:
-    """Gain margin (n,) of an observer, which learns another damping at another gain; zero where it is not
-    stable at gain one."""
+    """Gain margin (n,) of an observer, which learns another damping at another gain; 0 if unstable at one."""
 
     def unstable(gain: np.ndarray) -> np.ndarray:
         """Whether a pole of the loop lies outside of the unit circle."""
@@ -71,8 +70,7 @@ def _learned(control: Any, plants: Ensemble, T: float, delay: float, stable: np.
 
 
 def _closed(control: Any, plants: Ensemble, T: float, delay: float, gain: np.ndarray) -> np.ndarray:
-    """What a sample makes (n, s, s) of the controller's state, Wd, and the voltages of the last d + 1
-    samples."""
+    """What a sample makes (n, s, s) of the controller's state, Wd, and the last d + 1 voltages."""
     A, B, C, D = linearised(control, plants.rate * T, gain)
     n, s = B.shape
     g0, g1, alpha, d = held(plants, T, delay)
@@ -126,14 +124,11 @@ def response(control: Any, plants: Ensemble, T: float, angle: np.ndarray) -> np.
     values, vectors = np.linalg.eig(A)
     # Modes, unless two coincide: then the resolvent itself.
     if np.all(np.linalg.cond(vectors) < 1e8):
-        weights = (C[:, None, :] @ vectors)[:, 0] * np.linalg.solve(vectors, B[..., None].astype(complex))[
-            ..., 0
-        ]
-        return -(np.einsum("ni,nmi->nm", weights, 1 / (z[None, :, None] - values[:, None, :])) + D[:, None])
-    n = A.shape[-1]
-    solved = np.linalg.solve(
-        z[None, :, None, None] * np.eye(n) - A[:, None], B[:, None, :, None].astype(complex)
-    )[..., 0]
+        shares = np.linalg.solve(vectors, B[..., None].astype(complex))[..., 0]
+        C, solved = (C[:, None, :] @ vectors)[:, 0] * shares, 1 / (z[None, :, None] - values[:, None, :])
+    else:
+        resolved = z[None, :, None, None] * np.eye(A.shape[-1]) - A[:, None]
+        solved = np.linalg.solve(resolved, B[:, None, :, None].astype(complex))[..., 0]
     return -(np.einsum("ni,nmi->nm", C, solved) + D[:, None])
 
 
@@ -156,16 +151,14 @@ def linearised(
 
         return differences(step, (np.zeros(1),), np.ones(1, complex), 1e-3)
     free = control._replace(lowest_voltage=-NO_LIMIT, highest_voltage=NO_LIMIT, slew=NO_LIMIT)
-    one, zero = np.ones_like(damping), np.zeros_like(damping)
+    one = np.ones_like(damping)
     sent = len(control.delay) + 1
 
     def adaptive(state: tuple, W: Any) -> tuple[tuple, Any]:
         """One step of the observer and its law, without limits."""
         d, now, *rest = state
-        past = tuple((v, zero) for v in rest[sent:])
-        before = AdaptiveState(
-            d, zero, now, zero, control.temperature, tuple(rest[:sent]), (zero,) * sent, past
-        )
+        past = tuple((v, 0.0) for v in rest[sent:])
+        before = AdaptiveState(d, 0.0, now, 0.0, control.temperature, tuple(rest[:sent]), (0.0,) * sent, past)
         after, command, _ = free.step(before, 1.0, W, None, np)
         return (after.d, after.damping, *after.voltages, *(v for v, _ in after.past)), command.voltage
 
@@ -176,30 +169,24 @@ def linearised(
 
 def _read(L: np.ndarray, angle: np.ndarray, T: float) -> Margins:
     size, phase = np.abs(L), np.unwrap(np.angle(L), axis=1)
-    # Where the phase passes -180 degrees (and the Nyquist point, where L is real), and where the size passes
-    # one.
+    # Where the phase passes -180 degrees (also in Nyquist's point, where L is real) and the size passes one.
     turned = phase - np.round((phase[:, :1] + np.pi / 2) / (2 * np.pi)) * 2 * np.pi
     gain = np.full(len(L), np.inf)
     lead, late = np.full(len(L), np.inf), np.full(len(L), np.inf)
-    for n in range(len(L)):
-        p, s = turned[n], np.log(size[n])
-        at = _crossings(p, -np.pi, s)
+    for n, (p, s) in enumerate(zip(turned, np.log(size), strict=True)):
+        at = _crossed(np.flatnonzero((p[:-1] > -np.pi) & (p[1:] <= -np.pi)), p, -np.pi, s)
         ends = [s[-1]] if abs(np.sin(p[-1])) < 1e-6 and np.cos(p[-1]) < 0 else []
-        over = np.exp(-np.array([*at, *ends]))
-        gain[n] = min(over, default=np.inf)
+        gain[n] = min(np.exp(-np.array([*at, *ends])), default=np.inf)
         cuts = np.flatnonzero(np.diff(np.sign(s)))
-        for i in cuts:
-            share = s[i] / (s[i] - s[i + 1])
-            w, here = angle[i] + share * (angle[i + 1] - angle[i]), p[i] + share * (p[i + 1] - p[i])
-            lead[n], late[n] = min(lead[n], here + np.pi), min(late[n], (here + np.pi) / w * T)
+        w, left = _crossed(cuts, s, 0.0, angle), _crossed(cuts, s, 0.0, p) + np.pi
+        lead[n], late[n] = min(left, default=np.inf), min(left / w * T, default=np.inf)
     disk = 2 / np.max(np.abs((1 - L) / (1 + L)), axis=1)
     stable = (gain > 1) & (lead > 0)
     return Margins(*(np.where(stable, m, 0.0) for m in (gain, lead, disk, late)))
 
 
-def _crossings(values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
-    """`of`, on straight lines, where `values` pass downwards through `level`."""
-    i = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
+def _crossed(i: np.ndarray, values: np.ndarray, level: float, of: np.ndarray) -> np.ndarray:
+    """`of`, on straight lines, where `values` pass `level` between rows i and i + 1."""
     share = (values[i] - level) / (values[i] - values[i + 1])
     return of[i] + share * (of[i + 1] - of[i])
 
@@ -212,23 +199,12 @@ def differences(
     `step` takes a tuple of (n,) and W to a tuple and V. The step is smooth about its settled state, so that
     the error is that of the square of `size`, relative.
     """
-    count = len(state)
-    scale = [np.maximum(np.abs(s), 1e-3) * size for s in state]
-
-    def moved(k: int, sign: float) -> tuple[np.ndarray, np.ndarray]:
-        """State and voltage after a step, the k-th number of what goes in (the last: W) shifted."""
-        where = tuple(s + sign * scale[k] if i == k else s for i, s in enumerate(state))
-        seen = W + sign * size if k == count else W
-        after, V = step(where, seen)
-        return np.stack([np.broadcast_to(a, state[0].shape) for a in after]), np.broadcast_to(
-            V, state[0].shape
-        )
-
-    columns, outputs = [], []
-    for k in range(count + 1):
-        (up, high), (down, low) = moved(k, 1.0), moved(k, -1.0)
-        width = 2 * (scale[k] if k < count else size)
-        columns.append((up - down) / width)
-        outputs.append((high - low) / width)
-    A = np.stack(columns[:count], -1).transpose(1, 0, 2)
-    return A, columns[count].T, np.stack(outputs[:count], -1), outputs[count]
+    given = (*state, W)
+    scale = np.stack([*(np.maximum(np.abs(s), 1e-3) * size for s in state), np.full(len(W), size)])
+    # Each number that goes in, and out, up and down with the k-th of them shifted: (2, k, n).
+    shifts = np.array([1.0, -1.0])[:, None, None, None] * np.eye(len(given))[:, :, None] * scale
+    *into, reading = (v + shifts[:, :, i] for i, v in enumerate(given))
+    after, V = step(tuple(into), reading)
+    ends = np.stack([np.broadcast_to(out, shifts[:, :, 0].shape) for out in (*after, V)], -1)
+    J = ((ends[0] - ends[1]) / (2 * scale[..., None])).transpose(1, 2, 0)
+    return J[:, :-1, :-1], J[:, :-1, -1], J[:, -1, :-1], J[:, -1, -1]

@@ -4,12 +4,11 @@ import math
 from typing import Any, NamedTuple
 
 from controller import scalar
-from controller.scalar import NO_LIMIT, clip, seen
+from controller.scalar import NO_LIMIT, clip, either, seen
 
 
 class PIState(NamedTuple):
-    """`integral` and the last `output`, both in the drive unit; the `model`'s amplitude, the latest first
-    (response unit)."""
+    """`integral`, last `output` (drive unit); the `model`'s amplitude, the latest first (response unit)."""
 
     integral: Any
     output: Any
@@ -17,8 +16,7 @@ class PIState(NamedTuple):
 
 
 class PIInfo(NamedTuple):
-    """For people: the measurement was `missing`; the output was `saturated` by the voltage limit or the slew
-    limit."""
+    """For people: the measurement was `missing`; the limit of voltage or slew `saturated` the output."""
 
     missing: Any
     saturated: Any
@@ -74,8 +72,7 @@ class PI(NamedTuple):
 
     @property
     def anti_windup(self) -> float:
-        """What share of a clipped voltage is taken back from the integral in one sample: Ki_Ts / Kp, no
-        unit."""
+        """Share of a clipped voltage that the integral takes back in one sample: Ki_Ts / Kp, no unit."""
         return self.Ki_Ts / self.Kp
 
     def init(self) -> PIState:
@@ -97,34 +94,30 @@ class PI(NamedTuple):
         aim, held, model = self._aimed(state, reference, share, lowest, highest, xp)
         error = share * (aim - W.real)
         wanted = self.Kp * error + held
-        output = clip(
-            clip(wanted, state.output - self.slew, state.output + self.slew, xp), lowest, highest, xp
-        )
+        output = slewed(wanted, state.output, self.slew, lowest, highest, xp)
         integral = state.integral + self.Ki_Ts * error + (output - wanted) * self.anti_windup
-        model = tuple(xp.where(there, new, old) for new, old in zip(model, state.model, strict=True))
-        after = PIState(
-            xp.where(there, integral, state.integral), xp.where(there, output, state.output), model
-        )
+        after = either(there, PIState(integral, output, model), state, xp)
         return after, after.output, PIInfo(xp.logical_not(there), there & (output != wanted))
 
     def _aimed(
         self, state: PIState, reference: Any, share: Any, lowest: Any, highest: Any, xp: Any
     ) -> tuple[Any, Any, tuple]:
-        """The amplitude that Wd should have now, the voltage without an error of it, U + I, and the model a
-        sample later."""
+        """The amplitude that Wd should have now, the voltage without an error, U + I, and the next model."""
         if self.model is None:
             return reference, state.integral, ()
         keep, push, now = self.model.keep, self.model.push, state.model[0]
         part = xp.where(share < 1.0, share * (self.Kp * push), 1.0)
         driven = clip((part * (reference - now) + (1.0 - keep) * now) * (1.0 / push), lowest, highest, xp)
-        return (
-            self.model.expected(state.model),
-            state.integral + driven,
-            (keep * now + push * driven, *state.model[:-1]),
-        )
+        moved = (keep * now + push * driven, *state.model[:-1])
+        return self.model.expected(state.model), state.integral + driven, moved
 
 
 def within(lowest: Any, highest: Any, most: Any, xp: Any) -> tuple[Any, Any]:
     """A range of voltages that includes zero, cut to +-most."""
     highest = xp.where(most < highest, most, highest)
     return xp.where(lowest < -highest, -highest, lowest), highest
+
+
+def slewed(wanted: Any, last: Any, slew: Any, lowest: Any, highest: Any, xp: Any) -> Any:
+    """The voltage nearest to `wanted` that is no further than `slew` from the last one and within a range."""
+    return clip(clip(wanted, last - slew, last + slew, xp), lowest, highest, xp)

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.logs.metadata import stated
+
 
 class Known(NamedTuple):
     """A parameter of a bare plant, in the form that a fit and a posterior give theirs."""
@@ -32,6 +34,11 @@ class Plate:
     name: str | None  # as the logs have it
 
     @property
+    def half_bandwidth(self) -> float:
+        """Hz, beside the resonance, at which |Wq| = |Wd|."""
+        return 1 / (2 * math.pi * self.tau)
+
+    @property
     def means(self) -> dict[str, float]:
         """The parameters that are known, by name."""
         values = {"G": self.G, "tau": self.tau, "f0": self.f0, "k_T": self.k_T}
@@ -39,8 +46,7 @@ class Plate:
 
 
 def plate_of(source: Any) -> Plate:
-    """The plate of a posterior, a fit or a plant. Raises ValueError where it has no G or tau that a loop
-    could be made for."""
+    """The plate of a posterior, a fit or a plant. Raises ValueError without a G or tau to make a loop for."""
     parameters, fit = _read(source)
     G, tau = _needed(parameters, "G"), _needed(parameters, "tau")
     if G == 0.0 or tau <= 0.0:
@@ -51,7 +57,7 @@ def plate_of(source: Any) -> Plate:
     if "G" in draws and "tau" in draws:
         spread = max(float(np.quantile(np.ravel(draws["G"]) / np.ravel(draws["tau"]), 0.99)) / (G / tau), 1.0)
     touched, unknown = _value(parameters, "finger_damping")
-    finger = Known(touched, touched is not None, f"finger_damping is not determined: {unknown}")
+    finger = Known(touched, touched is not None, unknown)
     return Plate(G, tau, f0, _value(parameters, "k_T")[0], spread, source, fit, why, finger, _name(fit))
 
 
@@ -62,10 +68,8 @@ def _read(source: Any) -> tuple[Mapping[str, Any], Any]:
         return {**source.fit.parameters, **source.summary()}, source.fit
     if hasattr(source, "parameters"):
         return source.parameters, source
-    values = {name: getattr(source, name, None) for name in ("G", "tau", "f0", "k_T")}
-    return {
-        name: Known(value, value is not None, f"the plant has no {name}") for name, value in values.items()
-    }, source
+    values = ((name, getattr(source, name, None)) for name in ("G", "tau", "f0", "k_T"))
+    return {name: Known(v, v is not None, f"the plant has no {name}") for name, v in values}, source
 
 
 def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]:
@@ -73,21 +77,19 @@ def _value(parameters: Mapping[str, Any], name: str) -> tuple[float | None, str]
     p = parameters.get(name, Known(None, False, "the fit does not have it"))
     if p.determined and p.value is not None and math.isfinite(p.value):
         return float(p.value), ""
-    return None, p.why or "the fit gives no reason"
+    return None, f"{name} is not determined: {p.why or 'the fit gives no reason'}"
 
 
 def _name(fit: Any) -> str | None:
     """The plate that the logs name, which is one."""
-    named = (getattr(fitted.log, "metadata", {}).items() for fitted in getattr(fit, "logs", ()))
-    return next(
-        (value for items in named for key, value in items if key.casefold() == "plate" and value), None
-    )
+    metadata = (getattr(fitted.log, "metadata", {}) for fitted in getattr(fit, "logs", ()))
+    return next((name for m in metadata if (name := stated(m, "plate"))), None)
 
 
 def _needed(parameters: Mapping[str, Any], name: str) -> float:
     value, why = _value(parameters, name)
     if value is None:
-        raise ValueError(f"no controller: {name} is not determined: {why}")
+        raise ValueError(f"no controller: {why}")
     return value
 
 
@@ -98,8 +100,7 @@ def units_of(fit: Any) -> tuple[str | None, str | None]:
 
 
 def positive(name: str, value: float) -> float:
-    """The value as a float. Raises ValueError, with the `name` it was given under, where it is not finite and
-    above zero."""
+    """The value as a float. Raises ValueError, with its `name`, where it is not finite and above zero."""
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"{name} = {value:g} must be a finite number above 0")
     return float(value)

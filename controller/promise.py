@@ -1,5 +1,4 @@
-"""The promise of a design: margins and step responses over the plants that it must serve, with the controller
-that runs."""
+"""The promise of a design: margins and steps of the controller that runs, over the plants it must serve."""
 
 import cmath
 import math
@@ -42,8 +41,7 @@ class Clock(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """From rest to `amplitude`, of each of the `plants`; `start`: the design's resonance, Hz, None without
-    one."""
+    """From rest to `amplitude`, of each of the `plants`; `start`: the design's resonance, Hz, or None."""
 
     plants: Ensemble
     clock: Clock
@@ -89,20 +87,20 @@ def promise(law: Any, taken: Steps, guard: Any = None, machine: Any = None) -> P
     plants, clock = taken.plants, taken.clock
     found = margins(law, plants, clock.T, clock.delay)
     W, V, tops = rises(law, taken, guard)
-    each = {"settling": judged(W, taken)[0], "overshoot": _overshoot(V, tops, taken)}
+    # The largest |W| from sample to sample, with what the carrier's phase may add to it.
+    overshoot = judged(tops + by_phase(V, taken), taken)[1]
+    each = {"settling": judged(W, taken)[0], "overshoot": overshoot}
     tenth = taken._replace(amplitude=SMALL * taken.amplitude)
     _, V_tenth, tops_tenth = rises(law, tenth)
-    each["small"] = _overshoot(V_tenth, tops_tenth, tenth)
+    each["small"] = judged(tops_tenth + by_phase(V_tenth, tenth), tenth)[1]
     worst = {name: _worst(values, -1) for name, values in each.items()}
     each |= found._replace(phase=np.rad2deg(found.phase))._asdict()
     worst |= {name: _worst(each[name], 1) for name in found._fields}
     rows = [round(q * (len(plants.rate) - 1)) for q in LEVELS]
     spread = {name: tuple(np.sort(values)[rows].tolist()) for name, values in each.items()}
     begun = math.inf if machine is None else startup(machine, law, taken)
-    shown = _shown(W, V, clock.T, worst["settling"])
-    return Promise(
-        **worst, spread=spread, response=shown, startup=begun, bode=bode(law, plants, clock.T, clock.delay)
-    )
+    shown, band = _shown(W, V, clock.T, worst["settling"]), bode(law, plants, clock.T, clock.delay)
+    return Promise(**worst, spread=spread, response=shown, startup=begun, bode=band)
 
 
 def settling(law: Any, taken: Steps) -> float:
@@ -111,8 +109,7 @@ def settling(law: Any, taken: Steps) -> float:
 
 
 def startup(machine: Any, law: Any, taken: Steps) -> float:
-    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more do not
-    come to run."""
+    """s from enabling the machine to |W| within 5 % for good, of 99 % of the plants; inf where more fail."""
     few = taken.plants.every(math.ceil(len(taken.plants.rate) / STARTED))
     if taken.amplitude / machine.ramp + 3 * machine.patience > LONGEST:  # more samples than are looked at
         return math.inf
@@ -183,15 +180,8 @@ def played(control: Any, law: Any, taken: Steps, count: int) -> Iterator[tuple[A
             settled = -push * voltage / pole
             moves, moved = Z - settled, growth(pole * duration)
             if filters is not None:
-                outputs = behind(
-                    outputs,
-                    settled,
-                    moves,
-                    moved,
-                    filters,
-                    duration * filters.rate,
-                    growth(-pole / filters.rate),
-                )
+                passed, back = duration * filters.rate, growth(-pole / filters.rate)
+                outputs = behind(outputs, settled, moves, moved, filters, passed, back)
             Z = settled + moves * moved
             top = np.maximum(top, np.abs(Z))
             if end == heard:
@@ -208,16 +198,14 @@ def behind(
     binomial, for parts of a sample too."""
     left, share = 1.0 - filters.share, 1.0
     beside: list[Any] = []
-    found: list[Any] = []
-    fades = [left**samples]
+    found, fades = [], [left**samples]
     for k in range(filters.order - 1):
         fades.append(fades[-1] * filters.share * (samples + k) / (k + 1))
     for output in outputs:
         share = share * (filters.share / (1.0 - left * back))
         beside = [output - settled - moves * share, *beside]
-        found.append(
-            settled + moves * moved * share + sum(f * b for f, b in zip(fades, beside, strict=False))
-        )
+        fading = sum(f * b for f, b in zip(fades, beside, strict=False))
+        found.append(settled + moves * moved * share + fading)
     return found
 
 
@@ -236,11 +224,6 @@ def judged(W: np.ndarray, taken: Steps) -> tuple[np.ndarray, np.ndarray]:
     last = len(W) - 1 - np.argmax(outside[::-1], axis=0)  # the first row is at rest, so one is outside
     settling = np.where(outside[-1], np.inf, (last + 1) * taken.clock.T)
     return settling, np.maximum(np.max(W, axis=0) / abs(amplitude) - 1, 0.0)
-
-
-def _overshoot(V: np.ndarray, tops: np.ndarray, taken: Steps) -> np.ndarray:
-    """(n,) of the largest |W| from sample to sample, with what the carrier's phase may add to it."""
-    return judged(tops + by_phase(V, taken), taken)[1]
 
 
 def by_phase(V: np.ndarray, taken: Steps) -> np.ndarray:

@@ -52,9 +52,8 @@ calibration = "both.csv"     # or instead of these a log of both sensors at once
 import cmath
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn, get_args
 
 from controller import scalar
 from controller.actuator import Adc, Dac, Inverter
@@ -62,20 +61,29 @@ from controller.demodulator import SAMPLES, Demodulator
 from controller.scalar import NO_LIMIT
 from controller.source import Multiples, Source, Timer
 
-ARITHMETIC = ("single", "double")
-# Parts of a rig that are tables of their own, and the units of their keys: "" is the drive's.
-TABLES: dict[str, tuple[Any, dict[str, str]]] = {
-    "adc": (Adc, {"bits": "1", "full_scale": "1", "rate": "Hz"}),
-    "dac": (Dac, {"bits": "1", "full_scale": ""}),
-    "inverter": (lambda supply, law="linear": Inverter(supply, law == "sine"), {"supply": ""}),
-}
+Method = Literal["pi", "paper", "pll", "adaptive"]
+METHODS = get_args(Method)
+FLAG = (True, False)
+# What a key may be one of.
+WORDS = {"bipolar": FLAG, "thermometer": FLAG, "arithmetic": ("single", "double"), "method": METHODS}
 # Numbers of a rig in units of their own; the voltages and the amplitude are in the logs'.
 UNITS = dict.fromkeys(("sample_time", "latency", "tracker_period", "settling"), "s")
 UNITS |= dict.fromkeys(("frequency_step", "timer", "dds", "drive_update"), "Hz")
 UNITS |= dict.fromkeys(("lowest_frequency", "highest_frequency"), "Hz")
 UNITS |= {"coldest": "degC", "warmest": "degC", "force": "N", "finger": "1"}
-ANY_SIGN, OR_ZERO = ("coldest", "warmest"), ("latency", "force", "finger")  # the others are above zero
-METHODS = ("pi", "paper", "pll", "adaptive")
+SENSOR = {"gain": "1", "rotation": "deg", "delay": "s", "gain_error": "1", "angle_error": "deg"}
+# Parts of a rig that are tables of their own, with the units of their keys, of which none may be missing, and
+# their words: "" is the drive's.
+TABLES: dict[str, tuple[Any, dict[str, str], dict[str, Any]]] = {
+    "adc": (Adc, {"bits": "1", "full_scale": "1", "rate": "Hz"}, {}),
+    "dac": (Dac, {"bits": "1", "full_scale": ""}, {}),
+    "inverter": (
+        lambda supply, law="linear": Inverter(supply, law == "sine"), {"supply": ""},
+        {"law": ("linear", "sine")},
+    ),
+}  # fmt: skip
+ANY_SIGN = ("coldest", "warmest", "rotation", "gain_error", "angle_error")
+OR_ZERO = ("latency", "force", "finger", "delay")  # the others are above zero
 
 
 class RigError(ValueError):
@@ -170,37 +178,40 @@ class Rig(NamedTuple):
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise RigError(f"{path}: cannot be read: {error}") from None
         read = _Reader(Path(path))
-        tables = {name: read.subtable(document, name) for name in ("sensor", *TABLES)}
+        parts = {name: read.part(document, name) for name in ("sensor", *TABLES)}
         units = UNITS | {"voltage_limit": drive_unit, "voltage_slew": f"{drive_unit}/s"}
-        units["amplitude"] = response_unit
-        words = {"bipolar": None, "thermometer": None, "arithmetic": ARITHMETIC, "method": METHODS}
-        values = read.table("", document, units, words)
-        if tables["sensor"] is not None:
-            values["sensor"] = read.sensor(tables["sensor"])
-        for name, (make, keys) in TABLES.items():
-            if (table := tables[name]) is not None:
+        values = read.table("", document, units | {"amplitude": response_unit}, WORDS)
+        if parts["sensor"] is not None:
+            values["sensor"] = read.sensor(parts["sensor"])
+        for name, (make, keys, words) in TABLES.items():
+            if (table := parts[name]) is not None:
                 keys = {key: unit or drive_unit for key, unit in keys.items()}
-                law = {"law": ("linear", "sine")} if name == "inverter" else {}
-                found = read.table(f"{name}.", table, keys, law)
-                values[name] = make(**read.whole(f"{name}.", found, keys))
-        return read.checked(cls(**values), units)
+                found = read.table(f"{name}.", table, keys, words)
+                for key in keys:
+                    read.suits(f"{name}.", key, found.get(key))
+                values[name] = make(**found)
+        read.agree(values)
+        return cls(**values)
 
     def source(self, start: float) -> Source | None:
-        """The frequencies that can be made, near `start` Hz; None: any. A synthesiser's steps are too fine to
-        matter."""
+        """The frequencies that can be made, near `start` Hz; None: any (a synthesiser's are so fine)."""
         if self.timer is not None:
             return Timer.of(self.timer, start)
         return None if self.frequency_step is None else Multiples.of(self.frequency_step, start)
 
     def delay(self, f0: float | None) -> float:
-        """Seconds by which a reading is late: the drive's hold, the sensor, and the exported demodulator's
-        filters."""
+        """Seconds by which a reading is late: the drive's hold, the sensor, the exported demodulator."""
         return self.late if f0 is None else self.late + self.demodulator(f0, 1.0).delay
 
     @property
     def late(self) -> float:
         """The same without the demodulator."""
-        return self.hold + (0.0 if self.sensor is None else self.sensor.delay)
+        return self.hold + self.shown.delay
+
+    @property
+    def shown(self) -> Sensor:
+        """The loop's sensor beside that of the logs, or that one."""
+        return self.sensor or Sensor()
 
     @property
     def hold(self) -> float:
@@ -208,8 +219,7 @@ class Rig(NamedTuple):
         return 0.0 if self.drive_update is None else 0.5 / self.drive_update
 
     def demodulator(self, f0: float, sample_time: float) -> Demodulator:
-        """What gives Wd and Wq; they are missing when all samples of a controller step are. Raises
-        ValueError."""
+        """What gives Wd and Wq, missing when all samples of a controller step are. Raises ValueError."""
         adc = self.adc
         rate = SAMPLES * f0 if adc is None else adc.rate
         patience = max(1.0, math.ceil(rate * sample_time))
@@ -228,7 +238,7 @@ class _Reader:
     def __init__(self, path: Path):
         self.path = path
 
-    def subtable(self, document: dict[str, Any], name: str) -> dict[str, Any] | None:
+    def part(self, document: dict[str, Any], name: str) -> dict[str, Any] | None:
         """The table of that name, taken out of the document; None where there is none."""
         found = document.pop(name, None)
         if found is not None and not isinstance(found, dict):
@@ -238,8 +248,7 @@ class _Reader:
     def sensor(self, table: dict[str, Any]) -> Sensor:
         """As it is stated, or as a log of both sensors shows it."""
         if "calibration" not in table:
-            units = {"gain": "1", "rotation": "deg", "delay": "s", "gain_error": "1", "angle_error": "deg"}
-            return Sensor(**self.table("sensor.", table, units, {}))
+            return Sensor(**self.table("sensor.", table, SENSOR, {}))
         from controller.calibration import calibrate
 
         path = table["calibration"]
@@ -254,19 +263,14 @@ class _Reader:
             self.refuse("sensor.calibration", early, "a sensor that is no earlier than the logs'")
         if found.delay < 0:  # within its error none; the whole angle is what counts
             found = found._replace(rotation=found.rotation - 360 * found.frequency * found.delay, delay=0.0)
-        return Sensor(
-            found.gain, (found.rotation + 180) % 360 - 180, found.delay, found.gain_error, found.angle_error
-        )
+        self.suits("sensor.", "gain", found.gain)
+        turn = (found.rotation + 180) % 360 - 180
+        return Sensor(found.gain, turn, found.delay, found.gain_error, found.angle_error)
 
     def table(
-        self,
-        prefix: str,
-        values: dict[str, Any],
-        units: dict[str, str],
-        words: Mapping[str, tuple[str, ...] | None],
+        self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, Any]
     ) -> dict[str, Any]:
-        """Numbers in `units`, by the longest name that a key begins with; `words` are one of a few, or true
-        or false."""
+        """Numbers in `units`, by the longest name that a key begins with; one of the `words` of a name."""
         from sysid.logs.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}
@@ -276,9 +280,8 @@ class _Reader:
             if name in found:
                 self.refuse(prefix + key, "it twice", "it once")
             if name in words:
-                choices = words[name] or (True, False)
-                if value not in choices or isinstance(value, bool) != (words[name] is None):
-                    said = "true or false" if words[name] is None else f"one of {', '.join(words[name])}"
+                if type(value) is not type(words[name][0]) or value not in words[name]:
+                    said = "true or false" if words[name] == FLAG else f"one of {', '.join(words[name])}"
                     self.refuse(prefix + key, value, said)
                 found[name] = value
                 continue
@@ -292,35 +295,28 @@ class _Reader:
             if unit != units[name] and not same_kind(unit, units[name]):
                 self.refuse(prefix + key, f"the unit {unit!r}", f"{units[name]} or another of its kind")
             found[name] = float(value if unit == units[name] else convert(float(value), unit, units[name]))
+            self.suits(prefix, name, found[name])
         return found
 
-    def whole(self, prefix: str, found: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
-        """The same; refused where one of all names that belong there is missing or not above zero."""
-        for name in names:
-            if not found.get(name, 0.0) > 0 or (name == "bits" and found[name] not in range(4, 25)):
-                said = "4 to 24" if name == "bits" else "a number above zero"
-                self.refuse(prefix + name, found.get(name), said)
-        return found
+    def suits(self, prefix: str, name: str, value: float | None) -> None:
+        """Refuses a number that is missing, of the wrong sign, or no number of bits."""
+        if name == "bits" and value not in range(4, 25):
+            self.refuse(prefix + name, value, "4 to 24")
+        if name in OR_ZERO and value < 0:
+            self.refuse(prefix + name, value, "zero or more")
+        if name not in (*ANY_SIGN, *OR_ZERO) and not (value is not None and value > 0):
+            self.refuse(prefix + name, value, f"a {'gain' if name == 'gain' else 'number'} above zero")
 
-    def checked(self, rig: Rig, names: Iterable[str]) -> Rig:
-        """The rig; refused where a number has the wrong sign."""
-        for name in names:
-            value = getattr(rig, name)
-            if name in ANY_SIGN or value is None or value > 0 or (name in OR_ZERO and value == 0):
-                continue
-            self.refuse(name, value, "zero or more" if name in OR_ZERO else "a number above zero")
-        if rig.sensor is not None and not (rig.sensor.gain > 0 and rig.sensor.delay >= 0):
-            self.refuse("sensor", tuple(rig.sensor), "a gain above zero and a delay of zero or more")
-        if rig.force is not None and rig.finger is not None:
+    def agree(self, values: dict[str, Any]) -> None:
+        """Refuses numbers that contradict each other."""
+        if "force" in values and "finger" in values:
             self.refuse("finger", "force as well", "one of them: each decides the other")
         for low, high in (("coldest", "warmest"), ("lowest_frequency", "highest_frequency")):
-            first, last = getattr(rig, low), getattr(rig, high)
-            if None not in (first, last) and first > last:
-                self.refuse(high, last, f"{low}, {first:g}, or more")
-        made = [name for name in ("frequency_step", "timer", "dds") if getattr(rig, name) is not None]
+            if low in values and high in values and values[low] > values[high]:
+                self.refuse(high, values[high], f"{low}, {values[low]:g}, or more")
+        made = [name for name in ("frequency_step", "timer", "dds") if name in values]
         if len(made) > 1:
             self.refuse(made[1], f"{made[0]} as well", "one source of the frequency")
-        return rig
 
     def refuse(self, key: str, found: Any, expected: str) -> NoReturn:
         """RigError with the file, the key, what was found and what was expected."""

@@ -38,6 +38,21 @@ def clip(x: Any, low: Any, high: Any, xp: Any) -> Any:
     return xp.where(x < low, low, x)
 
 
+def beyond(x: Any, most: Any) -> Any:
+    """Whether x is above `most` or below -`most`."""
+    return (x > most) | (x < -most)
+
+
+def counted(condition: Any, count: Any, xp: Any) -> Any:
+    """Samples for which a condition has held, this one included."""
+    return xp.where(condition, count + 1.0, 0.0)
+
+
+def magnitude(x: Any, xp: Any) -> Any:
+    """|x|."""
+    return xp.where(x < 0.0, -x, x)
+
+
 def seen(reference: Any, W: Any, xp: Any) -> Any:
     """Whether a measurement is there at all: one that is missing is not finite, and is not zero. One whose
     fourth power overflows is none either: nothing that is computed from it would be finite."""
@@ -45,20 +60,23 @@ def seen(reference: Any, W: Any, xp: Any) -> Any:
     return xp.isfinite(reference) & xp.isfinite(size * size)
 
 
-def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
-    """Of two states of one form, number by number; None is no number."""
-    if yes is None:
+def mapped(function: Any, value: Any, *others: Any) -> Any:
+    """A function of the numbers of states of one form, number by number; None is no number."""
+    if value is None:
         return None
-    if isinstance(yes, tuple):
-        items = [either(condition, a, b, xp) for a, b in zip(yes, no, strict=True)]
-        return type(yes)(*items) if hasattr(yes, "_fields") else tuple(items)
-    return xp.where(condition, yes, no)
+    if not isinstance(value, tuple):
+        return function(value, *others)
+    items = (mapped(function, *parts) for parts in zip(value, *others, strict=True))
+    return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+
+
+def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
+    """Of two states of one form, number by number; at once where the condition is a plain one."""
+    if isinstance(condition, bool):
+        return yes if condition else no
+    return mapped(lambda a, b: xp.where(condition, a, b), yes, no)
 
 
 def typed(control: Any, kind: Any) -> Any:
-    """A controller, or a state, with every float in another type of number: its steps then compute in that
-    type."""
-    if isinstance(control, tuple):
-        items = [typed(item, kind) for item in control]
-        return type(control)(*items) if hasattr(control, "_fields") else tuple(items)
-    return kind(control) if isinstance(control, float) else control
+    """A controller, or a state, with every float in another type, in which its steps then compute."""
+    return mapped(lambda v: kind(v) if isinstance(v, float) else v, control)

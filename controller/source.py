@@ -1,5 +1,4 @@
-"""The frequencies that a source can make, as offsets from the frequency at which the tracker starts, all in
-Hz."""
+"""The frequencies that a source can make, as offsets in Hz from that at which the tracker starts."""
 
 import math
 from typing import Any, NamedTuple

@@ -138,10 +138,15 @@ def _knots(scene: Scene, read: np.ndarray, near: np.ndarray, begin: float) -> tu
     knots, at = np.unique(np.append(read, edges), return_index=True)
     span = np.maximum.accumulate(np.append(near, edges - begin)[at])
     span = np.repeat(span, 2) if len(span) == 1 else span  # a single row: an interval without length
-    if scene.substeps > 1:
-        share = np.arange(scene.substeps) / scene.substeps
-        span = np.append((span[:-1, None] + np.diff(span)[:, None] * share).ravel(), span[-1])
-    return knots, span
+    return knots, divided(span, scene.substeps)
+
+
+def divided(span: np.ndarray, substeps: int) -> np.ndarray:
+    """Times with `substeps` intervals of one length between each two of them."""
+    if substeps == 1 or len(span) < 2:
+        return span
+    share = np.arange(substeps) / substeps
+    return np.append((span[:-1, None] + np.diff(span)[:, None] * share).ravel(), span[-1])
 
 
 def _roundings(scene: Scene, begin: float, end: float) -> np.ndarray:
