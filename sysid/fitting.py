@@ -112,8 +112,9 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
 
 def _tells(fit: Fit, before: Fit) -> bool:
     """Whether a fit, of logs that leave something open, determines what another did."""
-    known = (n for n, p in before.parameters.items() if p.determined)
-    return fit.result is Result.undetermined and all(fit.parameters[n].determined for n in known)
+    known = [n for n, p in before.parameters.items() if p.determined]
+    told = [n for n, p in fit.parameters.items() if p.determined]
+    return fit.result is Result.undetermined and bool(told) and set(known) <= set(told)
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:

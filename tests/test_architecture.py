@@ -29,7 +29,7 @@ minimum    guess search start images descent minimise ridge
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
            standing differing term moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
 reading
-effects    effect clock plate sensor registry description search adopt
+effects    effect clock plate drive sensor drift beside registry description search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each

@@ -130,10 +130,57 @@ def creeping(rng):
     return [Log("step", noisy(rng, y, 0.005), **given), *swept(rng, f, noisy(rng, settled(f), 0.005))]
 
 
+def damped(rng):
+    """By 1 + 0.6 |w|^2 of w (1 + 0.6 |w|^2 + j x) = 1: a real root of a cubic in |w|^2."""
+    f, rows = F0 + np.linspace(-500, 500, 121), []
+    for at in f:
+        x, c = (at - F0) / HALF, 0.6
+        p = np.roots([c * c, 2 * c, 1 + x * x, -1])
+        rows.append(1 / (1 + c * p[np.abs(p.imag) < 1e-9].real.max() + 1j * x))
+    return swept(rng, f, noisy(rng, np.array(rows), 0.004))
+
+
+def cabled(rng):
+    """Behind 0.4 ms, which turns the phase by 2.5 rad from one end to the other."""
+    f = F0 + np.linspace(-500, 500, 121)
+    return swept(rng, f, noisy(rng, settled(f) * np.exp(-2j * np.pi * 4e-4 * f), 0.005))
+
+
+def unlike(rng):
+    """q is shown 6 % too small."""
+    f = F0 + np.linspace(-500, 500, 121)
+    y = noisy(rng, np.exp(0.4j) * settled(f), 0.003)
+    return swept(rng, f, y.real + 0.94j * y.imag)
+
+
+def coupled(rng):
+    """A step behind a high-pass of 12 ms, of closed form: dy/dt = dw/dt - y/T."""
+    t, off = 1e-4 * (np.arange(240) - 20), 8.0
+    pole, after = -1 / TAU + 2j * np.pi * off, np.maximum(t, 0)
+    y = (
+        settled(F0 - off)
+        * pole
+        * 12e-3
+        / (1 + pole * 12e-3)
+        * (np.exp(-after / 12e-3) - np.exp(pole * after))
+    )
+    given = {"time": t, "drive": np.where(t < -1e-9, 0.0, 1.0), "frequency": np.full(240, F0 - off)}
+    return [Log("step", noisy(rng, y, 0.004), **given, kind="transient", sampling="instant")]
+
+
+def beating(rng):
+    """A decay in which a mode of 5 %, nine half bandwidths off and half as slow, beats."""
+    t = np.linspace(0, 6 * TAU, 300)
+    y = np.exp((-1 / TAU + 40j) * t) + 0.05 * np.exp((-2 / TAU + 9j / TAU) * t + 0.7j)
+    given = {"time": t, "drive": np.zeros(300), "frequency": np.full(300, F0 - 40 / (2 * np.pi))}
+    return [Log("decay", noisy(rng, y, 0.004), **given, kind="transient")]
+
+
 KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
-    "offset_drift": creeping,
+    "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled,
+    "second_mode of a decay": beating,
 }  # fmt: skip
 
 
@@ -149,7 +196,8 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
     for seed in seeds:
         logs = KINDS[kind](np.random.default_rng([len(kind), seed]))
         fit = sysid.fit(logs)
-        assert fit.result.name == "successful", (seed, fit.warnings)
+        told = "undetermined" if "decay" in kind else "successful"  # which has no G
+        assert fit.result.name == told, (seed, fit.warnings)
         assert [(f.key, f.outcome) for f in fit.findings if f.outcome == "fitted"] == [
             (kind.split()[0], "fitted")
         ]
@@ -158,7 +206,9 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind):
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in TIERS if kind != "offset_drift"])  # which is noted
+@pytest.mark.parametrize(
+    "kind", [kind for kind in TIERS if kind not in ("offset_drift", "image")]
+)  # that are noted
 def test_without_it_the_logs_are_a_misfit(kind):
     fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))), nuisances=NUISANCES)
     assert fit.result.name == "misfit"
@@ -183,3 +233,39 @@ def test_a_finger_on_one_of_three_steps_is_no_saturation(bench):
     fit = sysid.fit(steps)
     refused = [f for f in fit.findings if f.outcome == "refused"]
     assert [(f.key, f.logs) for f in refused] == [("finger", ("step 2",))]
+
+
+def staircase(levels, hold, tau, rng, noise, acts, falls=1.0):
+    """A plant of first order and gain 4 behind levels of `hold` s each, of which `acts` does, that falls
+    `falls` times as fast as it rises: exponentials from level to level."""
+    t, y, now, before = 0.25 * np.arange(int(4 * hold * len(levels))), [], 0.0, 0.0
+    drive = np.repeat(levels, int(4 * hold))
+    for level in levels:
+        rate = (falls if level < before else 1.0) / tau
+        end = 4 * acts(level) / (rate * tau)
+        since = 0.25 * np.arange(1, int(4 * hold) + 1)
+        y.append(end + (now - end) * np.exp(-rate * since))
+        now, before = y[-1][-1], level
+    y = np.concatenate(y)
+    return Log("stairs", y + noise * rng.standard_normal(len(y)), time=t, drive=drive, kind="transient")
+
+
+LAWS = {
+    "power": (lambda v: v**2, {}, "drive", "power", 2.0),
+    "dead band": (lambda v: max(v - 1.0, 0.0), {}, "drive", "dead", 1.0),
+    "falls faster": (lambda v: v, {"falls": 1.6}, "asymmetric", "more", 0.6),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_plant_that_is_not_linear_is_named_with_its_number(law):
+    """It was taken for slow noise, a tenth of the response, beside which G and tau were several errors off."""
+    acts, more, key, number, truth = LAWS[law]
+    levels = [0.0, 2.0, 4.0, 6.0, 8.0] if key == "drive" else [0.0, 5.0, 0.0, 8.0, 3.0]
+    log = staircase(levels, 60.0, 12.0, np.random.default_rng(1), 0.05, acts, **more)
+    fit = sysid.fit(log)
+    assert fit.result.name == "misfit"
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert found.key == key
+    assert abs(found.numbers[number].value - truth) < FAR * found.numbers[number].std
+    assert fit.parameters["tau"].value == pytest.approx(12.0, rel=0.01)

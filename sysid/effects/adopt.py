@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.effects.description import Description, Instance
+from sysid.effects.description import RIVAL, Description, Instance
 from sysid.effects.registry import EFFECTS
 from sysid.effects.search import NEARLY, Search
 from sysid.minimum.minimise import Minimiser, State
@@ -52,7 +52,7 @@ def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Seq
     describe. `found`: what the logs hold to first order."""
     each = instances(state.trials, names)
     adoption = _Adoption(Search(minimiser, state), found)
-    wrong = misfitting(state, found)
+    wrong = misfitting(state, found) | {i for i, t in enumerate(state.trials) if slow(t, state.tau)}
     here = [x for x in each if _promises(x, found, wrong)]
     before: tuple[Instance, ...] = ()
     numbers, named, count = np.zeros(0), None, len(here)
@@ -94,7 +94,7 @@ class _Adoption:
             done = self.search.finished(best) if self.ahead(best) else best
             if done.sense:
                 near = best.evidence - NEARLY
-                alike = [d for d in ends if d is not best and d.evidence > near]
+                alike = [d for d in ends if d is not best and d.sense and d.evidence > near]
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(
@@ -151,15 +151,15 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
 
 
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
-    """The logs that show what the plant alone does not describe, or what may be slow noise."""
+    """The logs that show what the plant alone does not describe."""
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
-    looked = {i for i in every if not state.trials[i].silent}
-    return {i for i in looked if slow(state.trials[i], state.tau) or left_of(state, i)}.union(*shown)
+    return {i for i in every if not state.trials[i].silent and left_of(state, i)}.union(*shown)
 
 
 def _mistaken(best: Description, left: Sequence[Found]) -> bool:
-    """Whether what is left beside it is another effect that it may be taken for."""
+    """Whether what is left beside it is another effect that it may be taken for, and worth much beside it."""
+    left = [f for f in left if f.worth > RIVAL * best.evidence]
     each = [x.effect for x in best.instances]
     own = {name for e in each for name in (e.name, *e.known_as)}
     return any(

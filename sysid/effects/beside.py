@@ -11,6 +11,7 @@ from sysid.effects.effect import (
     Effect,
     Told,
     beside,
+    moving,
     number,
     shares,
     size,
@@ -25,6 +26,9 @@ APART = 2.0 ** np.arange(
     0, 5
 )  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
+WIDTHS = np.log([0.5, 1.0, 2.0])  # of another mode's tau over the plate's
+CLOSE, PLACES = 0.5, 400  # half bandwidths between places where it is looked for, and at most so many
+PEAKS = 4  # of these, that are followed
 DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as much as each of them drifts
 # Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
 # are in phase.
@@ -67,7 +71,9 @@ def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
 def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
     time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:4]))
     return {
-        "apart_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth),
+        "apart_Hz": number(
+            values[0] * about.half_bandwidth - about.moved, stds[0] * about.half_bandwidth, "Hz"
+        ),
         "tau_s": number(time, time * stds[1], "s"),
         "size": number(size, np.max(stds[2:4]), "of the largest response"),
     } | (
@@ -78,16 +84,65 @@ def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: A
 
 
 def _second_starts(trial: Trial, about: About) -> np.ndarray:
-    """Places to both sides, from no size at all: d and q are linear in a mode of given place and width, so
-    that one step leads to its size. Amplitudes are not: what turns them by a right angle shows only once it
-    is there."""
-    sizes = [0j] if trial.signed else list(0.5 * TURNS)
-    return np.array([[way * x, 0.0, z.real, z.imag, 0.0] for x in APART for way in (-1, 1) for z in sizes])
+    """Places to both sides. d and q are linear in a mode of given place and width, which gives its size, and
+    the places where it would take most of what the plate leaves; of amplitudes, what turns them by a right
+    angle shows only once it is there."""
+    each = [(way * x, 0.0) for x in APART for way in (-1, 1)]
+    if not trial.signed:
+        return np.array([[x, width, z.real, z.imag, 0.0] for x, width in each for z in 0.5 * TURNS])
+    left = _Left(trial, about)
+    each += [] if moving(trial) else left.likely()
+    sizes = [left.by(_second(trial, x, width, 0.0, about)[:, None])[0] for x, width in each]
+    return np.array([[x, width, z.real, z.imag, 0.0] for (x, width), z in zip(each, sizes, strict=True)])
+
+
+class _Left:
+    """What the plate leaves of d and q of a log beside its own derivatives and what the bench adds."""
+
+    def __init__(self, trial: Trial, about: About):
+        self.course = course = Course.of(trial, about.reference, about.theta)
+        self.about, self.trial = about, trial
+        one = np.ones(len(course.hold.drive), complex)
+        known = [course.plate, course.changed(one), *trial.columns, np.ones(len(trial.log))]
+        self.basis = np.linalg.qr(np.stack(known, axis=1))[0]
+        turn = np.exp(-1j * np.angle(np.vdot(course.plate, trial.log.response)))
+        self.rows = self.off(trial.log.response[:, None] * turn / about.top)[:, 0]
+
+    def off(self, shapes: np.ndarray) -> np.ndarray:
+        """Complex shapes (n, K), less what the plate and the bench can make of them."""
+        return shapes - self.basis @ (np.conj(self.basis.T) @ shapes)
+
+    def by(self, shapes: np.ndarray) -> np.ndarray:
+        """(K,) complex size of each shape, over the largest response."""
+        apart = self.off(shapes)
+        return np.conj(apart.T) @ self.rows / np.maximum(np.sum(np.abs(apart) ** 2, axis=0), 1e-300)
+
+    def likely(self) -> list[tuple[float, float]]:
+        """Places (half bandwidths) and widths of the PEAKS modes that would explain most by themselves."""
+        course, tau = self.course, self.about.tau
+        if self.trial.steady:
+            below, above = (float(x(-course.detuning)) * tau for x in (np.min, np.max))
+        else:
+            above = np.pi * tau / max(self.trial.spacing, 1e-300)
+            below = -above
+        places = np.arange(below, above, max(CLOSE, (above - below) / PLACES))
+        places = places[np.abs(places) >= APART[0]]
+        gained = np.array([self.gained(places, width) for width in WIDTHS])
+        best = np.max(gained, axis=0)
+        tops = [k for k in np.argsort(-best) if best[k] >= np.max(best[max(k - 1, 0) : k + 2])][:PEAKS]
+        return [(float(places[k]), float(WIDTHS[np.argmax(gained[:, k])])) for k in tops]
+
+    def gained(self, places: np.ndarray, width: float) -> np.ndarray:
+        """(K,) power that a mode of that width takes at each of the places."""
+        rates = (1 - np.exp(-width) + 1j * places) / self.about.tau
+        found = self.course.at(np.tile(rates, (len(self.course.hold.drive), 1)))
+        shapes = found.forced if self.trial.driven else found.free
+        return np.abs(self.by(shapes)) ** 2 * np.sum(np.abs(self.off(shapes)) ** 2, axis=0)
 
 
 def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
     """Whether it stands where another mode can, and has a size."""
-    return bool(abs(values[0]) >= APART[0] > stds[0] and np.hypot(*values[2:4]) > SEEN * np.max(stds[2:4]))
+    return bool(abs(values[0]) >= APART[0] > stds[0] and np.hypot(*values[2:4]) > SEEN * np.min(stds[2:4]))
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:

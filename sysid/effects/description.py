@@ -71,7 +71,11 @@ class Description(NamedTuple):
         """Each effect, in words and numbers; `beside`: what the words say between what there is and what to
         do."""
         found, stds = [], np.sqrt(np.diag(self.covariance))
-        about = self.about._replace(fitted=(self.state.tau, float(np.sqrt(self.state.spread[1, 1]))))
+        fitted, moved = (
+            float(np.sqrt(self.state.spread[1, 1])),
+            float((self.state.theta - self.about.theta)[2]),
+        )
+        about = self.about._replace(fitted=(self.state.tau, fitted), moved=moved)
         for x, part in zip(self.instances, self.parts, strict=True):
             names, first = tuple(self.state.trials[i].log.name for i in x.where), x.where[0]
             trial = self.state.trials[first]

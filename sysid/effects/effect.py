@@ -37,7 +37,8 @@ def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
 class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
     half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
-    widest sweep, or what is usual; `fitted` s, tau as it is with the effect, and its relative error."""
+    widest sweep, or what is usual; `fitted` s, tau as it is with the effect, and its relative error; `moved`
+    Hz, by how much the effect moves f0."""
 
     reference: tuple[float, float]
     theta: np.ndarray
@@ -47,6 +48,7 @@ class About(NamedTuple):
     drive: float
     span: float
     fitted: tuple[float, float] = (0.0, 0.0)
+    moved: float = 0.0
 
     @classmethod
     def of(cls, state: State, reference: tuple[float, float]) -> "About":

@@ -96,6 +96,7 @@ class Search:
         for instance in _likely([p.instances[-1] for p in starts]):
             own = [p for p in starts if p.instances[-1] == instance][:CLOSER]
             followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
+        followed = [p for p in followed if self.plausible(p)] or followed
         followed.sort(key=lambda p: p.cost)
         optima = [self.followed(p, STEPS) if p.cost < followed[0].cost + WITHIN else p for p in followed]
         each = [
@@ -244,6 +245,13 @@ class Search:
         evidence = evidence if np.isfinite(evidence) else -np.inf
         found = Description(*point[:3], parts, covariance, dispersion, evidence, self.about, True)
         return found._replace(sense=self.makes_sense(found))
+
+    def plausible(self, point: Point) -> bool:
+        """Whether all numbers would be those of their effects if they were known exactly: two modes may have
+        changed places."""
+        each = zip(point.instances, self.parts(point.instances), strict=True)
+        exact = 1e-300 * self.stds(point.instances)
+        return all(x.effect.makes_sense(point.numbers[p], exact[p]) for x, p in each)
 
     def makes_sense(self, found: Description) -> bool:
         """Whether all numbers are those of their effects."""

@@ -1,6 +1,7 @@
 """What a sensor or its recorder makes of a response: it compresses it, mirrors a part of it, or forgets what
 stays."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,33 +14,59 @@ FORGOTTEN = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # time constants of a hi
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
 
 
-def _compressed(power: int, each: bool) -> Effect:
-    """What a channel that saturates takes off the largest row, as a share of it; undone by y (1 + c
-    (|y|/y_max)^p), in each channel by itself or by the magnitude. For a log of noise s per row the density of
-    the recorded rows is that of the undone ones times the derivative of what undoes them."""
+# Of a log, magnitudes as recorded and what is taken: by what they grow when it is undone, and its slope.
+Law = Callable[[Trial, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
-    def grown(trial: Trial, part: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
-        size = (np.abs(part) / trial.scale) ** power
-        return part * (1 + taken * size), 1 + (1 + power) * taken * size
+
+def _compressed(power: int) -> Law:
+    """y (1 + c (|y|/y_max)^p), c of which is what is taken off the largest row over what is left of it."""
+
+    def undone(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
+        share = (size / trial.scale) ** power
+        return 1 + taken * share, 1 + (1 + power) * taken * share
+
+    return undone
+
+
+def _clipped(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
+    """A sensor whose range C ends below the peaks of its carrier: of A sin(x) it shows the fundamental
+    y = (2/pi) (A asin(C/A) + C sqrt(1 - C^2/A^2)) (Gelb & Vander Velde, Multiple-Input Describing Functions,
+    1968, 2.3)."""
+    over = np.geomspace(1.0, 100.0, 1000)  # A/C
+    seen = 2 / np.pi * (over * np.arcsin(1 / over) + np.sqrt(1 - over**-2.0))
+    slope = 2 / np.pi * (np.arcsin(1 / over) - np.sqrt(1 - over**-2.0) / over)
+    share = 1 / (1 + max(taken, 0.0))
+    top = float(np.interp(-share, -seen / over, over))
+    relative = size / trial.scale * share * top
+    beyond = relative > 1
+    whole = np.where(beyond, np.interp(relative, seen, over), relative)
+    steeper = np.where(beyond, 1 / np.interp(whole, over, np.maximum(slope, 1e-3)), 1.0)
+    return whole / np.maximum(relative, 1e-300), steeper
+
+
+def _saturated(law: Law, each: bool) -> Effect:
+    """What a channel that saturates takes off the largest row, as a share of what is left of it; undone in
+    each channel by itself or by the magnitude. For a log of noise s per row the density of the recorded rows
+    is that of the undone ones times the derivative of what undoes them."""
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        y = trial.log.response
-        whole, taken = not (each and np.iscomplexobj(y)), float(values[0])
-        undone = (
-            grown(trial, y, taken)[0]
-            if whole
-            else grown(trial, y.real, taken)[0] + 1j * grown(trial, y.imag, taken)[0]
-        )
+        y, taken = trial.log.response, float(values[0])
+        if each and np.iscomplexobj(y):
+            undone = (
+                y.real * law(trial, np.abs(y.real), taken)[0]
+                + 1j * y.imag * law(trial, np.abs(y.imag), taken)[0]
+            )
+        else:
+            undone = y * law(trial, np.abs(y), taken)[0]
         return replace(trial, log=replace(trial.log, response=undone))
 
     def stretched(trial: Trial, values: np.ndarray) -> float:
         y, taken = trial.log.response[trial.noise.used], float(values[0])
         if each and np.iscomplexobj(y):
-            slopes = np.concatenate([grown(trial, y.real, taken)[1], grown(trial, y.imag, taken)[1]])
-        elif np.iscomplexobj(y):  # along the response and across it
-            slopes = grown(trial, y, taken)[1] * (1 + taken * (np.abs(y) / trial.scale) ** power)
-        else:
-            slopes = grown(trial, y, taken)[1]
+            slopes = np.concatenate([law(trial, np.abs(part), taken)[1] for part in (y.real, y.imag)])
+        else:  # along the response and, where it is complex, across it
+            grown, slopes = law(trial, np.abs(y), taken)
+            slopes = slopes * grown if np.iscomplexobj(y) else slopes
         return float(np.sum(np.log(np.maximum(slopes, 1e-300))))
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -70,9 +97,11 @@ def _compressed(power: int, each: bool) -> Effect:
     )
 
 
-SATURATIONS = tuple(
-    _compressed(power, each) for power in (2, 6) for each in (False, True)
-)  # softly, and as a clip does
+# softly, and as a clip does, of d and q or of the carrier
+SATURATIONS = (
+    *(_saturated(_compressed(power), each) for power in (2, 6) for each in (False, True)),
+    _saturated(_clipped, False),
+)
 
 
 def _mirrored(trial: Trial, values: np.ndarray, about: About) -> Trial:

@@ -115,7 +115,7 @@ def _experiment(
         tightness=np.asarray(1 / trial.looseness),
         freedom=np.asarray(noise.told * freedom(trial) if noise.rounded is None else KNOWN),
         rounding=np.asarray(trial.rounding),
-        rotated=np.asarray(float("rotation" in trial.nuisances and not trial.log.amplitude_only)),
+        rotated=np.asarray(float(trial.turned)),
         lateness=np.asarray(trial.lateness / trial.looseness),
         toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
         start=np.asarray(complex(trial.start) / trial.started),

@@ -214,6 +214,12 @@ class Trial:
         return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
 
     @property
+    def turned(self) -> bool:
+        """The demodulator may have turned d and q; a decay begins at any angle."""
+        decays = not (self.steady or self.driven)
+        return "rotation" in self.nuisances and not (self.log.amplitude_only or decays)
+
+    @property
     def channels(self) -> int:
         """2 for d/q rows, 1 for real ones."""
         return 2 if np.iscomplexobj(self.log.response) else 1

@@ -27,6 +27,7 @@ SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance ma
 # all
 SMOOTH = 0.96
 MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
+FAST = 0.1  # of tau: noise of a shorter memory is none of the plate's
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
 LAGS = (1, 2, 3)  # rows, and by chance no more than
 CHANCE = 3.0  # standard deviations
@@ -71,9 +72,9 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
 
 
 def slow(trial: Trial, tau: float) -> bool:
-    """Whether what was taken for noise of a log lasts as long as what a wrong plate leaves: as tau in a
-    transient, from row to row of a sweep."""
-    return trial.noise.coloured and (trial.steady or max(p.time for p in trial.noise.parts) >= tau)
+    """Whether what was taken for noise of a log may be what a wrong plate leaves: that goes on for about tau
+    in a transient, and from row to row of a sweep."""
+    return trial.noise.coloured and (trial.steady or max(p.time for p in trial.noise.parts) >= FAST * tau)
 
 
 def least_that_matters(state: State) -> float:

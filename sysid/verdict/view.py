@@ -161,7 +161,7 @@ class View:
             0.0,
         )  # where much is wrong, lateness more than all
         self.late = float(value.get("late", 0j).real) * trial.lateness / loose
-        if np.iscomplexobj(trial.log.response) and ("rotation" in trial.nuisances or trial.log.drive is None):
+        if np.iscomplexobj(trial.log.response) and (trial.turned or trial.log.drive is None):
             columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
         if trial.log.drive is None:
             columns.append(Column("gain", forced / self.own, np.inf, self.own))
