@@ -269,3 +269,19 @@ def test_a_plant_that_is_not_linear_is_named_with_its_number(law):
     assert found.key == key
     assert abs(found.numbers[number].value - truth) < FAR * found.numbers[number].std
     assert fit.parameters["tau"].value == pytest.approx(12.0, rel=0.01)
+
+
+def test_two_time_constants_are_told(bench):
+    """A heater and its body, of 10 s and, with a quarter of the response, 60 s; no G and tau of first order."""
+    t = 0.5 * np.arange(800)
+    y = 4 * (0.75 * -np.expm1(-np.maximum(t - 20, 0) / 10) + 0.25 * -np.expm1(-np.maximum(t - 20, 0) / 60))
+    noise = 0.01 * np.random.default_rng(4).standard_normal(800)
+    log = Log(
+        "heater", y + noise, time=t, drive=np.where(t < 20, 0.0, 1.0), kind="transient", sampling="instant"
+    )
+    fit = sysid.fit(log)
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert found.key == "second_pole"
+    assert not fit.parameters["tau"].determined
+    times = {fit.modes[0].tau, found.numbers["tau_s"].value}
+    assert sorted(times) == pytest.approx([10.0, 60.0], rel=0.05)

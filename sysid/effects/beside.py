@@ -1,4 +1,5 @@
-"""What is seen beside the resonance: another mode, a feedthrough of the drive, a sloping background."""
+"""What is seen beside the plate: another mode, a second time constant, a feedthrough of the drive, a sloping
+background."""
 
 from dataclasses import replace
 
@@ -29,6 +30,7 @@ TURNS = np.exp(0.5j * np.pi * np.arange(4))
 WIDTHS = np.log([0.5, 1.0, 2.0])  # of another mode's tau over the plate's
 CLOSE, PLACES = 0.5, 400  # half bandwidths between places where it is looked for, and at most so many
 PEAKS = 4  # of these, that are followed
+RATIOS = np.log([0.125, 0.25, 0.5, 2.0, 4.0, 8.0])  # of a second time constant over tau
 DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as much as each of them drifts
 # Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
 # are in phase.
@@ -163,6 +165,76 @@ SECOND_MODE = Effect(
     scope="bench",
     alike=("second_mode", "background", "duffing", "drift", "dwell"),
     makes_sense=_seems_a_mode,
+)
+
+
+def _slower(trial: Trial, ratio: float, about: About) -> np.ndarray:
+    """(n,) response of a plant that is e^ratio times as slow, from rest; of size one where it has settled at
+    the largest drive of the logs."""
+    theta = about.theta + np.array([0.0, ratio, 0.0, 0.0, 0.0, 0.0])
+    theta[0] = -np.log(about.drive)
+    return Course.of(trial, about.reference, theta).forced
+
+
+def _pole_starts(trial: Trial, about: About) -> np.ndarray:
+    left = _Left(trial, about)
+    sizes = [left.by(_slower(trial, ratio, about)[:, None])[0].real for ratio in RATIOS]
+    return np.stack([sizes, RATIOS], axis=1)
+
+
+def _pole_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    more = values[0] * about.top * _slower(trial, float(values[1]), about)
+    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+
+
+def _pole_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time = float(np.exp(values[1])) * about.tau
+    return {
+        "tau_s": number(time, time * stds[1], "s"),
+        "size": number(values[0], stds[0], "of the largest response"),
+    }
+
+
+def _pole_said(trial: Trial, found: dict[str, Number]) -> Told:
+    time, share = found["tau_s"], 100 * found["size"].value
+    return Told(
+        f"a second time constant of {time.value:.4g} ± {time.std:.1g} s, with {share:.2g} % of the response",
+        "drive what has a resonance there, or fit the part that is asked for by itself",
+    )
+
+
+SECOND_POLE = Effect(
+    name="second_pole",
+    shows=lambda trial: (
+        not (trial.steady or trial.resonant or np.iscomplexobj(trial.log.response))
+        and trial.signed
+        and trial.driven
+        and len(trial.log) >= LEAST_ROWS
+        and trial.smoothing[1] == 0
+    ),
+    stds=lambda trial, about: np.array([1.0, float(RATIOS[-1])]),
+    starts=_pole_starts,
+    applied=_pole_beside,
+    numbers=_pole_numbers,
+    said=_pole_said,
+    scope="plate",
+    rough=True,
+    another=True,
+    alike=(
+        "duffing",
+        "late",
+        "early",
+        "saturation",
+        "offset",
+        "astray",
+        "drift",
+        "off_resonance",
+        "rows_lost",
+        "drive",
+    ),
+    makes_sense=lambda values, stds: bool(
+        np.abs(values[0]) > SEEN * stds[0] and np.abs(values[1]) > SEEN * stds[1]
+    ),
 )
 
 

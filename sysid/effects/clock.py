@@ -21,7 +21,7 @@ DWELLS = (
     2.0 ** np.arange(-2, 2.5, 0.5)[:, None]
 )  # tau: of less a sweep shows no resonance, of more its points settle
 PLACES = 16  # of a transient, between which the response moves alike, where rows may be missing
-MISSING = np.array([0.5, 3.0])  # rows that are missing
+MISSING = 2.0  # rows, from which the search for how many are missing begins
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
 PHASES = np.array([0.1, 0.3, 1.0, 3.0, 6.0])  # rad from one end of a sweep to the other
@@ -146,7 +146,7 @@ def _lost(share: float) -> Effect:
         name="rows_lost",
         shows=_gapped,
         stds=lambda trial, about: np.array([ROWS[-1]]),
-        starts=lambda trial, about: MISSING[:, None],
+        starts=lambda trial, about: np.array([[MISSING]]),
         applied=applied,
         numbers=numbers,
         said=said,
@@ -160,7 +160,7 @@ def _lost(share: float) -> Effect:
             "drift",
             "second_mode",
         ),
-        makes_sense=lambda values, stds: bool(values[0] > max(MISSING[0], 3 * stds[0])),
+        makes_sense=lambda values, stds: bool(values[0] > max(0.5, 3 * stds[0])),
     )
 
 

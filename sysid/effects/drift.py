@@ -81,7 +81,7 @@ SELF_HEATING = Effect(
     shows=lambda trial: _timed(trial) and trial.log.time is not None,
     stds=lambda trial, about: np.array([SHIFTS[-1], np.log(HEATED[2] / HEATED[1]), 0.5]),
     starts=lambda trial, about: np.array(
-        [[x, np.log(t / HEATED[1]), 0.0] for t in HEATED for x in (*-SHIFTS[::2], *SHIFTS[::2])]
+        [[x, np.log(t / HEATED[1]), 0.0] for t in HEATED for x in (*-SHIFTS[1::3], *SHIFTS[1::3])]
     ),
     applied=_heated,
     numbers=lambda trial, values, stds, about: {

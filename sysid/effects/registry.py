@@ -1,6 +1,6 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
-from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SLOPE
+from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
 from sysid.effects.clock import DELAY, DWELL, FILTERS, PHASE_DELAY, ROWS_LOST
 from sysid.effects.drift import F0_DRIFT, OFFSET_DRIFT, SELF_HEATING, THERMOMETER_LAG
 from sysid.effects.drive import DEAD_BAND, POWER
@@ -25,6 +25,7 @@ EFFECTS: tuple[Effect, ...] = (
     F0_DRIFT,
     SELF_HEATING,
     SECOND_MODE,
+    SECOND_POLE,
     FEEDTHROUGH,
     SLOPE,
     OFFSET_DRIFT,
