@@ -137,3 +137,13 @@ def test_an_oscilloscope_s_increment_is_its_time_base(save, end, last):
     assert "sampled every 1e-06 s" in " ".join(log.notes)
     np.testing.assert_allclose(log.frequency[log.drive != 0], 40e3, rtol=1e-6)
     assert abs(log.time[-1] - time[-1]) < 1e-4
+
+
+def test_what_no_log_bounds_is_looked_at_broadly_and_not_sampled(save):
+    """A step read as settled points bounds nothing, though its result is a misfit: tau was drawn from a normal
+    of millions in its logarithm, and was infinite. No rung is offered above."""
+    fit = sysid.fit(read_logs(save(step(HEADER.replace("sample", "t")))))
+    posterior = sysid.sample(fit, accuracy="quick")
+    assert fit.result.bounded and posterior.offer() is None
+    assert all(np.isfinite(draws).all() for draws in posterior.draws.values())
+    assert all(np.isfinite(told.rhat) for told in posterior.convergence.values())

@@ -179,8 +179,8 @@ def _counter(head: Head, labels: Collection[str]) -> str | None:
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
-    """The column that is called a time, without a unit of one, and goes up in the first rows; None where there
-    is none."""
+    """The column that is called a time, without a unit of one, and goes up in the first rows; None where
+    there is none."""
     rising = (
         label
         for label in labels
