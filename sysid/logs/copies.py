@@ -1,4 +1,5 @@
-"""Logs that are there twice: the same rows in whatever order, exported once more, perhaps with fewer digits.
+"""Logs that are there twice: the same rows in whatever order, exported once more into another file, perhaps
+with fewer digits.
 
 A copy tells nothing new, and counted as a log of its own it makes all errors smaller by sqrt 2. Two logs are
 taken for copies where every reading of one is that of the other to the digits that either is written with.
@@ -46,7 +47,7 @@ def _are_copies(first: "Log", second: "Log") -> bool:
         for name in ("kind", "amplitude_only", "bench", "drive_unit", "response_unit")
     )
     columns, others = _columns(first), _columns(second)
-    if len(first) != len(second) or not alike or columns.keys() != others.keys():
+    if first.path == second.path or len(first) != len(second) or not alike or columns.keys() != others.keys():
         return False
     if len(_channels(first)) * len(first) < LEAST or not _are_near(first, second):
         return False
