@@ -13,6 +13,7 @@ from itertools import pairwise
 from sysid.logs import units
 from sysid.logs.cells import SHOWN, amount, listed, to_number
 from sysid.logs.csvfile import Head, LogError
+from sysid.logs.densities import amplitude_of
 from sysid.logs.found import completed, with_preset
 from sysid.logs.labels import INPUTS as CALLED
 from sysid.logs.mapping import MappingFile
@@ -72,7 +73,25 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
-    return plan
+    return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+
+
+def _powers(head: Head, plan: Plan) -> list[str]:
+    """A note on each column of a power density, whose root is read. Raises LogError where it is to be one of
+    two parts, or has a phase: of a cross spectrum the root is no response."""
+    powers = {name: source for name, source in plan.sources.items() if amplitude_of(source.unit)}
+    parted = powers.keys() & {"wd", "wq", "x", "y", "phase", "response"}
+    if powers and (parted or "phase" in plan.sources):
+        source = powers[min(parted or powers)]
+        found = f"{head.path}, column {source.label!r}: found {source.unit}, a power density"
+        raise LogError(
+            f"{found}, expected it alone, as w or magnitude: it is a square, without phase or parts"
+        )
+    return [
+        f"column {source.label} is a power density, in {source.unit}: its root is read, in"
+        f" {amplitude_of(source.unit)}"
+        for source in powers.values()
+    ]
 
 
 def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:

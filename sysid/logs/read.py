@@ -14,6 +14,7 @@ from sysid.logs.cells import decimals, listed
 from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
+from sysid.logs.densities import amplitude_of
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.mapfile import load_mapping
@@ -183,6 +184,10 @@ def _refuse_impossible(
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
             refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+    for key, (values, _) in arrays.items():
+        if amplitude_of(plan.sources[key].unit) and (values < 0).any():
+            row = int(np.argmax(values < 0))
+            refuse_row(head, body, plan.sources[key], rows, row, "a power density of 0 or more")
 
 
 def _sample_times(
