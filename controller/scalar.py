@@ -8,6 +8,9 @@ so does the C (`controller/c/dq.c`).
 import math
 from typing import Any
 
+import numpy as np
+
+KNOWN = (np.bool_, np.ndarray)  # and no array of JAX, which may stand for what is not there yet
 NO_LIMIT = 1e30  # in any unit; a number also in single precision
 nan = math.nan
 
@@ -71,9 +74,12 @@ def mapped(function: Any, value: Any, *others: Any) -> Any:
 
 
 def either(condition: Any, yes: Any, no: Any, xp: Any) -> Any:
-    """Of two states of one form, number by number; at once where the condition is a plain one."""
+    """Of two states of one form, number by number; at once where the condition is a plain one, or an array
+    that is the same throughout: a model's line may be of tens of thousands of numbers."""
     if isinstance(condition, bool):
         return yes if condition else no
+    if isinstance(condition, KNOWN) and (all_ := bool(np.all(condition))) == bool(np.any(condition)):
+        return yes if all_ else no
     return mapped(lambda a, b: xp.where(condition, a, b), yes, no)
 
 

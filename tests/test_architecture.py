@@ -19,9 +19,9 @@ kept
 precision
 shell
 shown
-logs       units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
+logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
            jsonlines uff touchstone files preset plan signal mapping mapfile capture opening missing stated timed labels
-           roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together log read alike taken written made
+           roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
 trials     noise whitening trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
@@ -62,6 +62,7 @@ WITHIN = {
     "scene.scene": {"scene.simulation", "scene.toml", *SHOWN},
     "logs.log": {"logs.made", *SHOWN},
     "logs.together": {"logs.log"},  # the type alone
+    "logs.copies": {"logs.log"},  # the same
     "verdict.fitted": {"posterior.posterior", "posterior.prediction", "command.sets", *SHOWN},
     "verdict.comparison": SHOWN,
     "posterior.change": SHOWN,

@@ -9,6 +9,7 @@ import pytest
 
 import controller
 from controller import PI, Tracker
+from controller.pi import Model
 
 TAU = 5e-3 / math.log(20)  # the paper's plate: 95 % after 5 ms, 1.669 ms
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0)
@@ -302,3 +303,37 @@ def test_tracker_holds_on_a_missing_measurement_and_says_so():
     state, frequency, second = tracker.step(state, 1.0, complex(1.0, math.nan))
     assert (first.missing, first.held, second.missing, second.held) == (True, False, True, True)
     assert (frequency, state.count) == (1000.0, 0)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_long_memory_costs_no_more_per_sample(there):
+    """A plate of 1 Hz behind a demodulator, looked at every 100 us, has a model that remembers 17 000 samples:
+    each was chosen anew, for thousands of plants."""
+    calls = []
+
+    def where(*args):
+        calls.append(args)
+        return np.where(*args)
+
+    xp = SimpleNamespace(where=where, isfinite=np.isfinite, logical_not=np.logical_not)
+    counts = []
+    for delay in (1.0, 500.0):
+        pi = PI(Kp=1.0, Ki_Ts=0.1, model=Model.of(G=1.0, tau=30.0, T=1.0, delay=delay))
+        state, W = pi.init(), np.full(3, 0.1 + 0j if there else np.nan)
+        for _ in range(4):
+            state, _, info = pi.step(state, 1.0, W, xp)
+        assert np.all(info.missing == (not there))
+        counts.append(len(calls))
+        calls.clear()
+    assert counts[0] == counts[1]
+
+
+def test_of_several_plants_each_remembers_what_it_was_shown():
+    """One of them is not seen in a sample: its model stands still, and that of the other goes on."""
+    pi = PI(1.0, 0.1, -0.5, 0.5, model=Model.of(G=1.0, tau=30.0, T=1.0, delay=3.0))
+    before, _, _ = pi.step(pi.init(), 1.0, np.full(2, 0.1 + 0j), np)
+    after, _, info = pi.step(before, 1.0, np.array([0.1 + 0j, np.nan]), np)
+    assert info.missing.tolist() == [False, True]
+    both, _, _ = pi.step(before, 1.0, np.full(2, 0.1 + 0j), np)
+    of = [np.transpose([np.broadcast_to(x, 2) for x in state.model]) for state in (after, both, before)]
+    assert of[0].tolist() == [of[1][0].tolist(), of[2][1].tolist()] and of[0][0, 0] != of[0][1, 0]

@@ -62,6 +62,26 @@ def test_phase_noise_that_rows_share_is_in_the_intervals(seeds, phase, nuisances
         )  # three of the errors that a root mean square has
 
 
+def decay(seed, phase, level=0.002):
+    """A ring-down from 2, seen 10 Hz off the resonance, exactly: three tau in 300 rows."""
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3 * TAU, 300)
+    response = 2.0 * np.exp(-t / TAU + 2j * np.pi * 10.0 * t + 1j * phase(rng, len(t)))
+    noise = 2.0 * level * (rng.standard_normal(len(t)) + 1j * rng.standard_normal(len(t)))
+    at = np.full(len(t), F0 - 10.0)
+    return sysid.Log("decay", response + noise, time=t, drive=np.zeros(len(t)), frequency=at)
+
+
+@seeds(10, 40)
+def test_phase_noise_of_a_decay_is_in_its_intervals(seeds):
+    """A decay shows no G: that it tells nothing of this hid what the phase costs the others."""
+    fits = [sysid.fit([decay(seed, PHASES["slow"])]) for seed in seeds]
+    jitters = [j for f in fits for t in f.modes[0].trials if (j := t.noise.jitter)]
+    assert len(jitters) > 0.8 * len(seeds) and max(j.left for j in jitters) < 0.5
+    z = scores([f for f in fits if f.parameters["f0"].determined], "f0", F0)
+    assert len(z) > 0.8 * len(seeds)
+    assert np.sqrt(np.mean(z**2)) < 1 + 0.35 * np.sqrt(40 / len(seeds)) and np.max(np.abs(z)) < 4.5
+
+
 def test_phase_noise_is_said_with_its_size_and_its_time():
     fits = [
         sysid.fit([sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001)]) for seed in range(20)

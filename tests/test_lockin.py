@@ -531,6 +531,20 @@ def gated(*drive, duration=0.01):
     return {"time": time, "v": v, "w": w}
 
 
+def chirp(width):
+    """A second of a drive that runs from 1 kHz less `width` of it to as much more, 30 samples a period."""
+    t = np.arange(30_000) / 3e4
+    return np.cos(2e3 * np.pi * (1 - width + width * t) * t)
+
+
+def test_a_narrow_chirp_is_read_in_pieces():
+    """A response of half of its drive, which is Wq alone, at the frequency that runs on."""
+    log = sysid.Log.from_waveform(chirp(0.05), 0.5 * chirp(0.05), 3e4)
+    np.testing.assert_allclose(log.drive, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(log.response, 0.5j, atol=5e-3)
+    np.testing.assert_allclose(log.frequency, 950 + 100 * log.time, atol=2.0)
+
+
 REFUSED = {
     "constant": (changed(v=0 * GOOD[1] + 3.0), (), ["a drive that is 3 throughout", "samples of its carrier"]),
     "zero": (changed(v=0 * GOOD[1]), (), ["a drive that is 0 throughout"]),
@@ -551,6 +565,14 @@ REFUSED = {
     "spike": (
         gated((0, 50, 32290.0), (2e-3, 0, 32290.0), (6e-3, 50, 32290.0), (6.05e-3, 0, 32290.0)), (),
         ["rows 59", "does not hold"],
+    ),
+    "chirp": (
+        {"time": np.arange(30_000) / 3e4, "v": chirp(0.2), "w": chirp(0.2)}, (),
+        ["a drive that does not hold", "one frequency and one level", "a chirp over more than a tenth of its frequency"],
+    ),
+    "swelling": (
+        changed(v=50 * np.exp(-GOOD[0] / 5e-4) * np.cos(2 * np.pi * 32290 * GOOD[0])), (),
+        ["one frequency and one level", "of a drive that goes on changing", "demodulate the samples by the drive", "level and frequency"],
     ),
     "jump": (gated((0, 50, 32290.0), (3.3e-3, 50, 32290.0, 1.0)), (), ["phase jumps by", "while it is on"]),
     "rows": (changed(), (), ["wq", "raw samples alone"], "time_s,drive_V,wq_um"),

@@ -60,6 +60,43 @@ def test_samples_without_a_rate_are_named(save):
     assert not read_logs(save(swept))[0].warnings  # a sweep's points may be counted
 
 
+@pytest.mark.parametrize(
+    ("name", "ways"),
+    [
+        ("t", "call it t_s, t_ms"),
+        ("T (ticks)", "call it T_s, T_ms"),
+        ("timestamp", "call it timestamp_s, timestamp_ms"),
+        ("elapsed", "call it time_s, time_ms"),
+    ],
+)
+def test_a_time_without_a_unit_is_named_where_rows_need_one(save, name, ways):
+    """The rows of a step by a time in milliseconds that does not say so: without it they are settled points,
+    which no plate explains."""
+    text = step(HEADER.replace("sample", name))
+    (log,) = read_logs(save(text))
+    assert (log.kind, log.time) == ("steady", None)
+    (warning,) = log.warnings
+    assert f"log.csv: found no time, and a column {name!r} that goes up" in warning
+    assert ways in warning and "mapping file (--columns)" in warning and "kind: steady" in warning
+    assert f"column {name} is kept out of the fit: it states no unit of time; {ways}" in log.notes
+    (read,) = read_logs(save(text.replace(name, ways.split()[-1], 1)))  # as the warning says
+    assert read.kind == "transient" and not read.warnings
+    assert read.time.tolist() == pytest.approx([k / 1000 for k in range(len(read.time))])
+
+
+@pytest.mark.parametrize("head", ["t,time_s", "t,sample", "T,note"])
+def test_other_columns_of_that_name_are_left_in_peace(save, head):
+    """Beside a time; beside rows that are counted, of which that is said; of readings that go up and down."""
+    rows = step(HEADER.replace("sample", head)).splitlines()[1:]
+    falls = head == "T,note"
+    body = "".join(f"{24 - k % 7 * 0.1 if falls else k},{row}\n" for k, row in enumerate(rows))
+    (log,) = read_logs(save(f"{HEADER.replace('sample', head)}\n{body}"))
+    assert not any("'t'" in warning or "'T'" in warning for warning in log.warnings)
+    sweep = "t,frequency_Hz,wd_um,wq_um\n" + "".join(f"{k},{100 + k},1,{k}\n" for k in range(9))
+    (log,) = read_logs(save(sweep))
+    assert not log.warnings and "call it t_s, t_ms" in log.notes[0]
+
+
 @pytest.mark.parametrize("rate", ["0", "-5", "x"])
 def test_a_rate_that_is_none_is_refused(save, rate):
     with pytest.raises(LogError, match="sample_rate_Hz"):
@@ -100,3 +137,13 @@ def test_an_oscilloscope_s_increment_is_its_time_base(save, end, last):
     assert "sampled every 1e-06 s" in " ".join(log.notes)
     np.testing.assert_allclose(log.frequency[log.drive != 0], 40e3, rtol=1e-6)
     assert abs(log.time[-1] - time[-1]) < 1e-4
+
+
+def test_what_no_log_bounds_is_looked_at_broadly_and_not_sampled(save):
+    """A step read as settled points bounds nothing, though its result is a misfit: tau was drawn from a normal
+    of millions in its logarithm, and was infinite. No rung is offered above."""
+    fit = sysid.fit(read_logs(save(step(HEADER.replace("sample", "t")))))
+    posterior = sysid.sample(fit, accuracy="quick")
+    assert fit.result.bounded and posterior.offer() is None
+    assert all(np.isfinite(draws).all() for draws in posterior.draws.values())
+    assert all(np.isfinite(told.rhat) for told in posterior.convergence.values())

@@ -58,6 +58,7 @@ def measure(read: Callable[[], list], settings: Mapping[str, Any], seed: int) ->
         name: math.fsum(_seconds(partial(import_module, module))[0] for module in of)
         for name, of in MODULES.items()
     }
+    from sysid.posterior.target import bounded
     from sysid.precision import forget_programs, keep_programs
 
     with tempfile.TemporaryDirectory() as folder:
@@ -66,7 +67,7 @@ def measure(read: Callable[[], list], settings: Mapping[str, Any], seed: int) ->
         for _ in ("cold", "warm"):
             forget_programs()
             stages, top = _climb(read, settings, seed)
-            if not top.fit.result.bounded:
+            if not bounded(top.fit):
                 return top
             passes.append(imports | stages)
     return curve(top, *passes)

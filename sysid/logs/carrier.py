@@ -30,7 +30,13 @@ AROUND = np.array([-1.15, 0.15])  # samples about a cut within which a drive tha
 WIDEST = 4  # blocks that a change of the drive may take
 
 
-HOLDS = "found no carrier in the drive that holds for a few periods, expected its raw samples"
+HELD = (
+    "expected a carrier of one frequency and one level for a few periods or more between its changes; of a"
+    " drive that goes on changing, or of a chirp over more than a tenth of its frequency, record steps of"
+    " frequency or level or a narrower chirp instead, or demodulate the samples by the drive and record"
+    " rows: wd, wq, and the level and frequency of the drive in each"
+)
+HOLDS = f"found no carrier in the drive that holds for a few periods, {HELD}"
 
 
 class Stretches(NamedTuple):
@@ -142,8 +148,7 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
         level = np.where(level == 0, 0.0, np.copysign([line.level for line in fitted], level))
     if np.sum(level**2 * np.diff(edges)) < np.var(drive) * len(drive):  # less than half of its power
         raise LogError(
-            f"found a drive that is no carrier of {2 * np.pi / omega:.4g} samples a period, expected its"
-            f" raw samples"
+            f"found a drive that is no carrier of {2 * np.pi / omega:.4g} samples a period, {HELD}"
         )
     theta = [line.at(edge) - np.pi / 2 for line, edge in zip(joined, edges, strict=False)]
     omegas, errors = ([getattr(line, name) for line in joined] for name in ("omega", "error"))
@@ -255,9 +260,7 @@ def _refuse_pulse(
     pulse = np.any(between > high) or (len(between) > 1 and np.any(between < low))
     if pulse or len(between) > WIDEST:
         raise LogError(
-            f"rows {where[0]} to {where[1]} (counted from 0): found a drive that does not hold, expected it"
-            f" to for a few periods"
-            " or more between its changes"
+            f"rows {where[0]} to {where[1]} (counted from 0): found a drive that does not hold, {HELD}"
         )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs import units
+from sysid.logs import densities, units
 from sysid.logs.cells import is_number, listed
 from sysid.logs.csvfile import Head
 from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
@@ -105,6 +105,9 @@ class _Draft:
             return f"amplitude = {_quote(self.known['amplitude'])}  # as {self.instrument} states both"
         if self._words() & GAINS and not self.found.keys() & {*units.DRIVES}:
             return 'amplitude = "peak"  # of a ratio, which states none'
+        response = next((self.found[name] for name in ("w", "magnitude") if name in self.found), None)
+        if response is not None and densities.ROOT_HERTZ in _root(self.columns.unit(response)):
+            return 'amplitude = "peak"  # of a spectral density, which states none'
         index = self.found.get("w")
         if index is not None and "frequency" not in self.found:
             unit = self.columns.unit(index)
@@ -266,7 +269,8 @@ class _Draft:
         if name == "time" and self.head.dated(index):
             return "s", ""
         if unit and (fits(name, unit) or (name == "w" and unit in ANGLES)):
-            return unit, ""
+            power = densities.amplitude_of(unit)
+            return unit, "  # a power density: its root is read" if power else ""
         if unit:
             return "?", ""
         if self.ratio and name in ("x", "y", "magnitude"):
@@ -286,7 +290,7 @@ class _Draft:
     def _quantity(self, index: int | None) -> str:
         """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's
         volts."""
-        unit = self.columns.unit(index) if index is not None else ""
+        unit = densities.shown(self.columns.unit(index)) if index is not None else ""
         words = self.columns.labels[index].words if index is not None else ()
         called = next((kind for kind in KINDS if kind in words), "?")
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
@@ -296,6 +300,11 @@ class _Draft:
             f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge",'
             f' "current", "impedance"; of S11 "reflection", of S21 "transmission"'
         )
+
+
+def _root(unit: str) -> str:
+    """The unit of what is read of a column: the root of a power density."""
+    return densities.amplitude_of(unit) or unit
 
 
 def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:

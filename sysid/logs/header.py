@@ -13,14 +13,25 @@ from itertools import pairwise
 from sysid.logs import units
 from sysid.logs.cells import SHOWN, amount, listed, to_number
 from sysid.logs.csvfile import Head, LogError
+from sysid.logs.densities import amplitude_of
 from sysid.logs.found import completed, with_preset
+from sysid.logs.labels import INPUTS as CALLED
 from sysid.logs.mapping import MappingFile
 from sysid.logs.metadata import metadata_number, refuse_repeated, sample_rate, stated
 from sysid.logs.plan import Plan, Source, is_absent, is_decibel
 from sysid.logs.preset import recognised
 from sysid.logs.stamps import EXAMPLE, is_local
 from sysid.logs.stated import ERRORS
-from sysid.logs.synonyms import STAMPED, add_source, add_synonyms, first_word, is_waveform, refuse_misspelt
+from sysid.logs.synonyms import (
+    LETTERS,
+    STAMPED,
+    SYNONYMS,
+    add_source,
+    add_synonyms,
+    first_word,
+    is_waveform,
+    refuse_misspelt,
+)
 from sysid.logs.unknown import drafted, not_understood
 
 INPUTS = ("time", "frequency", "temperature", "force")
@@ -62,7 +73,25 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
-    return plan
+    return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+
+
+def _powers(head: Head, plan: Plan) -> list[str]:
+    """A note on each column of a power density, whose root is read. Raises LogError where it is to be one of
+    two parts, or has a phase: of a cross spectrum the root is no response."""
+    powers = {name: source for name, source in plan.sources.items() if amplitude_of(source.unit)}
+    parted = powers.keys() & {"wd", "wq", "x", "y", "phase", "response"}
+    if powers and (parted or "phase" in plan.sources):
+        source = powers[min(parted or powers)]
+        found = f"{head.path}, column {source.label!r}: found {source.unit}, a power density"
+        raise LogError(
+            f"{found}, expected it alone, as w or magnitude: it is a square, without phase or parts"
+        )
+    return [
+        f"column {source.label} is a power density, in {source.unit}: its root is read, in"
+        f" {amplitude_of(source.unit)}"
+        for source in powers.values()
+    ]
 
 
 def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
@@ -135,6 +164,7 @@ def contract_plan(head: Head) -> Plan:
         for name in ERRORS
         if name in sources
     ]
+    passing = None if waveform or counter or "time" in sources else _passing(head, unknown)
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -143,9 +173,7 @@ def contract_plan(head: Head) -> Plan:
         head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
-        warnings=(_without_rate(head, counter),)
-        if counter and not rate and _seems_timed(head, sources)
-        else (),
+        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else (),
     )
 
 
@@ -160,15 +188,36 @@ def _of_errors(label: str) -> str:
 
 def _counter(head: Head, labels: Collection[str]) -> str | None:
     """The column that counts the samples, by its name and its first rows; None where there is none."""
-    for label in labels:
-        if label.strip().casefold() in SAMPLES:
-            column = head.names.index(label)
-            first = [
-                to_number(row[column], str(head.dialect.decimal)) for row in head.sample if column < len(row)
-            ]
-            if all(after == before + 1 for before, after in pairwise(first)):
-                return label
-    return None
+    counting = (
+        label
+        for label in labels
+        if label.strip().casefold() in SAMPLES
+        and all(after == before + 1 for before, after in pairwise(_first_numbers(head, label)))
+    )
+    return next(counting, None)
+
+
+def _passing(head: Head, labels: Collection[str]) -> str | None:
+    """The column that is called a time, without a unit of one, and goes up in the first rows; None where
+    there is none."""
+    rising = (
+        label
+        for label in labels
+        if _is_called_time(label)
+        and (first := _first_numbers(head, label))
+        and first[-1] > first[0]
+        and all(after >= before for before, after in pairwise(first))
+    )
+    return next(rising, None)
+
+
+def _first_numbers(head: Head, label: str) -> list[float]:
+    column, mark = head.names.index(label), str(head.dialect.decimal)
+    return [to_number(row[column], mark) for row in head.sample if column < len(row)]
+
+
+def _is_called_time(label: str) -> bool:
+    return units.split_unit(label)[0].casefold() in {*CALLED["time"], *STAMPED}
 
 
 def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
@@ -181,13 +230,22 @@ def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
     return column is None or len({row[column] for row in head.sample if column < len(row)}) == 1
 
 
-def _without_rate(head: Head, counter: str) -> str:
-    """What to say of rows that are counted and have no time."""
-    way = "state `# sample_rate_Hz: 10000`, say, above the header, or `# kind: steady` of settled points"
-    return (
-        f"{head.name}: found no time, and a column {counter!r} that counts the rows, taken as settled"
-        f" points; {way}"
-    )
+def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str, ...]:
+    """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
+    ways to say it. Empty of any other rows."""
+    steady = "or `# kind: steady` of settled points"
+    if counter:
+        found = f"a column {counter!r} that counts the rows"
+        way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
+    elif passing:
+        found = f"a column {passing!r} that goes up and states no unit of time"
+        way = (
+            f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
+            f" (--columns), {steady}"
+        )
+    else:
+        return ()
+    return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
 
 
 def _kept_out(head: Head, labels: list[str], timed: bool) -> list[str]:
@@ -202,11 +260,18 @@ def _kept_out(head: Head, labels: list[str], timed: bool) -> list[str]:
 
 def _why_no_time(head: Head, label: str) -> str:
     """Why a column that is called a time, in a file that has no other, is not read as one."""
-    if units.split_unit(label)[0].casefold() not in {"timestamp", *STAMPED}:
+    if not _is_called_time(label):
         return ""
     if is_local(head.first(head.names.index(label))):
         return f": day and month cannot be told apart; write a time as {EXAMPLE}"
-    return ": it states no unit of time; call it timestamp_s, timestamp_ms"
+    return f": it states no unit of time; call it {_with_unit_of_time(label)}"
+
+
+def _with_unit_of_time(label: str) -> str:
+    """What to call a column of times, by a name that is read as one."""
+    name = units.split_unit(label)[0]
+    name = name if (SYNONYMS | LETTERS).get(name.casefold()) == "time" else "time"
+    return f"{name}_s, {name}_ms"
 
 
 def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:

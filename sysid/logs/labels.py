@@ -8,7 +8,7 @@ say the same of different signals: the real part. Letters that mean different th
 import re
 from dataclasses import dataclass
 
-from sysid.logs import units
+from sysid.logs import densities, units
 from sysid.logs.mapping import split_ending
 from sysid.logs.plan import ANGLES, is_decibel
 
@@ -172,7 +172,7 @@ def parse(text: str) -> Label:
         told = label.part in ("phase", "magnitude") or (lettered and label.words[-1:] in _TITLES)
         if told or (lettered and _TRACE.fullmatch(own)):
             return label
-    plain = text.strip().replace("′", "'").replace("″", "''")
+    plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''")
     plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
     plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)

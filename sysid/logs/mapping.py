@@ -55,9 +55,9 @@ response wd with wq, or w, or x with y (a lock-in's in-phase and quadrature part
 with phase; of raw carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of
 the response are `std`, or `std` of d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of
 it (`logs.stated`). Rows may be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90,
-380]}`. The unit of magnitude or w may be dB, dBm or dBV: 10^(dB/20) relative to 0 dB. A time may be a column
-of dates (ISO 8601), and needs no unit then. Where the header stands again among the rows, `rows` are counted
-in each table.
+380]}`. The unit of magnitude or w may be dB, dBm or dBV: 10^(dB/20) relative to 0 dB; or that of a
+spectral density, V/sqrt(Hz), or V^2/Hz, whose root is taken. A time may be a column of dates (ISO 8601), and
+needs no unit then. Where the header stands again among the rows, `rows` are counted in each table.
 
 A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1`
 alone, where their phase rises through the resonance, or `amplitude = "rms"`, of the drive and response whose
@@ -86,6 +86,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
+from sysid.logs.densities import plain
 from sysid.logs.plan import ANGLES, Plan, Source, is_absent, is_decibel
 from sysid.logs.scattered import RATIOS, SCATTERED, placed
 from sysid.logs.stamps import is_long
@@ -383,7 +384,7 @@ def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
     """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`,
     `X_V_rms`)."""
     if is_unit:
-        unit, amplitude = units.split_amplitude(text)
+        unit, amplitude = units.split_amplitude(plain(text))
         return units.short(unit), amplitude
     stem, unit, amplitude = units.split_unit(text)
     if not unit:

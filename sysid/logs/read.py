@@ -11,8 +11,10 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.cells import decimals, listed
+from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
+from sysid.logs.densities import amplitude_of
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.mapfile import load_mapping
@@ -44,8 +46,8 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
     instruments' files.
 
     Patterns such as `logs/*.csv` are expanded. All responses (and drives) come in the first log's unit. A
-    file whose bytes were read already counts once. Raises LogError, with `.mapping` to start from when one
-    was not understood.
+    log that is there twice counts once, be it the same bytes or the same rows with fewer digits. Raises
+    LogError, with `.mapping` to start from when one was not understood.
     """
     mapping = None if columns is None else load_mapping(columns)
     logs: dict[str, list[Log]] = {}
@@ -62,8 +64,8 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 
 def of_one_bench(logs: list[Log]) -> list[Log]:
-    """Logs of one plate, in the first one's units. Raises LogError where they are not."""
-    return [doubted(log) for log in in_common_units(of_one_plate(logs))]
+    """Logs of one plate, each once, in the first one's units. Raises LogError where they are not."""
+    return [doubted(log) for log in once(in_common_units(of_one_plate(logs)))]
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
@@ -182,6 +184,10 @@ def _refuse_impossible(
         values = _internal(key, *arrays[key]) if key in arrays else np.zeros(1)
         if (beyond := (values < low) | (values > high)).any():
             refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
+    for key, (values, _) in arrays.items():
+        if amplitude_of(plan.sources[key].unit) and (values < 0).any():
+            row = int(np.argmax(values < 0))
+            refuse_row(head, body, plan.sources[key], rows, row, "a power density of 0 or more")
 
 
 def _sample_times(

@@ -133,6 +133,11 @@ def fits(name: str, unit: str) -> bool:
     return units.fits(name, unit)
 
 
+def is_hertz(unit: str) -> bool:
+    """Whether a unit is one of Hz, and not of something per Hz."""
+    return unit.endswith("Hz") and "/" not in unit
+
+
 def roles(columns: Columns) -> dict[str, int]:
     """The columns by the names of a mapping file: inputs, and a response where it is whole, of one channel
     where it can be."""
@@ -213,9 +218,7 @@ def _lone_input(columns: Columns, found: dict[str, int]) -> int | None:
     if len(angles) == 1 and "time" in found:
         return angles[0]
     for name in ("frequency", "temperature", "voltage"):
-        speed = name != "frequency" or (
-            "time" in found and not columns.unit(found.get(name, 0)).endswith("Hz")
-        )
+        speed = name != "frequency" or ("time" in found and not is_hertz(columns.unit(found.get(name, 0))))
         told = name != "frequency" or columns.unit(found.get(name, 0))
         if name in found and speed and told and columns.moves(found[name]):
             return found.pop(name)
@@ -244,9 +247,7 @@ def _may_respond(columns: Columns, index: int) -> bool:
     part = columns.is_circuit or any(
         label.unit and units.same_kind(label.unit, kind) for kind in ("ohm", "S")
     )
-    inputs = columns.head.dated(index) or (
-        label.unit and (fits("time", label.unit) or label.unit.endswith("Hz"))
-    )
+    inputs = columns.head.dated(index) or (label.unit and (fits("time", label.unit) or is_hertz(label.unit)))
     return data and not part and not inputs and label.part != "phase" and columns.moves(index)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid.logs import units
 from sysid.logs.csvfile import LogError
+from sysid.logs.densities import amplitude_of
 from sysid.logs.plan import ANGLES, Plan, Source, is_decibel
 from sysid.logs.scattered import RATIOS, SCATTERED, admittance
 
@@ -80,12 +81,15 @@ def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
 
 
 def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
-    """Numbers of a source, as peak values in the returned unit; phases in rad."""
+    """Numbers of a source, as peak values in the returned unit; phases in rad, of power densities the root
+    (of less than none, which `read` refuses, below zero)."""
     if source.scale != 1.0 or source.offset:
         values = values * source.scale + source.offset
     unit = source.unit
     if is_decibel(unit):
         values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
+    if power := amplitude_of(unit):
+        values, unit = np.sign(values) * np.sqrt(np.abs(values)), power
     if unit in ANGLES and ANGLES[unit] != 1.0:
         values, unit = values * ANGLES[unit], "rad"
     return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit

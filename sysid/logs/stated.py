@@ -10,6 +10,7 @@ import numpy as np
 from sysid.logs import units
 from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head, LogError
+from sysid.logs.densities import amplitude_of
 from sysid.logs.missing import refuse_row
 from sysid.logs.plan import Plan, Source, is_decibel
 from sysid.logs.scattered import SCATTERED
@@ -66,20 +67,28 @@ def errors(
     if first in ("wd", "x"):
         other, its = arrays["wq" if first == "wd" else "y"]
         size = np.hypot(signal, units.convert(other, its, unit))
-    each = [_in(where, values, its, unit, size) for values, its in stated.values()]
+    power = plan.sources[first].unit if amplitude_of(plan.sources[first].unit) else ""
+    each = [_in(where, values, its, unit, size, power) for values, its in stated.values()]
     std = np.sqrt(np.mean(np.square(each), axis=0))
     return std if first in ("w", "wd") else std * _slope(plan, size, unit, frequency, drive)
 
 
-def _in(where: str, values: np.ndarray, unit: str, wanted: str, size: np.ndarray) -> np.ndarray:
-    """Standard errors in the unit of the signal."""
+def _in(
+    where: str, values: np.ndarray, unit: str, wanted: str, size: np.ndarray, power: str = ""
+) -> np.ndarray:
+    """Standard errors in the unit of the signal, which is the root of a column in the unit `power`, if
+    any."""
     if is_decibel(unit):
         return NEPER * values * size
+    if power and (units.same_kind(unit, power) or _is_share(unit)):  # of a square, d(w^2) = 2 w dw
+        share = units.convert(values, unit, "1") if _is_share(unit) else None
+        return size / 2 * share if share is not None else units.convert(values, unit, power) / (2 * size)
     if units.same_kind(unit, wanted):
         return units.convert(values, unit, wanted)
     if _is_share(unit):
         return units.convert(values, unit, "1") * size
-    raise LogError(f"{where}: found standard errors in {unit}, expected {wanted}, as its response, dB or %")
+    expected = power or wanted
+    raise LogError(f"{where}: found standard errors in {unit}, expected {expected}, as its response, dB or %")
 
 
 def _slope(

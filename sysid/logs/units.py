@@ -13,6 +13,8 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from sysid.logs.densities import plain
+
 INTERNAL = {
     "time": "s",
     "frequency": "Hz",
@@ -168,7 +170,7 @@ def fits(quantity: str, unit: str) -> bool:
 def split_unit(label: str) -> tuple[str, str, str]:
     """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a
     name without one."""
-    label = label.strip()
+    label = plain(label.strip())
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
         return name, found[2], (found[3] or stated).lower()

@@ -17,7 +17,7 @@ from sysid.posterior.accuracy import Rung, above, up_to
 from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
 from sysid.posterior.estimate import Estimate, moved
-from sysid.posterior.target import Target
+from sysid.posterior.target import Target, bounded
 from sysid.precision import float64, one_thread
 from sysid.shown import Shown
 from sysid.verdict.determined import parameter, usable
@@ -153,7 +153,7 @@ class Posterior(Shown):
     def offer(self) -> Offer | None:
         """The next rung; None above the last."""
         rung = above(self.accuracy)
-        if rung is None or not self.fit.result.bounded:
+        if rung is None or not bounded(self.fit):
             return None
         share = PER_DRAW if self.below is None else self.evaluations / self.ess
         trials = self.fit.modes[0].trials
@@ -185,8 +185,6 @@ class Posterior(Shown):
 
 @float64
 @one_thread
-# tau of logs that the model does not describe may be anything, draws infinite
-@np.errstate(over="ignore", invalid="ignore")
 def sample(
     fit: Fit, seed: int = 0, accuracy: str | None = None, budget: float | None = None, starting: float = 0.0
 ) -> Posterior:
@@ -215,7 +213,7 @@ def sample(
         )
 
         chain = chain or Chain(target, target.normal().heavy(), seed)
-        if not chain.extend(rung.effective, ROUNDS if fit.result.bounded else 1, until):
+        if not chain.extend(rung.effective, ROUNDS if target.bounded else 1, until):
             break
         open_ = [n for n in target.names if not fit.parameters[n].determined]
         if fit.result is Result.successful and open_ and not chain.reached(rung.effective):
@@ -236,7 +234,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
     z = normal.spread(CHAINS * EVEN, np.random.default_rng(seed))
     x = target.parameters(z)
     estimates = {n: Estimate.of(*even) for n, even in target.marginals().items()}
-    errors = _off(target, estimates) if fit.result.bounded else _unknown(estimates)
+    errors = _off(target, estimates) if target.bounded else _unknown(estimates)
     draws = {n: v.reshape(CHAINS, EVEN) for n, v in x.items()}
     method = (
         f"normal approximation about each minimum ({len(fit.modes)}), compared with the density at"
@@ -256,7 +254,7 @@ def _normal(target: Target, seed: int, rung: Rung, begun: float) -> Posterior:
         estimates=estimates,
         errors=errors,
         evaluations=target.evaluations,
-        pace=target.pace if fit.result.bounded else 0.0,
+        pace=target.pace if target.bounded else 0.0,
         exact_pace=target.density.pace,
         seconds=perf_counter() - begun,
         below=None,
@@ -281,7 +279,7 @@ def _drawn(chain: "Chain", whole: Target | None, below: Posterior, rung: Rung, b
     target, fit = chain.target, chain.target.fit
     z = chain.draws()
     draws = {n: v.reshape(z.shape[:2]) for n, v in target.parameters(z.reshape(-1, z.shape[-1])).items()}
-    if fit.result.bounded:
+    if target.bounded:
         estimates, errors = _corrected(chain, whole)
     else:
         estimates = {n: Estimate.of(v.ravel(), np.full(v.size, 1 / v.size)) for n, v in draws.items()}

@@ -35,11 +35,12 @@ class Target:
     """
 
     def __init__(self, fit: Fit, every_row: bool = False, until: float = np.inf, seed: int = 0):
-        self.fit, self.names = fit, _bounded(fit)
+        self.fit, self.names = fit, _bounded(fit) or ("tau",)
         best = fit.modes[0]
         self.index = [NAMES.index(n) for n in self.names]
         covariance = best.covariance[np.ix_(self.index, self.index)]
-        if not fit.result.bounded:  # a broad look at what is left, not an interval
+        self.bounded = bounded(fit)
+        if not self.bounded:  # a broad look at what is left, not an interval
             most = [1.0 if n in POSITIVE else np.inf for n in self.names]  # of a logarithm
             covariance = np.diag(np.minimum(np.diag(covariance), most))
         self.triangle = np.linalg.cholesky(covariance)
@@ -47,14 +48,14 @@ class Target:
             self.index
         ]  # f0 is reported at another temperature than the fit's own
         self._along = self._carried[:, self.index] @ self.triangle
-        differing = fit.result.bounded and bool(np.any(best.dispersion))
+        differing = self.bounded and bool(np.any(best.dispersion))
         self.dispersion = (
             self._carried @ best.dispersion @ self._carried.T if differing else None
         )  # of what is reported
         self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
-        smooth = fit.result.bounded and len(fit.modes) == 1 and not every_row
+        smooth = self.bounded and len(fit.modes) == 1 and not every_row
         self.density, self.rows = Density(self.theta, groups, smooth, until), sum(len(t.log) for t in trials)
         self.evaluations, self._warm, self._seconds = 0, 0, 0.0
 
@@ -111,7 +112,7 @@ class Target:
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
         fit, p = self.fit, len(self.index)
-        if not fit.result.bounded:
+        if not self.bounded:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
         best, index, places = fit.modes[0], self.index, self._places
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
@@ -139,10 +140,15 @@ class Target:
         return self._seconds / self._warm
 
 
+def bounded(fit: Fit) -> bool:
+    """Whether the logs bound any parameter, so that there is a posterior to draw from. Of logs that the model
+    does not describe they may bound none."""
+    return fit.result.bounded and bool(_bounded(fit))
+
+
 def _bounded(fit: Fit) -> tuple[str, ...]:
     """Parameters that the data bound at all: within ten times the limit of what counts as determined."""
     state = fit.modes[0]
     widest = limits(1.0, state.tau) | {"tau": limits(1.0, 1.0)["tau"]}
     std = np.sqrt(np.diag(state.spread))
-    kept = tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])
-    return kept or ("tau",)
+    return tuple(n for n in fit.names if std[NAMES.index(n)] <= 10 * widest[n])

@@ -83,8 +83,8 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
 
 
 def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
-    """The share of the stated information on G, tau and f0 that is left; the least of the three, at most
-    1."""
+    """The share of the stated information on G, tau and f0 that is left; the least of those that the log
+    shows at all (no decay shows G), at most 1."""
     used = trial.noise.used
     made = (course.design() * trial.turn)[used].T
     made = np.concatenate([made, 1j * made])
@@ -95,6 +95,7 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
     ]  # by log G, the decay's rate and what turns with the resonance; not the rotation
     norm = np.linalg.norm(made, axis=1, keepdims=True)
     made = made / np.where(norm > 0, norm, 1.0)
+    plant = [row for row in plant if norm[row, 0] > 0]
     now, before = trial.noise.whitening()
     white = whitened(made, now, before)
     seen = times(now, white)
@@ -105,7 +106,7 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
     turned = jitter.std**2 * across @ np.array([shared(steps, v) for v in across]).real.T
     own = seen * (jitter.level / trial.noise.weight[used])
     spread = inverse @ ((own @ own.conj().T).real + turned) @ inverse
-    return float(min(1.0, np.min((np.diag(inverse) / np.diag(spread))[plant])))
+    return float(np.min(np.diag(inverse)[plant] / np.diag(spread)[plant], initial=1.0))
 
 
 def _suspect(across: np.ndarray, size: np.ndarray) -> bool:
