@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, number, read_anew
+from sysid.effects.effect import About, Effect, Told, number, read_anew, undone
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
@@ -205,10 +205,8 @@ DWELL = Effect(
 
 
 def _unwound(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    place = (trial.log.frequency - np.mean(trial.log.frequency)) / np.ptp(trial.log.frequency)
-    return replace(
-        trial, log=replace(trial.log, response=trial.log.response * np.exp(1j * values[0] * place))
-    )
+    middle, span = np.mean(trial.log.frequency), np.ptp(trial.log.frequency)
+    return undone(trial, lambda log: log.response * np.exp(1j * values[0] * (log.frequency - middle) / span))
 
 
 def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
@@ -114,6 +115,12 @@ def read_anew(trial: Trial, **changed: Any) -> Trial:
     log = replace(trial.log, **changed)
     new = Trial.of(log, "transient" if changed.get("kind") == "transient" else trial.kind, trial.nuisances)
     return with_noise(new, trial.noise.std, 0.0)
+
+
+def undone(trial: Trial, response: Callable[[Log], np.ndarray]) -> Trial:
+    """The trial of its log, and of all rows where these are means, with another response."""
+    whole = None if trial.whole is None else replace(trial.whole, response=response(trial.whole))
+    return replace(trial, log=replace(trial.log, response=response(trial.log)), whole=whole)
 
 
 def sweep(trial: Trial) -> bool:

@@ -78,16 +78,15 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
 
     def shows(trial: Trial) -> bool:
         if trial.steady:
-            return not moving and sweep(trial)
+            return not moving and sweep(trial) and trial.whole is None
         return moving and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        inputs, size = trial.inputs, np.abs(trial.log.response) / about.top
-        between = size**power
-        if moving:  # from row to row it decays about as an exponential: Simpson's rule
-            (inputs, row), before = cut(inputs), np.append(size[:1], size[:-1])
-            between = ((before**power + 4 * (before * size) ** (power / 2) + size**power) / 6)[row]
-        damped = np.maximum(1 + values[0] * between, LEAST_DAMPED)
+        inputs, size = trial.inputs, (np.abs(trial.log.response) / about.top) ** power
+        if moving:  # of the row before: its own noise would explain a part of each row
+            inputs, row = cut(inputs)
+            size = np.append(size[:1], size[:-1])[row]
+        damped = np.maximum(1 + values[0] * size, LEAST_DAMPED)
         return replace(trial, inputs=inputs._replace(damped=damped))
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:

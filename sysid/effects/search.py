@@ -36,7 +36,7 @@ NEARLY = 3.0  # log evidence within which another description may be true as wel
 FOLLOWED = 4  # instances of effects that are followed, and the best of each effect: each from
 CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
-WITHIN = 30.0  # log likelihood of the best of all then, up to its optimum
+WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
 ROUGH = 8  # steps of the plant at a start of d and q, which are linear in what the bench adds: most take four
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
@@ -98,7 +98,9 @@ class Search:
             followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
         followed = [p for p in followed if self.plausible(p)] or followed
         followed.sort(key=lambda p: p.cost)
-        optima = [self.followed(p, STEPS) if p.cost < followed[0].cost + WITHIN else p for p in followed]
+        within = followed[0].cost + WITHIN if followed else np.inf
+        hopeful = [min(p.cost, p.cost - self.looked(p).gain) < within for p in followed]
+        optima = [self.followed(p, STEPS) if hope else p for p, hope in zip(followed, hopeful, strict=True)]
         each = [
             self.distinct([p for p in optima if p.instances == x], NEARLY)
             for x in {p.instances for p in optima}
@@ -300,4 +302,5 @@ def _likely(tried: Sequence[Instance]) -> list[Instance]:
 
 def _ends(step: np.ndarray, covariance: np.ndarray) -> bool:
     """Whether a step is none, or shorter than matters in any direction that the logs know of."""
-    return not np.all(np.isfinite(step)) or bool(np.all(np.abs(step) <= NEAR * np.sqrt(np.diag(covariance))))
+    known = NEAR * np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding may leave less than nothing
+    return not np.all(np.isfinite(step)) or bool(np.all(np.abs(step) <= known))

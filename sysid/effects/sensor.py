@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, number, shares, size
+from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, number, shares, size, undone
+from sysid.logs.log import Log
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Number
 
@@ -106,8 +107,8 @@ SATURATIONS = (
 
 def _mirrored(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """W of y = W + c conj W, what channels show whose gains, or angles, are not alike."""
-    y, c = trial.log.response, values[0] + 1j * values[1]
-    return replace(trial, log=replace(trial.log, response=(y - c * np.conj(y)) / (1 - abs(c) ** 2)))
+    c = values[0] + 1j * values[1]
+    return undone(trial, lambda log: (log.response - c * np.conj(log.response)) / (1 - abs(c) ** 2))
 
 
 def _mirrored_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -144,9 +145,13 @@ IMAGE = Effect(
 
 def _coupled(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """W of dy/dt = dW/dt - y/T: y and its integral over T."""
-    log, rate = trial.log, max(float(values[0]), 0.0) / lasted(trial)
-    steps = 0.5 * np.diff(log.time) * (log.response[1:] + log.response[:-1])
-    return replace(trial, log=replace(log, response=log.response + rate * np.append(0.0, np.cumsum(steps))))
+    rate = max(float(values[0]), 0.0) / lasted(trial)
+
+    def response(log: Log) -> np.ndarray:
+        steps = 0.5 * np.diff(log.time) * (log.response[1:] + log.response[:-1])
+        return log.response + rate * np.append(0.0, np.cumsum(steps))
+
+    return undone(trial, response)
 
 
 def _coupled_said(trial: Trial, found: dict[str, Number]) -> Told:
