@@ -23,6 +23,32 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
+from kinds_made import (
+    amplitude_feedthrough,
+    beats,
+    cabled,
+    coupled,
+    creeping,
+    damped,
+    drifting,
+    heating,
+    hurried,
+    k_T_untold,
+    lagging,
+    late_sensor,
+    low_pass,
+    modes,
+    overshoot,
+    raw_oscillation,
+    restless,
+    ring_down,
+    small_drive,
+    staircase,
+    two_modes,
+    two_rates,
+    unlike,
+    wait_and_read,
+)
 
 from sysid import Log, fit
 
@@ -48,6 +74,13 @@ CAUSES = {
     "mirrored": "turns the other way",
     "overshoot": "of second order: it overshoots",
     "oscillation": "an oscillation itself",
+    "drive": "not in proportion to the drive",
+    "asymmetric": "another time constant than it rises",
+    "second pole": "a second time constant",
+    "image": "d and q are not alike",
+    "high-pass": "AC coupling",
+    "cable": "as behind a delay",
+    "lag": "behind the plate's",
 }
 
 
@@ -59,195 +92,6 @@ class Kind:
     variants: dict[str, Callable[[np.random.Generator], tuple[list[Log], dict[str, float]]]]
     causes: tuple[str, ...] = ()
     modelled: bool = field(default=True)
-
-
-def noisy(rng, y, share):
-    """With white noise of a share of the largest value, in each channel."""
-    size = share * np.max(np.abs(y))
-    return y + size * (
-        rng.standard_normal(y.shape) + (1j * rng.standard_normal(y.shape) if np.iscomplexobj(y) else 0.0)
-    )
-
-
-def stepped(t, tau):
-    return np.where(t > 0, -np.expm1(-np.maximum(t, 0) / tau), 0.0)
-
-
-def step_log(t, y, drive=1.0, **more):
-    volts = np.where(t < -1e-12, 0.0, drive)
-    return Log("step", y, time=t, drive=volts, kind="transient", sampling="instant", **more)
-
-
-def two_rates(fast, share):
-    def made(rng):
-        t = 5e-3 * (np.arange(220) - 20)
-        y = 650 * (share * stepped(t, fast) + (1 - share) * stepped(t, 60e-3))
-        return [step_log(t, noisy(rng, y, 0.02))], {}
-
-    return made
-
-
-def overshoot(zeta):
-    def made(rng):
-        w, t = 2 * np.pi * 170, 1e-4 * (np.arange(440) - 20)
-        x, s = np.maximum(t, 0), np.sqrt(1 - zeta**2)
-        y = np.where(
-            t > 0, 1 - np.exp(-zeta * w * x) * (np.cos(s * w * x) + zeta / s * np.sin(s * w * x)), 0.0
-        )
-        return [step_log(t, noisy(rng, y, 0.005))], {}
-
-    return made
-
-
-def ring_down(off, offset):
-    def made(rng):
-        t, tau = 0.012 * np.arange(800), 1.5
-        z = 20 * np.exp((-1 / tau + 2j * np.pi * off) * t) + offset * np.exp(1j)
-        z = z + 0.1 * (rng.standard_normal(800) + 1j * rng.standard_normal(800))
-        log = Log("ring", np.abs(z), time=t, frequency=np.full(800, 1000.0), kind="transient")
-        return [log], {"tau": tau, "f0": 1000.0 + off}
-
-    return made
-
-
-F0, TAU = 32300.0, 1.669e-3
-
-
-def settled(f, G=1.0, f0=F0, tau=TAU):
-    return G / (1 + 2j * np.pi * (f - f0) * tau)
-
-
-def sweep_log(f, y, **more):
-    return Log("sweep", y, drive=np.ones(len(f)), frequency=f, **({"kind": "steady"} | more))
-
-
-def wait_and_read(own, dwell, runs=False, back=False):
-    """A sweep in which each point dwells for some tau; rows belong to their own inputs, or to those before; `runs`: a chirp."""
-
-    def made(rng):
-        f = F0 + np.linspace(-500, 500, 121)
-        f = np.append(f, f[-2::-1]) if back else f
-        fine, step = 32, dwell * TAU
-        within = np.repeat(f, fine)
-        if runs:  # from half a step before to half a step behind
-            within = np.interp(np.arange(len(f) * fine) / fine - 0.5, np.arange(len(f)), f)
-        z, rows = settled(within[0]), []
-        for k, at in enumerate(within):
-            pole = -1 / TAU + 2j * np.pi * (F0 - at)
-            z = settled(at) + (z - settled(at)) * np.exp(pole * step / fine)
-            if k % fine == (fine // 2 if runs else fine - 1):
-                rows.append(z)
-        if not own and not runs:
-            rows, f = rows[:-1], f[1:]
-        y = noisy(rng, np.exp(0.4j) * np.array(rows), 0.005)
-        return [sweep_log(f, y, time=step * np.arange(len(f)), kind="transient")], {
-            "tau": TAU,
-            "f0": F0,
-            "G": 1.0,
-        }
-
-    return made
-
-
-def hurried(dwell):
-    def made(rng):
-        logs, truth = wait_and_read(True, dwell)(rng)
-        return [sweep_log(logs[0].frequency, logs[0].response)], truth
-
-    return made
-
-
-def amplitude_feedthrough(share):
-    def made(rng):
-        f = F0 + np.linspace(-500, 500, 98)
-        z = settled(f) + share * 1j
-        return [sweep_log(f, np.abs(noisy(rng, z, 0.003)))], {"tau": TAU, "f0": F0}
-
-    return made
-
-
-def two_modes(apart, share):
-    def made(rng):
-        half = 1 / (2 * np.pi * TAU)
-        f = F0 + half * np.linspace(-5, 4, 60)
-        z = settled(f) + share * settled(f, f0=F0 + apart * half)
-        return [sweep_log(f, np.abs(noisy(rng, z, 0.005)))], {"f0": F0, "tau": TAU}
-
-    return made
-
-
-def raw_oscillation(period):
-    def made(rng):
-        t = np.sort(rng.uniform(0, 4, 60))
-        y = np.cos(2 * np.pi * t / period + rng.uniform(0, 2 * np.pi)) * np.exp(-t / 2.9)
-        return [Log("raw", noisy(rng, y, 0.02), time=t, kind="transient")], {}
-
-    return made
-
-
-def low_pass(tau):
-    def made(rng):
-        f = np.geomspace(0.01, 10, 60) / tau / 2
-        z = 0.28 / (1 + 2j * np.pi * f * tau)
-        return [sweep_log(f, noisy(rng, z, 0.002))], {}
-
-    return made
-
-
-def small_drive(volts):
-    def made(rng):
-        f = F0 + np.linspace(-500, 500, 101)
-        log = sweep_log(f, noisy(rng, settled(f), 0.01))
-        return [Log("sweep", log.response, drive=np.full(101, volts), frequency=f, kind="steady")], {
-            "G": 1 / volts,
-            "tau": TAU,
-        }
-
-    return made
-
-
-def late_sensor(late):
-    def made(rng):
-        t = 1e-5 * (np.arange(1200) - 100)
-        beats = np.sqrt((2 * np.pi * F0) ** 2 - TAU**-2) - 2 * np.pi * (
-            F0 - 8
-        )  # damped, 0.14 Hz lower than f0
-        z = settled(F0 - 8) * -np.expm1((-1 / TAU + 1j * beats) * np.maximum(t - late, 0))
-        step = step_log(t, noisy(rng, z, 0.003), frequency=np.full(1200, F0 - 8))
-        f = F0 + np.linspace(-500, 500, 101)
-        return [step, sweep_log(f, noisy(rng, settled(f), 0.003))], {"G": 1.0, "tau": TAU, "f0": F0}
-
-    return made
-
-
-def k_T_untold(span):
-    def made(rng):
-        logs, f = [], F0 + np.linspace(-500, 500, 101)
-        for k, warm in enumerate(np.linspace(24, 24 + span, 3)):
-            y = noisy(rng, settled(f, f0=F0 - 8 * (warm - 24)), 0.01)
-            told = np.full(101, np.round(2 * warm) / 2)
-            more = {"temperature": told, "temperature_digit": 0.5, "kind": "steady"}
-            logs.append(Log(f"s{k}", y, drive=np.ones(101), frequency=f, **more))
-        return logs, {"G": 1.0, "tau": TAU}
-
-    return made
-
-
-def restless(swing):
-    def made(rng):
-        t, tau = 0.012 * np.arange(1200), 1.47
-        wander = np.cumsum(rng.standard_normal(1200)) * swing
-        on = t < 4.5
-
-        poles, z = -1 / tau + 2j * np.pi * wander, np.zeros(1200, complex)
-        for k in range(1199):  # held from row to row, so exactly
-            rests = -float(on[k]) * 5000 / tau / poles[k]
-            z[k + 1] = rests + (z[k] - rests) * np.exp(0.012 * poles[k])
-        z = z + 3 * (rng.standard_normal(1200) + 1j * rng.standard_normal(1200))
-        more = {"frequency": np.full(1200, 1.5e6), "kind": "transient", "sampling": "instant"}
-        return [Log("restless", np.abs(z), time=t, drive=on.astype(float), **more)], {"tau": tau}
-
-    return made
 
 
 KINDS = {
@@ -270,6 +114,25 @@ KINDS = {
     "a drive of 1e-9 to 1e7 V": Kind({f"{v:g} V": small_drive(v) for v in (1e-9, 1e-7, 1e7)}),
     "a step that is late, beside a sweep": Kind({f"{t * 1e3:g} ms": late_sensor(t) for t in (0.1e-3, 0.3e-3, 0.5e-3)}, ("late", "filter")),
     "k_T not told": Kind({f"{s} degC": k_T_untold(s) for s in (0.5, 0.8, 1.0)}),
+    "another mode": Kind({
+        f"{a} half bandwidths off, {s:.0%}, {w} times as slow": modes(a, s, w)
+        for a, s, w in ((4, 0.2, 0.6), (9, 0.05, 1.7), (-7, 0.5, 1.0), (14.3, 0.2, 0.6))
+    }, ("second resonance",)),
+    "a decay that beats": Kind({f"{a} / tau, {s:.0%}": beats(a, s) for a, s in ((3, 0.2), (9, 0.05), (-12, 0.1))}, ("second resonance",)),
+    "a resonance that drifts": Kind({f"{s} half bandwidths": drifting(s) for s in (0.1, -0.4, 1.2)}, ("drift",)),
+    "a plate that heats itself": Kind({f"{s}, {t} s": heating(s, t) for s, t in ((0.3, 3.0), (1.0, 10.0), (-0.5, 40.0))}, ("drift",)),
+    "a thermometer that lags": Kind({f"{t} s": lagging(t) for t in (1.0, 3.0, 8.0)}, ("lag",)),
+    "an offset that drifts": Kind({f"{s:.0%}": creeping(s) for s in (0.03, 0.1, 0.4)}, ("drift", "high-pass")),  # of what has settled the same
+    "AC coupling": Kind({f"{t * 1e3:g} ms": coupled(t) for t in (6e-3, 12e-3, 50e-3)}, ("high-pass",)),
+    "channels that are not alike": Kind({f"{g}": unlike(g) for g in (0.97, 0.9, 1.2)}, ("image",)),
+    "a cable": Kind({f"{x} rad": cabled(x) for x in (0.3, 2.5, -6.0)}, ("cable",)),
+    "damping by the amplitude": Kind({f"{c}, power {p}": damped(c, p) for c, p in ((0.2, 2), (0.8, 2), (0.5, 1))}, ("amplitude",)),
+    "a drive that does not act in proportion": Kind({
+        "its square": staircase(np.square, [0.0, 2.0, 4.0, 6.0, 8.0]), "its root": staircase(np.sqrt, [0.0, 8.0, 4.0, 1.0]),
+        "a dead band": staircase(lambda v: max(v - 1.0, 0.0), [0.0, 2.0, 4.0, 8.0]),
+    }, ("drive",), False),
+    "a heater with a fan": Kind({f"{x} times as fast": staircase(float, [0.0, 5.0, 0.0, 8.0, 3.0], x) for x in (1.1, 1.6, 0.5)}, ("asymmetric",), False),
+    "two time constants": Kind({f"{x:.0%}": staircase(float, [0.0, 5.0, 0.0, 8.0], body=x) for x in (0.1, 0.3, 0.6)}, ("second pole",), False),
     "restless, then a decay": Kind({f"swing {s}": restless(s) for s in (0.02, 0.05, 0.1)}, ("restless",)),
 }  # fmt: skip
 
