@@ -74,7 +74,7 @@ CAUSES = {
     "mirrored": "turns the other way",
     "overshoot": "of second order: it overshoots",
     "oscillation": "an oscillation itself",
-    "drive": "not in proportion to the drive",
+    "drive": "not proportional to the drive",
     "asymmetric": "another time constant than it rises",
     "second pole": "a second time constant",
     "image": "d and q are not alike",

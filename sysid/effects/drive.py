@@ -10,6 +10,7 @@ from sysid.verdict.finding import Number
 
 POWERS = np.array([-0.9, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0])  # over the first
 DEAD = np.array([0.05, 0.15, 0.3, 0.6])  # of the largest drive
+LOST = np.array([0.1, 0.3, 0.5, 0.9])  # of the largest drive, above an amplifier's limit
 ALIKE = (
     "drive",
     "gain",
@@ -44,7 +45,7 @@ def _raised(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _raised_said(trial: Trial, found: dict[str, Number]) -> Told:
     power = found["power"]
     return Told(
-        f"the response is not in proportion to the drive: it goes with its power {power.value:.3g} ±"
+        f"the response is not proportional to the drive: it goes with its power {power.value:.3g} ±"
         f" {power.std:.1g}",
         "record what acts (for a heater the voltage's square), or fit logs of one level",
     )
@@ -71,7 +72,7 @@ def _dead(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _dead_said(trial: Trial, found: dict[str, Number]) -> Told:
     dead = found["dead"]
     return Told(
-        f"the response is not in proportion to the drive: of that, {dead.value:.3g} ± {dead.std:.1g}"
+        f"the response is not proportional to the drive: of that, {dead.value:.3g} ± {dead.std:.1g}"
         f" {trial.log.drive_unit} do nothing, as a dead band or friction",
         "record the drive less what is lost of it, or fit logs of one level",
     )
@@ -87,6 +88,38 @@ DEAD_BAND = Effect(
         "dead": number(values[0], stds[0], trial.log.drive_unit, about.drive)
     },
     said=_dead_said,
+    scope="plate",
+    rough=True,
+    alike=ALIKE,
+    makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
+)
+
+
+def _limited(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    return _acting(
+        trial, np.minimum(_share(trial, about), 1 - min(max(float(values[0]), 0.0), LOST[-1])), about
+    )
+
+
+def _limited_said(trial: Trial, found: dict[str, Number]) -> Told:
+    limit = found["limit"]
+    return Told(
+        f"the response is not proportional to the drive: above {limit.value:.4g} ± {limit.std:.1g}"
+        f" {trial.log.drive_unit} no more of it acts, as of an amplifier at its limit",
+        "record what the amplifier gives, or leave the larger levels out",
+    )
+
+
+LIMIT = Effect(
+    name="drive",
+    shows=lambda trial: trial.driven,
+    stds=lambda trial, about: np.array([LOST[-1]]),
+    starts=lambda trial, about: LOST[:-1, None],
+    applied=_limited,
+    numbers=lambda trial, values, stds, about: {
+        "limit": number(1 - values[0], stds[0], trial.log.drive_unit, about.drive)
+    },
+    said=_limited_said,
     scope="plate",
     rough=True,
     alike=ALIKE,

@@ -114,6 +114,10 @@ def read_anew(trial: Trial, **changed: Any) -> Trial:
     """The trial of its log with other columns or metadata."""
     log = replace(trial.log, **changed)
     new = Trial.of(log, "transient" if changed.get("kind") == "transient" else trial.kind, trial.nuisances)
+    if len(new.log) == len(trial.log):  # what a recorder spoilt was found once
+        there = new.there & trial.there
+        noise = replace(new.noise, kept=there)
+        new = replace(new, there=there, noise=noise, dark=trial.dark, spoilt=trial.spoilt)
     return with_noise(new, trial.noise.std, 0.0)
 
 

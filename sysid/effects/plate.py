@@ -79,7 +79,8 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
     def shows(trial: Trial) -> bool:
         if trial.steady:
             return not moving and sweep(trial) and trial.whole is None
-        return moving and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
+        seen = trial.resonant or not trial.driven  # else it may be driven beside its resonance
+        return moving and seen and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         inputs, size = trial.inputs, (np.abs(trial.log.response) / about.top) ** power
@@ -92,7 +93,7 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         more, at = found["more"], found["at"]
         return Told(
-            f"the damping depends on the amplitude, by {100 * more.value:+.3g} ± {100 * more.std:.1g} % at"
+            f"damping depends on the amplitude, by about {100 * more.value:+.3g} ± {100 * more.std:.1g} % at"
             f" {at.value:.2g} {trial.log.response_unit}",
             "G and tau are those of a small one; record at a smaller drive",
         )

@@ -201,9 +201,8 @@ class Search:
         cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
         score = sum(x.T @ v.r for x, v in zip(rows, views, strict=True)) - numbers / stds**2
         own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
-        covariance = np.linalg.pinv(
-            own / np.outer(1 / stds, 1 / stds), rcond=1e-12, hermitian=True
-        ) * np.outer(stds, stds)
+        known, axes = np.linalg.eigh(own * np.outer(stds, stds))
+        covariance = (axes / np.maximum(known, 1.0)) @ axes.T * np.outer(stds, stds)  # no less than the prior
         by = linear.inverse @ cross
         index = [NAMES.index(n) for n in self.names]
         dispersion = np.zeros((len(NAMES), len(NAMES)))

@@ -26,6 +26,7 @@ SIGNIFICANT = 4.0  # standard deviations of a lag-one correlation that chance ma
 # correlation of neighbouring rows: where a fifth of the residual is noise of its own, the rest is no noise at
 # all
 SMOOTH = 0.96
+EVEN = 0.94  # the same where a quarter of it may be: what is looked into
 MOSTLY = 0.3  # of a log's variation: what leaves more is not what the model is about
 FAST = 0.1  # of tau: noise of a shorter memory is none of the plate's
 LEAST_ROWS = 40  # of which it can be told whether what is left of them is their own, at these
@@ -72,9 +73,13 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
 
 
 def slow(trial: Trial, tau: float) -> bool:
-    """Whether what was taken for noise of a log may be what a wrong plate leaves: that goes on for about tau
-    in a transient, and from row to row of a sweep."""
-    return trial.noise.coloured and (trial.steady or max(p.time for p in trial.noise.parts) >= FAST * tau)
+    """Whether what was taken for noise of a log may be what a wrong plate leaves: smooth from row to row, and
+    in a transient not much shorter than tau. Outliers of such noise are none of a plate's."""
+    if not trial.noise.coloured or trial.noise.left_out > trial.lost:
+        return False
+    longest = max(trial.noise.parts, key=lambda p: p.time)
+    smooth = bool(np.median(longest.memory()[1:]) >= EVEN)
+    return smooth and (trial.steady or longest.time >= FAST * tau)
 
 
 def least_that_matters(state: State) -> float:
