@@ -247,7 +247,14 @@ def staircase(levels, hold, tau, rng, noise, acts, falls=1.0):
         y.append(end + (now - end) * np.exp(-rate * since))
         now, before = y[-1][-1], level
     y = np.concatenate(y)
-    return Log("stairs", y + noise * rng.standard_normal(len(y)), time=t, drive=drive, kind="transient")
+    return Log(
+        "stairs",
+        y + noise * rng.standard_normal(len(y)),
+        time=t,
+        drive=drive,
+        kind="transient",
+        sampling="settled",
+    )
 
 
 LAWS = {
