@@ -1,6 +1,7 @@
 """Effects that a fit adopts: logs from closed forms that share no code with the package, with known truth."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from conftest import seeds, study
 from scipy.signal import lfilter
 
 import sysid
-from sysid.effects.registry import EVERY
+from sysid.effects.effect import About, plain
+from sysid.effects.registry import EFFECTS, EVERY
 from sysid.logs.log import Log
 from sysid.trials.trial import NUISANCES
 
@@ -292,3 +294,19 @@ def test_two_time_constants_are_told(bench):
     assert not fit.parameters["tau"].determined
     times = {fit.modes[0].tau, found.numbers["tau_s"].value}
     assert sorted(times) == pytest.approx([10.0, 60.0], rel=0.05)
+
+
+def test_any_two_effects_go_together(bench):
+    """A log that is read as with one is a log that another can be read into, whichever it made of it."""
+    for log in (bench.sweep(seed=1, time=np.arange(101.0)), bench.transient(seed=1)):
+        fit = sysid.fit(log, nuisances=NUISANCES)
+        state = fit.modes[0]
+        trial, about = plain(state.trials[0], 0.01), About.of(state, fit.reference)
+        shown = [(e, e.starts(trial, about)[-1]) for e in EFFECTS if e.shows(trial)]
+        assert len(shown) > 12
+        for (first, a), (second, b) in product(shown, shown):
+            read = second.applied(first.applied(trial, a, about), b, about)
+            held = {len(getattr(read.inputs, name)) for name in ("drive", "offset", "damped", "contact")}
+            assert len(held) == 1, (first.name, second.name)
+            assert len(read.log) == len(trial.log) == len(read.inputs.interval), (first.name, second.name)
+            assert read.alongside is None or len(read.alongside) == len(read.log)

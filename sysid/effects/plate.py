@@ -84,7 +84,7 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         inputs, size = trial.inputs, (np.abs(trial.log.response) / about.top) ** power
-        if moving:  # of the row before: its own noise would explain a part of each row
+        if not trial.steady:  # of the row before: its own noise would explain a part of each row
             inputs, row = cut(inputs)
             size = np.append(size[:1], size[:-1])[row]
         damped = np.maximum(1 + values[0] * size, LEAST_DAMPED)
