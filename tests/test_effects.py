@@ -310,3 +310,11 @@ def test_any_two_effects_go_together(bench):
             assert len(held) == 1, (first.name, second.name)
             assert len(read.log) == len(trial.log) == len(read.inputs.interval), (first.name, second.name)
             assert read.alongside is None or len(read.alongside) == len(read.log)
+            if (
+                log.kind == "steady"
+                and first.name in ("second_mode", "amplitude_damping")
+                and second.name != "dwell"
+            ):
+                once = first.applied(trial, a, about)
+                assert read.alongside is not None or once.alongside is None
+                assert second.name == first.name or np.array_equal(read.inputs.damped, once.inputs.damped)

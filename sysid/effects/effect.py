@@ -118,6 +118,10 @@ def read_anew(trial: Trial, **changed: Any) -> Trial:
         there = new.there & trial.there
         noise = replace(new.noise, kept=there)
         new = replace(new, there=there, noise=noise, dark=trial.dark, spoilt=trial.spoilt)
+        new = replace(new, alongside=trial.alongside)  # what another effect made of it
+        if new.steady:
+            held = {"drive": trial.inputs.drive, "damped": trial.inputs.damped}
+            new = replace(new, inputs=new.inputs._replace(**held))
     return with_noise(new, trial.noise.std, 0.0)
 
 
