@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid import reading
-from sysid.effects.adopt import tried
+from sysid.adoption.adopt import tried
 from sysid.effects.registry import ADOPTED, EVERY
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State

@@ -26,10 +26,11 @@ rows       clock dwell hold rounding thermometer lost glitch condense level gap 
 model      carry plant span rice experiment likelihood prior
 trials     noise whitening trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
+effects    number effect clock plate drive sensor drift beside registry
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
            standing differing term moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
 reading
-effects    effect clock plate drive sensor drift beside registry description search adopt
+adoption   description search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each

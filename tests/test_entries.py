@@ -25,7 +25,7 @@ def trees(*folders):
 def keys():
     """What stands in the source where findings are made; constants by their values."""
     found = set(ADOPTED)
-    for tree in trees("sysid/verdict", "sysid/effects"):
+    for tree in trees("sysid/verdict", "sysid/effects", "sysid/adoption"):
         constants = {
             node.targets[0].id: node.value.value
             for node in tree.body

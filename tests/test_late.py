@@ -9,8 +9,8 @@ from conftest import seeds, study
 
 import sysid
 from sysid import Result
+from sysid.effects.number import Number
 from sysid.rows.condense import taken
-from sysid.verdict.finding import Number
 
 FINE = 20  # steps of the simulation from row to row
 

@@ -15,8 +15,9 @@ from matplotlib.image import imread
 
 import controller
 from sysid.command import outputs
+from sysid.effects.number import Number
 from sysid.report import canvas, html, logplots, plots, residualplots, screen, text
-from sysid.verdict.finding import Finding, Number
+from sysid.verdict.finding import Finding
 from sysid.verdict.result import Result
 
 HOSTILE = "</script><img src=x onerror=alert(1)>[bold red]:warning:$\\frac{\x1b[2J\u202e\udcff温.csv"

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from sysid import __version__
+from sysid.effects.number import Number
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.model.plant import Plant
@@ -33,7 +34,7 @@ from sysid.rows.hold import Hold
 from sysid.trials.noise import Level
 from sysid.trials.trial import Extra, Trial
 from sysid.trials.whitening import Jitter, Noise
-from sysid.verdict.finding import Finding, Number
+from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, FittedLog
 from sysid.verdict.result import Parameter, Result
 

@@ -13,15 +13,14 @@ from sysid.effects.effect import (
     Told,
     beside,
     moving,
-    number,
     shares,
     size,
     sweep,
     sweep_or_moving,
 )
+from sysid.effects.number import Number, number
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import SLOPED, Trial
-from sysid.verdict.finding import Number
 
 APART = 2.0 ** np.arange(
     0, 5

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, number, read_anew, undone
+from sysid.effects.effect import About, Effect, Told, undone
+from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
-from sysid.trials.trial import Trial
-from sysid.verdict.finding import Number
+from sysid.trials.trial import Trial, with_noise
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
@@ -125,9 +125,14 @@ def _lost(share: float) -> Effect:
         return int(np.searchsorted(moved, share * moved[-1]))
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        time = np.array(trial.log.time)
-        time[place(trial, about) :] += max(float(values[0]), 0.0) * trial.spacing
-        return replace(read_anew(trial, time=time), narrow=trial.narrow)
+        after = np.arange(len(trial.log)) >= (row := place(trial, about))
+        inputs, gap = trial.inputs, max(float(values[0]), 0.0) * trial.spacing
+        here = inputs.interval[min(row, len(after) - 1)]
+        longer = inputs._replace(
+            duration=inputs.duration + gap * (np.arange(len(inputs.duration)) == here),
+            elapsed=inputs.elapsed + gap * (after & (inputs.interval == here)),
+        )
+        return replace(trial, log=replace(trial.log, time=trial.log.time + gap * after), inputs=longer)
 
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         before = max(place(trial, about) - 1, 0)  # the times behind it are moved
@@ -178,8 +183,15 @@ def one_way(trial: Trial) -> bool:
 
 
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """The trial as a transient of that dwell; what a recorder spoilt was found once, and stays out."""
     time = max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log))
-    return read_anew(trial, time=time, kind="transient", sampling="settled")
+    log = replace(trial.log, time=time, kind="transient", sampling="settled")
+    new = Trial.of(log, "transient", trial.nuisances)
+    if len(new.log) == len(trial.log):
+        there = new.there & trial.there
+        new = replace(new, there=there, noise=replace(new.noise, kept=there), dark=trial.dark)
+        new = replace(new, spoilt=trial.spoilt, alongside=trial.alongside)
+    return with_noise(new, trial.noise.std, 0.0)
 
 
 def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:

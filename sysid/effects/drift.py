@@ -1,8 +1,6 @@
 """What drifts while a log is recorded: the resonance with the time or by the plate's own heat, a thermometer
 behind its plate, an output offset."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from sysid.effects.effect import (
@@ -14,15 +12,14 @@ from sysid.effects.effect import (
     beside,
     lasted,
     moving,
-    number,
-    read_anew,
     shares,
+    shifted,
     size,
     sweep,
 )
+from sysid.effects.number import Number, number
 from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.trial import LEAST_WARMING, Trial
-from sysid.verdict.finding import Number
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left it
 LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
@@ -33,12 +30,6 @@ def _timed(trial: Trial) -> bool:
     """A sweep or a transient whose rows are in the order in which they were recorded."""
     whole = trial.whole is None or not trial.steady
     return whole and (sweep(trial) or moving(trial)) and len(trial.log) >= LEAST_ROWS
-
-
-def _shifted(trial: Trial, shift: np.ndarray) -> Trial:
-    """The trial of a plate whose resonance is `shift` (n,) Hz above f0: a row shows what a plate that stays
-    shows by as much below."""
-    return replace(read_anew(trial, frequency=trial.log.frequency - shift), narrow=trial.narrow)
 
 
 def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -54,7 +45,9 @@ F0_DRIFT = Effect(
     shows=_timed,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
-    applied=lambda trial, values, about: _shifted(trial, values[0] * about.span * (clock(trial.log) - 0.5)),
+    applied=lambda trial, values, about: shifted(
+        trial, "frequency", -values[0] * about.span * (clock(trial.log) - 0.5)
+    ),
     numbers=lambda trial, values, stds, about: {"shift_Hz": number(values[0], stds[0], "Hz", about.span)},
     said=_drifted_said,
     known_as=("drift",),
@@ -64,7 +57,8 @@ F0_DRIFT = Effect(
 
 def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:
     power, time = np.abs(trial.log.response) ** 2, HEATED[1] * float(np.exp(values[1]))
-    return _shifted(trial, values[0] * about.span * warmed(clock(trial.log), power, time, 0.5 + values[2]))
+    heat = warmed(clock(trial.log), power, time, 0.5 + values[2])
+    return shifted(trial, "frequency", -values[0] * about.span * heat)
 
 
 def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -111,8 +105,7 @@ def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
     log = trial.log
     stamps, first = np.unique(log.time, return_index=True)
     rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps))
-    warmer = log.temperature + values[0] * lasted(trial) * rate
-    return replace(read_anew(trial, temperature=warmer), narrow=trial.narrow)
+    return shifted(trial, "temperature", values[0] * lasted(trial) * rate)
 
 
 def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import SEEN, About, Effect, Told, number
+from sysid.effects.effect import SEEN, About, Effect, Told
+from sysid.effects.number import Number, number
 from sysid.trials.trial import Trial
-from sysid.verdict.finding import Number
 
 POWERS = np.array([-0.9, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0])  # over the first
 DEAD = np.array([0.05, 0.15, 0.3, 0.6])  # of the largest drive

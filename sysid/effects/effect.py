@@ -8,15 +8,16 @@ bandwidths, a share of the response), so that no verdict hangs on the units of a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from sysid.effects.number import Number, number
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
+from sysid.rows.hold import cut
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
-from sysid.verdict.finding import Number
 
 LEAST_ROWS = 8  # of a log that can show more than a plate
 WIDE = 8.0  # half bandwidths, as of a usual sweep, where none is wider
@@ -28,11 +29,6 @@ class Told(NamedTuple):
 
     what: str
     to_do: str
-
-
-def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
-    """Of plain floats, of which one is `per` of the unit."""
-    return Number(float(value) * per, float(std) * per, unit)
 
 
 class About(NamedTuple):
@@ -110,19 +106,19 @@ def plain(trial: Trial, std: float) -> Trial:
     return with_noise(trial, std, 0.0, levels)
 
 
-def read_anew(trial: Trial, **changed: Any) -> Trial:
-    """The trial of its log with other columns or metadata."""
-    log = replace(trial.log, **changed)
-    new = Trial.of(log, "transient" if changed.get("kind") == "transient" else trial.kind, trial.nuisances)
-    if len(new.log) == len(trial.log):  # what a recorder spoilt was found once
-        there = new.there & trial.there
-        noise = replace(new.noise, kept=there)
-        new = replace(new, there=there, noise=noise, dark=trial.dark, spoilt=trial.spoilt)
-        new = replace(new, alongside=trial.alongside)  # what another effect made of it
-        if new.steady:
-            held = {"drive": trial.inputs.drive, "damped": trial.inputs.damped}
-            new = replace(new, inputs=new.inputs._replace(**held))
-    return with_noise(new, trial.noise.std, 0.0)
+def shifted(trial: Trial, column: str, more: np.ndarray) -> Trial:
+    """The trial whose "frequency" or "temperature" is higher by `more` (n,) than what is recorded: between
+    rows of a transient, halfway."""
+    inputs, held = trial.inputs, more
+    if not trial.steady:
+        inputs, row = cut(inputs)
+        held = 0.5 * (more[np.maximum(row - 1, 0)] + more[row])
+    if column == "frequency":
+        inputs = inputs._replace(offset=inputs.offset - held, omega=inputs.omega + 2 * np.pi * held)
+    else:
+        inputs = inputs._replace(warming=inputs.warming + held)
+    log = replace(trial.log, **{column: getattr(trial.log, column) + more})
+    return replace(trial, log=log, inputs=inputs)
 
 
 def undone(trial: Trial, response: Callable[[Log], np.ndarray]) -> Trial:

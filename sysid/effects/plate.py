@@ -12,16 +12,15 @@ from sysid.effects.effect import (
     Effect,
     Told,
     lasted,
-    number,
-    read_anew,
+    shifted,
     sweep,
     sweep_or_moving,
 )
+from sysid.effects.number import Number, number
 from sysid.model.plant import SECOND
 from sysid.rows.hold import cut
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
-from sysid.verdict.finding import Number
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
 MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
@@ -38,9 +37,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     1979, 4.1): row k shows, whichever way a sweep came, what a linear plate shows at f_k - kappa |W_k|^2, and
     so from one row of a transient to the next."""
     power = (np.abs(trial.log.response) / about.top) ** 2
-    power = power if trial.steady else 0.5 * (power + np.append(power[1:], power[-1]))
-    moved = read_anew(trial, frequency=trial.log.frequency - values[0] * about.span * power)
-    return replace(moved, narrow=trial.narrow)
+    return shifted(trial, "frequency", -values[0] * about.span * power)
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:

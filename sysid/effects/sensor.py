@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, number, shares, size, undone
+from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, shares, size, undone
+from sysid.effects.number import Number, number
 from sysid.logs.log import Log
 from sysid.trials.trial import Trial
-from sysid.verdict.finding import Number
 
 FORGOTTEN = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # time constants of a high-pass in a log
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row

@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.effects.number import Number
 from sysid.logs import units
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
@@ -39,7 +40,6 @@ from sysid.model.prior import NAMES, POSITIVE, carried
 from sysid.posterior.estimate import Estimate
 from sysid.shown import Shown
 from sysid.verdict.bench import TOLD
-from sysid.verdict.finding import Number
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter
 from sysid.verdict.view import View

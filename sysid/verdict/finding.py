@@ -2,18 +2,11 @@
 made."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+
+from sysid.effects.number import Number
 
 OUTCOMES = ("fitted", "widened", "refused", "noted")
 PAGE = "docs/errors.md"  # with an entry for each key
-
-
-class Number(NamedTuple):
-    """A fitted number of an effect, in a unit of the bench."""
-
-    value: float
-    std: float
-    unit: str
 
 
 @dataclass(frozen=True)

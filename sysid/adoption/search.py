@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.effects.description import Description, Instance
+from sysid.adoption.description import Description, Instance
 from sysid.effects.effect import About, plain
 from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.prior import NAMES

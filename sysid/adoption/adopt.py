@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.effects.description import RIVAL, Description, Instance
+from sysid.adoption.description import RIVAL, Description, Instance
+from sysid.adoption.search import NEARLY, Search
 from sysid.effects.registry import EFFECTS
-from sysid.effects.search import NEARLY, Search
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial

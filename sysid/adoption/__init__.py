@@ -1,0 +1,1 @@
+"""Effects that logs call for: found, fitted and adopted."""

@@ -1,0 +1,16 @@
+"""Numbers of effects, in units of the bench."""
+
+from typing import NamedTuple
+
+
+class Number(NamedTuple):
+    """A fitted number of an effect, in a unit of the bench."""
+
+    value: float
+    std: float
+    unit: str
+
+
+def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
+    """Of plain floats, of which one is `per` of the unit."""
+    return Number(float(value) * per, float(std) * per, unit)
