@@ -85,7 +85,7 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
     """The question with the effects of these names that describe its logs, and its fit; else the fit, which
     says what it can of these effects."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
-    outcome = tried(minimiser, best, judged.found, names)
+    outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
     if (told := outcome.adopted) is not None:
         fitted = told.findings("fitted", "which is fitted")
         again = replace(

@@ -8,6 +8,7 @@ from conftest import seeds
 from scipy.stats import multivariate_normal
 
 import sysid
+from sysid.effects.effect import About
 from sysid.model.prior import NAMES
 from sysid.trials.trial import NUISANCES
 from sysid.verdict import misfit
@@ -25,7 +26,7 @@ def linear(bench):
     fit = sysid.fit(bench.transient(seed=3, noise=0.01))
     state = fit.modes[0]
     views = View.each(state, fit.reference)
-    return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(views, fit.names, 0.0)
+    return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(views, fit.names, About.of(state, fit.reference), 0.0)
 
 
 def spanned(linear):

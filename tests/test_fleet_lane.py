@@ -9,6 +9,7 @@ import reference
 from conftest import most, seeds, study, tiers
 
 import sysid
+from sysid.effects.effect import About
 from sysid.fleet import lane
 from sysid.fleet.groups import Group
 from sysid.fleet.lane import rows_of
@@ -299,7 +300,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
     linear = Linear(views, state, [n for n in NAMES if n in fit.names], 0.0)
     residual = np.concatenate([v.r for v in views])
     fitted = np.concatenate([v.jacobian[:, :3] for v in views])
-    some = [t for t in terms(views, fit.names, 0.0) if t.name in ("drift", "second_mode", "gain", "late")]
+    some = [t for t in terms(views, fit.names, About.of(state, fit.reference), 0.0) if t.name in ("f0_drift", "second_mode", "gain", "late")]
     for term in some[::5]:
         scored = linear.scored(term)
         shapes = [v.off(term.shapes[i].T).T if i in term.shapes else None for i, v in enumerate(views)]

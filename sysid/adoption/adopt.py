@@ -18,19 +18,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.adoption.description import RIVAL, Description, Instance
+from sysid.adoption.description import RIVAL, Description, Group, Instance
 from sysid.adoption.search import NEARLY, Search
-from sysid.effects.registry import EFFECTS
+from sysid.effects.effect import Effect
+from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.linear import Found
-from sysid.verdict.misfit import misfits
+from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.unexplained import left_of, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
+PROMISES = 0.05  # of the log likelihood of the best to first order: numbers that are large curve what they do
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 
@@ -47,30 +49,30 @@ class Outcome:
     surely: bool = False
 
 
-def tried(minimiser: Minimiser, state: State, found: Sequence[Found], names: Sequence[str]) -> Outcome:
+def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
     """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not
-    describe. `found`: what the logs hold to first order."""
+    describe; `looked`: what these hold to first order."""
     each = instances(state.trials, names)
-    adoption = _Adoption(Search(minimiser, state), found)
-    wrong = misfitting(state, found) | {i for i, t in enumerate(state.trials) if slow(t, state.tau)}
-    here = [x for x in each if _promises(x, found, wrong)]
-    before: tuple[Instance, ...] = ()
-    numbers, named, count = np.zeros(0), None, len(here)
+    adoption = _Adoption(Search(minimiser, state), looked.found)
+    wrong = misfitting(state, looked.found) | {i for i, t in enumerate(state.trials) if slow(t, state.tau)}
+    here = groups(promising(each, looked, wrong), wrong)
+    before, named, count = None, None, len(here)
     for _ in range(MOST):
-        best = adoption.best(before, numbers, here, count) if here else None
+        best = adoption.best(before, here, count) if here else None
         if best is None:
             break
-        left = misfits(best.state, minimiser.reference, minimiser.free, None).found
-        wrong, ahead = misfitting(best.state, left), adoption.ahead(best)
+        left = misfits(best.state, minimiser.reference, minimiser.free, None)
+        wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
             rough = any(x.effect.rough for x in best.instances)
             return Outcome(None, best, adoption.refuted(best), True) if rough else Outcome(best)
-        if not before and ahead and adoption.cause(best) and not _mistaken(best, left):
+        if before is None and ahead and adoption.cause(best) and not _mistaken(best, left.found):
             named = best
         if not best.explains(state, 1 - TAKEN):
             break
-        before, numbers = best.instances, best.numbers
-        here = [x for x in each if (x not in before or x.effect.many) and _promises(x, left, wrong)]
+        before = best
+        more = [x for x in each if x not in before.instances or x.effect.many]
+        here = groups(promising(more, left, wrong), wrong)
     return Outcome(None, named, adoption.refuted(named), named is not None and named.explains(state))
 
 
@@ -82,13 +84,11 @@ class _Adoption:
         self.alone: list[Description] = []  # of effects by themselves
         self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
 
-    def best(
-        self, before: tuple[Instance, ...], numbers: np.ndarray, here: Sequence[Instance], count: int
-    ) -> Description | None:
+    def best(self, before: Description | None, here: Sequence[Group], count: int) -> Description | None:
         """The best description with one more effect; None where none gains, or one that is no effect at all
         by its numbers gains more: something else is there."""
-        ends = self.search.ends(before, numbers, here, count)
-        self.alone += [] if before else ends
+        ends = self.search.ends(before, here, count)
+        self.alone += ends if before is None else []
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
         for best in (d for d in ends if d.sense and d.evidence >= least):
             done = self.search.finished(best) if self.ahead(best) else best
@@ -107,8 +107,7 @@ class _Adoption:
     def ahead(self, best: Description) -> bool:
         """Whether it beats what the first order found of other kinds, that was not tried in full."""
         full = {name for d in self.alone for name in d.names()}
-        others = [f for f in self.found if not any(f.name in x.effect.alike for x in best.instances)]
-        others = [f for f in others if not any(f.name == n and f.log in (None, i) for n, i in full)]
+        others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
         apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
         return best.evidence > max([SURE, *map(_most_evidence, others), *map(self.apart, apart)])
 
@@ -158,22 +157,40 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
 
 
 def _mistaken(best: Description, left: Sequence[Found]) -> bool:
-    """Whether what is left beside it is another effect that it may be taken for, and worth much beside it."""
-    left = [f for f in left if f.worth > RIVAL * best.evidence]
-    each = [x.effect for x in best.instances]
-    own = {name for e in each for name in (e.name, *e.known_as)}
-    return any(
-        f.certain and f.explains and f.name in e.alike and f.name not in own for e in each for f in left
-    )
+    """Whether what is left beside it is another effect, worth much beside it."""
+    own = {name for x in best.instances for name in (x.effect.name, *x.effect.known_as)}
+    left = [f for f in left if f.worth > RIVAL * best.evidence and f.name in ADOPTED]
+    return any(f.certain and f.explains and f.name not in own for f in left)
 
 
-def _promises(instance: Instance, found: Sequence[Found], wrong: set[int]) -> bool:
-    """Whether the logs that it is about are not described, and the first order says nothing of one of them,
-    or something that this may be."""
-    told = [f for f in found if f.log is None or f.log in instance.where]
-    return not wrong.isdisjoint(instance.where) and (
-        not told or any(f.name in instance.effect.alike for f in told)
-    )
+def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> list[Instance]:
+    """Those that are about logs which are not described, and which show PROMISES of what they show of
+    anything, to first order, or nothing to first order."""
+    fit = looked.fit
+    if fit is None:
+        return [x for x in each if not wrong.isdisjoint(x.where)]
+    gains = [(t.name, t.log, fit.gain(t)) for t in looked.tried]
+    found = []
+    for x in (x for x in each if not wrong.isdisjoint(x.where)):
+        names = (x.effect.name, *x.effect.known_as)
+        here = [(name, gain) for name, log, gain in gains if log is None or log in x.where]
+        own = [gain for name, gain in here if name in names]
+        if not own or max(own) >= PROMISES * max(gain for _, gain in here):
+            found.append(x)
+    return found
+
+
+def groups(each: Sequence[Instance], wrong: set[int]) -> list[Group]:
+    """These effects as they are tried: each for itself, and one that several logs may have for themselves in
+    all that are `wrong` at once, where it is left to no more than MOST to be one by one."""
+    alike: dict[Effect, list[Instance]] = {}
+    for x in each:
+        if len(x.where) == 1 and x.effect.scope != "plate" and not x.effect.many:
+            alike.setdefault(x.effect, []).append(x)
+    several = [tuple(y for y in xs if y.where[0] in wrong) for xs in alike.values()]
+    several = [x for x in several if len(x) > 1]
+    for_all = {x[0].effect for x in several if len(x) > MOST}
+    return [*((x,) for x in each if len(x.where) > 1 or x.effect not in for_all), *several]
 
 
 def _most_evidence(found: Found) -> float:

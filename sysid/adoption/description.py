@@ -25,6 +25,10 @@ class Instance:
     where: tuple[int, ...]
 
 
+# One effect as it is tried: in one log, in all of them alike, or in each by numbers of its own.
+Group = tuple[Instance, ...]
+
+
 class Description(NamedTuple):
     """A description with effects: their `numbers` one after another, its state, each one's in its `parts`,
     and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of

@@ -23,17 +23,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.adoption.description import Description, Instance
+from sysid.adoption.description import Description, Group, Instance
 from sysid.effects.effect import About, plain
 from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.prior import NAMES
-from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.linear import Linear
 from sysid.verdict.view import View
 
 NEARLY = 3.0  # log evidence within which another description may be true as well: odds of twenty to one
-FOLLOWED = 4  # instances of effects that are followed, and the best of each effect: each from
+FOLLOWED = 4  # effects that are followed, and the best of each effect: each from
 CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
@@ -85,16 +84,15 @@ class Search:
         """Cost of the plant alone, as that of a description is counted."""
         return self.at((), np.zeros(0), self.alone).cost
 
-    def ends(
-        self, before: tuple[Instance, ...], numbers: np.ndarray, tried: Sequence[Instance], count: int
-    ) -> list[Description]:
+    def ends(self, before: Description | None, tried: Sequence[Group], count: int) -> list[Description]:
         """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
         first."""
-        starts = [p for x in tried for p in self.starts(before, numbers, x) if np.isfinite(p.hoped)]
+        known = 0 if before is None else len(before.instances)
+        starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(p.hoped)]
         starts.sort(key=lambda p: p.hoped)
         followed = []
-        for instance in _likely([p.instances[-1] for p in starts]):
-            own = [p for p in starts if p.instances[-1] == instance][:CLOSER]
+        for group in _likely([p.instances[known:] for p in starts]):
+            own = [p for p in starts if p.instances[known:] == group][:CLOSER]
             followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
         followed = [p for p in followed if self.plausible(p)] or followed
         followed.sort(key=lambda p: p.cost)
@@ -107,14 +105,18 @@ class Search:
         ]
         return sorted((self.ended(p, count) for points in each for p in points), key=lambda d: -d.evidence)
 
-    def starts(self, before: tuple[Instance, ...], numbers: np.ndarray, instance: Instance) -> list[Point]:
-        """Points at the starts of one more effect."""
-        found, every, i = [], (*before, instance), instance.where[0]
-        steps = ROUGH if all(self.trials[k].signed for k in instance.where) else MOST
-        for start in instance.effect.starts(self.trials[i], self.about):
-            u = np.append(numbers, start)
-            afresh = all(instance.effect.afresh(self.trials[k]) for k in instance.where)
-            point = self.at(every, u, self.anew(every, u) if afresh else self.alone, steps)
+    def starts(self, before: Description | None, group: Group) -> list[Point]:
+        """Points at the starts of one more effect, the same in all logs that have it for themselves."""
+        known = () if before is None else before.instances
+        near, numbers = (self.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
+        where, found, every = {i for x in group for i in x.where}, [], (*known, *group)
+        steps = ROUGH if all(self.trials[k].signed for k in where) else MOST
+        afresh = all(group[0].effect.afresh(self.trials[k]) for k in where)
+        for start in zip(
+            *(x.effect.starts(self.trials[x.where[0]], self.about) for x in group), strict=False
+        ):
+            u = np.concatenate([numbers, *start])
+            point = self.at(every, u, self.anew(every, u) if afresh else near, steps)
             found.append(point._replace(hoped=point.cost - self.looked(point).gain))
         return found
 
@@ -222,19 +224,9 @@ class Search:
                 away = step[k] * np.eye(len(numbers))[k]
                 above, below = (self.applied(instances, numbers + way) for way in (away, -away))
                 for i in instance.where:
-                    change = (self.modelled(above[i], views[i]) - self.modelled(below[i], views[i])) / (
-                        2 * step[k]
-                    )
+                    change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
                     found[i][:, k] = views[i].off(change)
         return found
-
-    def modelled(self, trial: Trial, view: View) -> np.ndarray:
-        """(n,) the plate's part of a log read as `trial`, as the view has it, less what is recorded."""
-        course = Course.of(trial, self.minimiser.reference, view.course.theta)
-        start, late = view.beside
-        plate = view.own * (course.forced + start * course.free + late * course.rate)
-        plate = plate if trial.alongside is None else plate + trial.alongside
-        return view.observed(plate[None])[0] - trial.log.response
 
     def ended(self, point: Point, count: int) -> Description:
         """The description at an optimum. Its evidence is that in white noise of one level, as that of the
@@ -252,12 +244,12 @@ class Search:
         changed places."""
         each = zip(point.instances, self.parts(point.instances), strict=True)
         exact = 1e-300 * self.stds(point.instances)
-        return all(x.effect.makes_sense(point.numbers[p], exact[p]) for x, p in each)
+        return all(x.effect.seen(point.numbers[p], exact[p]) for x, p in each)
 
     def makes_sense(self, found: Description) -> bool:
         """Whether all numbers are those of their effects."""
         std, each = np.sqrt(np.diag(found.covariance)), zip(found.instances, found.parts, strict=True)
-        return all(x.effect.makes_sense(found.numbers[p], std[p]) for x, p in each)
+        return all(x.effect.seen(found.numbers[p], std[p]) for x, p in each)
 
     def in_colour(
         self,
@@ -292,11 +284,11 @@ class Search:
         return done._replace(sense=self.makes_sense(done))
 
 
-def _likely(tried: Sequence[Instance]) -> list[Instance]:
-    """Of instances, the likeliest first: the first few, and the first of each effect."""
+def _likely(tried: Sequence[Group]) -> list[Group]:
+    """Of these, the likeliest first: the first few, and the first of each effect."""
     each = list(dict.fromkeys(tried))
-    first = {x.effect.name: x for x in reversed(each)}
-    return [x for k, x in enumerate(each) if k < FOLLOWED or first[x.effect.name] is x]
+    first = {x[0].effect.name: x for x in reversed(each)}
+    return [x for k, x in enumerate(each) if k < FOLLOWED or first[x[0].effect.name] is x]
 
 
 def _ends(step: np.ndarray, covariance: np.ndarray) -> bool:

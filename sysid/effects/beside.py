@@ -1,8 +1,6 @@
 """What is seen beside the plate: another mode, a second time constant, a feedthrough of the drive, a sloping
 background."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from sysid.effects.effect import (
@@ -13,6 +11,7 @@ from sysid.effects.effect import (
     Told,
     beside,
     moving,
+    nowhere,
     shares,
     size,
     sweep,
@@ -84,6 +83,16 @@ def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: A
     )
 
 
+def _mode_places(trial: Trial, about: About) -> np.ndarray:
+    """Those among what was driven: outside of a sweep no peak shows."""
+    places = np.append(-APART, APART)
+    if trial.swept:
+        shift = about.reference[0] + about.theta[2]
+        at = (trial.log.frequency - shift) / about.half_bandwidth
+        places = places[(places > np.min(at)) & (places < np.max(at))]
+    return places[:, None] * np.eye(1, 5)
+
+
 def _second_starts(trial: Trial, about: About) -> np.ndarray:
     """Places to both sides. d and q are linear in a mode of given place and width, which gives its size, and
     the places where it would take most of what the plate leaves; of amplitudes, what turns them by a right
@@ -147,9 +156,7 @@ def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    size = (values[2] + 1j * values[3]) * about.top
-    more = size * _second(trial, values[0], values[1], values[4], about)
-    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+    return beside(trial, values[2:4], about, _second(trial, values[0], values[1], values[4], about))
 
 
 SECOND_MODE = Effect(
@@ -160,9 +167,10 @@ SECOND_MODE = Effect(
     applied=_second_beside,
     numbers=_second_numbers,
     said=_second_said,
+    linear=(2, 3),
+    places=_mode_places,
     many=True,
     scope="bench",
-    alike=("second_mode", "background", "duffing", "drift", "dwell"),
     makes_sense=_seems_a_mode,
 )
 
@@ -182,8 +190,7 @@ def _pole_starts(trial: Trial, about: About) -> np.ndarray:
 
 
 def _pole_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    more = values[0] * about.top * _slower(trial, float(values[1]), about)
-    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+    return beside(trial, np.array([values[0], 0.0]), about, _slower(trial, float(values[1]), about))
 
 
 def _pole_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
@@ -216,21 +223,10 @@ SECOND_POLE = Effect(
     applied=_pole_beside,
     numbers=_pole_numbers,
     said=_pole_said,
+    places=nowhere,
     scope="plate",
     rough=True,
     another=True,
-    alike=(
-        "duffing",
-        "late",
-        "early",
-        "saturation",
-        "offset",
-        "astray",
-        "drift",
-        "off_resonance",
-        "rows_lost",
-        "drive",
-    ),
     makes_sense=lambda values, stds: bool(
         np.abs(values[0]) > SEEN * stds[0] and np.abs(values[1]) > SEEN * stds[1]
     ),
@@ -239,15 +235,11 @@ SECOND_POLE = Effect(
 
 def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
     drive = trial.inputs.drive[trial.inputs.interval]
-    more = (values[0] + 1j * values[1]) * about.top * drive / np.max(np.abs(drive))
-    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+    return beside(trial, values, about, drive / np.max(np.abs(drive)))
 
 
 def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
-    in_phase, across = found["in_phase"], found["in_quadrature"]
-    share, error = (
-        100 * float(np.hypot(*x)) for x in ((in_phase.value, across.value), (in_phase.std, across.std))
-    )
+    share, error = size(found)
     return Told(
         f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest"
         f" response",
@@ -265,11 +257,11 @@ FEEDTHROUGH = Effect(
     ),
     applied=_fed_through,
     numbers=lambda trial, values, stds, about: {
-        "in_phase": number(values[0], stds[0], "of the largest response"),
-        "in_quadrature": number(values[1], stds[1], "of the largest response"),
+        name: number(value, std, "of the largest response")
+        for name, value, std in zip(("in_phase", "in_quadrature"), values, stds, strict=True)
     },
     said=_fed_said,
-    alike=("second_mode", "background", "duffing", "drift", "offset", "saturation"),
+    linear=(0, 1),
 )
 
 
@@ -303,5 +295,5 @@ SLOPE = Effect(
     applied=_sloped,
     numbers=shares,
     said=_sloped_said,
-    alike=("offset", "background", "drift", "second_mode", "duffing", "late", "early", "astray"),
+    linear=(0, 1),
 )

@@ -2,10 +2,11 @@
 was not waited for, a phase that falls along a sweep."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, undone
+from sysid.effects.effect import About, Effect, Told, nowhere, positive, undone
 from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
@@ -63,8 +64,8 @@ DELAY = Effect(
     numbers=lambda trial, values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
     said=_delay_said,
     scope="bench",
+    places=nowhere,
     known_as=("late", "early"),
-    alike=("late", "early", "rows_lost", "astray"),
 )
 
 
@@ -99,9 +100,9 @@ def _filter(order: int) -> Effect:
         numbers=numbers,
         said=said,
         scope="bench",
+        places=nowhere,
         known_as=("late",),
-        alike=("late", "early", "rows_lost", "astray"),
-        makes_sense=lambda values, stds: bool(values[0] > 3 * stds[0]),
+        makes_sense=positive,
     )
 
 
@@ -115,13 +116,19 @@ def _gapped(trial: Trial) -> bool:
     return whole and (trial.signed or trial.resonant)
 
 
+@lru_cache(maxsize=4)  # for all places in a log
+def _moved(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> np.ndarray:
+    """(n,) by how much the response has moved until each row."""
+    plate = Course.of(trial, reference, np.array(theta)).forced
+    return np.cumsum(np.abs(np.diff(plate, prepend=plate[:1])))
+
+
 def _lost(share: float) -> Effect:
     """Rows that are missing, though the times go on, before the row at which the response has made that share
     of its moves. Its number: how many."""
 
     def place(trial: Trial, about: About) -> int:
-        plate = Course.of(trial, about.reference, about.theta).forced
-        moved = np.cumsum(np.abs(np.diff(plate, prepend=plate[:1])))
+        moved = _moved(trial, about.reference, tuple(about.theta.tolist()))
         return int(np.searchsorted(moved, share * moved[-1]))
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -155,16 +162,7 @@ def _lost(share: float) -> Effect:
         applied=applied,
         numbers=numbers,
         said=said,
-        alike=(
-            "rows_lost",
-            "late",
-            "early",
-            "astray",
-            "saturation",
-            "duffing",
-            "drift",
-            "second_mode",
-        ),
+        many=True,
         makes_sense=lambda values, stds: bool(values[0] > max(0.5, 3 * stds[0])),
     )
 
@@ -197,8 +195,7 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
     dwell = found["dwell_s"]
     return Told(
-        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s), and read"
-        f" as such a sweep",
+        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s)",
         f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind:"
         f" transient",
     )
@@ -212,7 +209,8 @@ DWELL = Effect(
     applied=_hurried,
     numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
     said=_hurried_said,
-    alike=("dwell", "second_mode"),
+    linear=(),
+    places=lambda trial, about: DWELLS[2::2],
 )
 
 
@@ -222,7 +220,12 @@ def _unwound(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 
 def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
-    delay = found["delay_s"]
+    delay, stated = found["delay_s"], trial.log.bench.get("delay_s", 0.0)
+    if stated:
+        return Told(
+            f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states",
+            "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does",
+        )
     return Told(
         f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {delay.std:.1g} s",
         "state delay_s",
@@ -231,12 +234,7 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 PHASE_DELAY = Effect(
     name="phase_delay",
-    shows=lambda trial: (
-        trial.swept
-        and np.iscomplexobj(trial.log.response)
-        and len(trial.log) >= LEAST_ROWS
-        and "delay_s" not in trial.log.bench
-    ),
+    shows=lambda trial: trial.swept and np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS,
     stds=lambda trial, about: np.array([PHASES[-1]]),
     starts=lambda trial, about: np.concatenate([-PHASES, PHASES])[:, None],
     applied=_unwound,
@@ -245,5 +243,4 @@ PHASE_DELAY = Effect(
     },
     said=_unwound_said,
     scope="bench",
-    alike=("phase_delay", "background", "second_mode", "duffing", "dwell", "drift"),
 )

@@ -5,7 +5,6 @@ import numpy as np
 
 from sysid.effects.effect import (
     LEAST_ROWS,
-    SEEN,
     About,
     Effect,
     Told,
@@ -23,6 +22,11 @@ from sysid.trials.trial import LEAST_WARMING, Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left it
 LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
+SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
+HIDDEN = (
+    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of"
+    " one direction, and would move {{}}; sweep back as well, or record the temperature of every row"
+)
 CREPT = 0.5  # of the largest response
 
 
@@ -50,8 +54,6 @@ F0_DRIFT = Effect(
     ),
     numbers=lambda trial, values, stds, about: {"shift_Hz": number(values[0], stds[0], "Hz", about.span)},
     said=_drifted_said,
-    known_as=("drift",),
-    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
 )
 
 
@@ -70,6 +72,16 @@ def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
+def _hidden(trial: Trial, about: About) -> str:
+    """Of a sweep in one direction that lasts long, whose temperature is not recorded or does not change."""
+    log, turns = trial.log, np.sign(np.diff(trial.log.frequency))
+    read = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
+    one_way = np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0))
+    if trial.steady or read or not one_way or lasted(trial) < SLOW * about.tau:
+        return ""
+    return HIDDEN.format(log.name)
+
+
 SELF_HEATING = Effect(
     name="self_heating",
     shows=lambda trial: _timed(trial) and trial.log.time is not None,
@@ -85,9 +97,8 @@ SELF_HEATING = Effect(
         ),
     },
     said=_heated_said,
-    known_as=("drift",),
-    alike=("drift", "duffing", "saturation", "second_mode", "background", "dwell", "offset", "lag"),
-    makes_sense=lambda values, stds: bool(abs(values[0]) > SEEN * stds[0]),
+    places=lambda trial, about: np.array([[0.0, np.log(t / HEATED[1]), 0.0] for t in HEATED]),
+    unseen=_hidden,
 )
 
 
@@ -128,8 +139,6 @@ THERMOMETER_LAG = Effect(
     },
     said=_lagged_said,
     scope="bench",
-    known_as=("lag",),
-    alike=("lag", "drift", "background", "second_mode", "dwell", "duffing"),
 )
 
 
@@ -162,16 +171,5 @@ OFFSET_DRIFT = Effect(
     applied=_crept,
     numbers=shares,
     said=_crept_said,
-    known_as=("offset",),
-    alike=(
-        "offset",
-        "drift",
-        "late",
-        "early",
-        "rows_lost",
-        "astray",
-        "saturation",
-        "duffing",
-        "off_resonance",
-    ),
+    linear=(0, 1),
 )

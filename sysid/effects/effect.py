@@ -69,10 +69,12 @@ class Effect:
     errors that the fit states, so that it is named and not adopted. `another`: with it the plant is not of
     first order, and G and tau are none of it. `afresh`: with it the plant of that log may be far from what it
     seems without, and is looked for anew from each start. `stretched`: of one that changes what was recorded,
-    the log of by how much it stretches that. `known_as`: names besides its own that the first order gives to
-    it (`verdict.terms`), which are wrong where the effect, tried in full, explains nothing; `alike`: those
-    given to what it may be. `makes_sense`: whether numbers and their standard deviations are those of the
-    effect; unless stated, whether one of them is seen at all."""
+    the log of by how much it stretches that. `linear`: numbers that the response follows in proportion from
+    zero, by which logs show it to first order, beside others at each of its `places` (m, d); where none is,
+    all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`); with neither
+    it has to be tried. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
+    and of what that moves, where it may be there and hide. `makes_sense`: whether numbers and their standard
+    deviations are those of the effect; unless stated, whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -87,11 +89,29 @@ class Effect:
     another: bool = False
     afresh: Callable[[Trial], bool] = lambda trial: False
     stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
+    linear: tuple[int, ...] = (0,)
+    places: Callable[[Trial, About], np.ndarray] | None = None
     known_as: Sequence[str] = ()
-    alike: Sequence[str] = ()
-    makes_sense: Callable[[np.ndarray, np.ndarray], bool] = lambda values, stds: bool(
-        np.max(np.abs(values) / stds) > SEEN
-    )
+    expected: bool = False
+    unseen: Callable[[Trial, About], str] = lambda trial, about: ""
+    makes_sense: Callable[[np.ndarray, np.ndarray], bool] | None = None
+
+    def seen(self, values: np.ndarray, stds: np.ndarray) -> bool:
+        """Whether numbers and their standard deviations are those of the effect."""
+        if self.makes_sense is not None:
+            return self.makes_sense(values, stds)
+        some = list(self.linear or range(len(values)))
+        return bool(np.max(np.abs(values[some]) / stds[some]) > SEEN)
+
+
+def positive(values: np.ndarray, stds: np.ndarray) -> bool:
+    """Whether the first number is seen, and larger than zero."""
+    return bool(values[0] > SEEN * stds[0])
+
+
+def nowhere(trial: Trial, about: About) -> np.ndarray:
+    """Places of what the first order does not show."""
+    return np.zeros((0, 1))
 
 
 def plain(trial: Trial, std: float) -> Trial:

@@ -7,11 +7,12 @@ import numpy as np
 
 from sysid.effects.effect import (
     LEAST_ROWS,
-    SEEN,
     About,
     Effect,
     Told,
     lasted,
+    nowhere,
+    positive,
     shifted,
     sweep,
     sweep_or_moving,
@@ -64,7 +65,7 @@ DUFFING = Effect(
     said=_softened_said,
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
-    alike=("duffing", "saturation", "second_mode", "drift", "background", "dwell"),
+    expected=True,
 )
 
 
@@ -108,17 +109,6 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
         said=said,
         scope="plate",
         rough=moving,
-        alike=(
-            "saturation",
-            "duffing",
-            "late",
-            "early",
-            "astray",
-            "second_mode",
-            "background",
-            "drift",
-            "rows_lost",
-        ),
     )
 
 
@@ -158,19 +148,6 @@ ASYMMETRIC = Effect(
     said=_asymmetric_said,
     scope="plate",
     rough=True,
-    alike=(
-        "duffing",
-        "late",
-        "early",
-        "gain",
-        "saturation",
-        "offset",
-        "drive",
-        "astray",
-        "drift",
-        "off_resonance",
-        "rows_lost",
-    ),
 )
 
 
@@ -240,6 +217,6 @@ OVERSHOOT = Effect(
     rough=True,
     another=True,
     afresh=lambda trial: not trial.driven,
-    alike=("late", "early", "rows_lost", "astray", "saturation", "duffing", "drift", "offset", "drive"),
-    makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
+    places=nowhere,
+    makes_sense=positive,
 )

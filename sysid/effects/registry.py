@@ -3,7 +3,7 @@
 from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
 from sysid.effects.clock import DELAY, DWELL, FILTERS, PHASE_DELAY, ROWS_LOST
 from sysid.effects.drift import F0_DRIFT, OFFSET_DRIFT, SELF_HEATING, THERMOMETER_LAG
-from sysid.effects.drive import DEAD_BAND, LIMIT, POWER
+from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
@@ -23,6 +23,7 @@ EFFECTS: tuple[Effect, ...] = (
     POWER,
     DEAD_BAND,
     LIMIT,
+    COMPRESSED,
     F0_DRIFT,
     SELF_HEATING,
     SECOND_MODE,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Told, lasted, shares, size, undone
+from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, lasted, positive, shares, size, undone
 from sysid.effects.number import Number, number
 from sysid.logs.log import Log
 from sysid.trials.trial import Trial
@@ -93,8 +93,7 @@ def _saturated(law: Law, each: bool) -> Effect:
             "taken": number(values[0], stds[0], "of the largest row")
         },
         said=said,
-        alike=("saturation", "duffing"),
-        makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
+        makes_sense=positive,
     )
 
 
@@ -128,18 +127,8 @@ IMAGE = Effect(
     applied=_mirrored,
     numbers=shares,
     said=_mirrored_said,
+    linear=(0, 1),
     scope="bench",
-    alike=(
-        "second_mode",
-        "background",
-        "duffing",
-        "saturation",
-        "late",
-        "early",
-        "drift",
-        "dwell",
-        "phase_delay",
-    ),
 )
 
 
@@ -183,18 +172,5 @@ AC_COUPLING = Effect(
     numbers=_coupled_numbers,
     said=_coupled_said,
     scope="bench",
-    known_as=("offset",),
-    alike=(
-        "offset",
-        "drift",
-        "late",
-        "early",
-        "astray",
-        "saturation",
-        "off_resonance",
-        "rows_lost",
-        "duffing",
-        "gain",
-    ),
-    makes_sense=lambda values, stds: bool(values[0] > SEEN * stds[0]),
+    makes_sense=positive,
 )

@@ -14,7 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid import reading
+from sysid.effects.effect import About
 from sysid.effects.registry import ADOPTED, EVERY
+from sysid.effects.sensor import SATURATIONS
 from sysid.fleet.closed import Block
 from sysid.logs.log import Log
 from sysid.minimum.minimise import DOUBTFUL, State
@@ -26,15 +28,16 @@ from sysid.verdict import flank, identify, lone
 from sysid.verdict.averaged import Allowed, allowed, likely, shows, widest
 from sysid.verdict.coincidence import tightened
 from sysid.verdict.finding import Finding
+from sysid.verdict.firstorder import of_effects
 from sysid.verdict.linear import ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
-from sysid.verdict.misfit import ALIKE
 from sysid.verdict.term import Term, together
-from sysid.verdict.terms import saturations, terms
+from sysid.verdict.terms import terms
 from sysid.verdict.view import View
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
+CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
 NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
 
 
@@ -116,18 +119,17 @@ class Template:
     def _tried(cls, state: State, reference: tuple[float, float]) -> "Template":
         views = View.each(state, reference)
         fit = Linear(views, state, list(FREE), 0.0)
-        every = terms(views, FREE, 0.0)
+        about = About.of(state, reference)
+        every = terms(views, FREE, about, 0.0)
         fit.look(every)
-        alike = []
-        if len(views) > 1:
-            alike = list(together([t for t in every if t.name in ALIKE and fit.tells(t)], views))
+        alike = list(together([t for t in every if t.alike and fit.tells(t)])) if len(views) > 1 else []
         chances = [*chances_of(every), *(chances_of(alike, len(every)) if alike else ())]
         known: list[tuple[Term, float, tuple[int, int] | None]] = [
             (t, chance, None)
             for t, chance in zip([*every, *alike], chances, strict=True)
-            if t.name != "saturation" or t.parts
+            if t.name not in CHANNELS or t.parts
         ]
-        known += [(t, chances[0], phase) for i, v in enumerate(views) for t, phase in _saturations(i, v)]
+        known += [(t, chances[0], phase) for i, v in enumerate(views) for t, phase in _turned(i, v, about)]
         fit.look([t for t, _, phase in known if phase is not None])
         tried = [
             Trying(t, scored, chance, phase)
@@ -169,7 +171,7 @@ class Template:
             certain = worth[p, k] >= x.chance + ENOUGH
             if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
                 continue
-            if x.term.say(x.scored.values @ u, self.views[x.term.log or 0]) is not None:
+            if x.term.say(x.scored.values @ u, x.scored.errors) is not None:
                 found[p] = x.term.name
         return found
 
@@ -178,7 +180,7 @@ class Template:
         what is said of it (`verdict.averaged`)."""
         each = [(x.allowed, k) for k, x in enumerate(self.tried) if x.allowed is not None]
         own = [self._own(numbers, k) * self.tried[k].here(phases)[:, None] for _, k in each]
-        share = likely([x for x, _ in each], own, self.views)
+        share = likely([x for x, _ in each], own)
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
         for p in np.flatnonzero(share.any(axis=0)).tolist():
@@ -250,16 +252,21 @@ def _undescribed(state: State, reference: tuple[float, float]) -> str:
     return ""
 
 
-def _saturations(i: int, view: View) -> list[tuple[Term, tuple[int, int] | None]]:
-    """Those of one log, in the plate's frame: those of single channels, which look different as the
-    demodulator is turned, for each of PHASES rotations."""
+def _turned(i: int, view: View, about: About) -> list[tuple[Term, tuple[int, int] | None]]:
+    """Effects of single channels of one log, in the plate's frame: they look different as the demodulator is
+    turned, for each of PHASES rotations."""
     found: list[tuple[Term, tuple[int, int] | None]] = []
     turns = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)]
     each = []
     for turn in turns:
         turned = copy(view)
-        turned.model = turn * view.model
-        each.append([(t, turn.conjugate() * t.shapes[i]) for t in saturations(i, turned)])
+        log = view.trial.log
+        turned.trial = replace(view.trial, log=replace(log, response=turn * log.response))
+        turned.model, turned.turn = turn * view.model, turn * view.turn
+        turned.__dict__.pop("ideal", None), turned.__dict__.pop("base", None)
+        each.append(
+            [(t, turn.conjugate() * t.shapes[i]) for t in of_effects({i: turned}, about, SATURATIONS)]
+        )
     for same in zip(*each, strict=True):
         first = same[0][1]
         if np.allclose(same[1][1], first, rtol=0, atol=1e-9 * float(np.max(np.abs(first)))):

@@ -95,9 +95,9 @@ class Allowed(NamedTuple):
         moved = shifts @ self.mean(numbers)
         return np.outer(moved, moved) + (shifts * self.mean(np.ones(shifts.shape[1]))) @ shifts.T
 
-    def say(self, numbers: np.ndarray, views: Sequence[View]) -> str | None:
+    def say(self, numbers: np.ndarray) -> str | None:
         """Its sentence; None where such numbers make no sense."""
-        return self.term.say(self.scored.values @ self.mean(numbers), views[self.term.log or 0])
+        return self.term.say(self.scored.values @ self.mean(numbers), self.scored.errors)
 
 
 def shows(scored: Scored) -> bool:
@@ -112,14 +112,14 @@ def allowed(tried: Sequence[tuple[Term, Scored]]) -> list[Allowed]:
     return [Allowed(t, s, 1 / (len(places) * places[t.name, t.log])) for t, s in shown]
 
 
-def likely(each: Sequence[Allowed], numbers: Sequence[np.ndarray], views: Sequence[View]) -> np.ndarray:
+def likely(each: Sequence[Allowed], numbers: Sequence[np.ndarray]) -> np.ndarray:
     """(K, P) how likely each effect is by its numbers (P, r) in logs of as many plates; 0 where the logs
     speak against it."""
     odds = np.zeros((len(each), len(numbers[0]) if each else 0))
     for k, (x, own) in enumerate(zip(each, numbers, strict=True)):
         found = x.evidence(own)
         for p in np.flatnonzero(found > 0):
-            if x.say(own[p], views) is not None:
+            if x.say(own[p]) is not None:
                 odds[k, p] = x.before * np.expm1(min(found[p], MOST))
     return odds / (1 + odds.sum(axis=0))
 
@@ -128,7 +128,7 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
     each = allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
     numbers = [x.scored.numbers for x in each]
-    share = likely(each, [n[None] for n in numbers], fit.views)
+    share = likely(each, [n[None] for n in numbers])
     some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
     if not some:
         return Average.none()
@@ -145,7 +145,7 @@ def widest(
     grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some])
     k = int(np.argmax(grown.sum(axis=0)))
     wider, (x, numbers, share) = float(np.sqrt(1 + grown[:, k].sum())), some[int(np.argmax(grown[:, k]))]
-    what = x.say(numbers, views)
+    what = x.say(numbers)
     if wider < WIDER or not what:
         return None
     moves = dict(zip(names, (x.scored.moves @ x.mean(numbers)).tolist(), strict=True))

@@ -42,14 +42,14 @@ def between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
             yield Term("resonance", {i: columns[:, 2:3]}, say, i, beside=doubted("f0"), between=True)
 
 
-def finger(name: str, warmer: float) -> Callable[[np.ndarray, View | None], str | None]:
+def finger(name: str, warmer: float) -> Callable[[np.ndarray, np.ndarray], str | None]:
     """Of a log whose G and tau are both off those of the others by the factor e^-value; it is `warmer` degC
     than they are."""
     by_heat = (
         f", or G and tau fall with the temperature, {warmer:+.2g} degC there; record another such log to tell"
     )
 
-    def say(value: np.ndarray, _: View | None) -> str | None:
+    def say(value: np.ndarray, _: np.ndarray | None = None) -> str | None:
         if value[0] <= 0:
             return None
         return (
@@ -95,16 +95,16 @@ def unread(name: str, hertz: float, would: str = "") -> str:
     return f"{name}: the resonance is {about}; its temperature is not recorded{would}: record it"
 
 
-def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, View], str]:
+def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, np.ndarray], str]:
     return lambda value, _: own(name, what, put(float(value[0])))
 
 
-def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, View], str]:
+def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, np.ndarray], str]:
     """A resonance that contradicts the others, and by how much the thermometer would be off if it was that:
     `warmed`, k_T is fitted; `read`, some log has a temperature."""
     name, k_T = view.trial.log.name, float(view.course.theta[3])
 
-    def say(value: np.ndarray, _: View) -> str:
+    def say(value: np.ndarray, _: np.ndarray) -> str:
         said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
         off = value[0] / k_T if warmed and k_T else np.inf
         if read and not was_read(view.trial.log):

@@ -140,7 +140,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
-        return Judged(wrong, doubts, found, True)
+        return Judged(wrong, doubts, found, True, looked)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
     gain = (
         likely[0].log if between and likely[0].name == "gain" else None
@@ -232,7 +232,9 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     if None in shown and not wrong:  # in no log by itself
         every = next(f for f in found if f.log is None and f.harmful and f.certain)
         wrong = [_told(every, state, "refused", every.sentence)]
-    return wrong, [*doubts, *(_told(f, state, "noted", f"{f.sentence} ({_unharmed(f)})") for f in likely[:1])]
+    said = {(w.key, w.sentence) for w in wrong}
+    noted = [f for f in likely[:1] if (f.name, f.sentence) not in said]
+    return wrong, [*doubts, *(_told(f, state, "noted", f"{f.sentence} ({_unharmed(f)})") for f in noted)]
 
 
 def _spoilt(trial: Trial, fingered: bool) -> str | None:
@@ -242,7 +244,7 @@ def _spoilt(trial: Trial, fingered: bool) -> str | None:
 
 def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:
     logs = () if found.log is None else (state.trials[found.log].log.name,)
-    return Finding(found.name, outcome, sentence, logs, evidence=found.worth, moves=found.moves)
+    return Finding(found.name, outcome, sentence, logs, found.numbers, found.worth, found.moves)
 
 
 def _unharmed(found: Found) -> str:

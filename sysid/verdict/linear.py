@@ -1,12 +1,13 @@
 """The joint fit linearised about its minimum, and what one more term in it would be worth and would move."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from sysid.effects.number import Number
 from sysid.minimum.minimise import State
 from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
@@ -40,6 +41,7 @@ class Found:
     freedom: int  # numbers that it has
     certain: bool = True
     explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
+    numbers: dict[str, Number] = field(default_factory=dict)  # in units of the bench
 
     @property
     def farthest(self) -> str:
@@ -100,6 +102,11 @@ class Scored(NamedTuple):
     shifts: np.ndarray
     usual: np.ndarray
 
+    @property
+    def errors(self) -> np.ndarray:
+        """(m,) standard deviations of the coefficients."""
+        return np.linalg.norm(self.values, axis=1)
+
 
 class Linear:
     """The joint fit of the parameters `names`, linearised: what one more term would change of what is
@@ -149,6 +156,15 @@ class Linear:
         self.look([t for t in tried if not t.parts])
         chances = chances_of(tried, others)
         return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c)) is not None]
+
+    def gain(self, term: Term) -> float:
+        """Log likelihood that a term is worth in noise of a known level; 0 where the plant and the nuisances
+        make up for it."""
+        added = self._added(term)
+        if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
+            return 0.0
+        score = added.score - added.cross.T @ self.inverse @ self.slope
+        return 0.5 * float(score @ np.linalg.lstsq(own, score, rcond=ROUNDED)[0])
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""
@@ -286,7 +302,9 @@ class Linear:
             change = jacobian @ shift + (rows[i][0] @ coefficient[rows[i][1]] if i in rows else 0.0)
             if change @ change > UNCHANGED:
                 gained += view.likelihood(view.r - change) - self.before[i]
-        said = term.say(coefficient, self.views[term.log or 0])
+        open_ = np.diag(inverted(own)) / np.where(scale > 0, scale, np.inf) ** 2
+        std = np.sqrt(np.maximum(open_, 0.0))
+        said = term.say(coefficient, std)
         if gained < threshold or said is None:
             return None
         moves = dict(zip(self.names, self.reported @ shift / self.std, strict=True))
@@ -300,7 +318,10 @@ class Linear:
             )
         certain = bool(gained >= chance + ENOUGH)
         explains = said != UNNAMED and self._explains(rows, coefficient, shift)
-        found = Found(said, float(gained), moves, term.name, term.log, term.freedom, certain, explains)
+        numbers = term.numbers(coefficient, std) if explains else {}
+        found = Found(
+            said, float(gained), moves, term.name, term.log, term.freedom, certain, explains, numbers
+        )
         return found if found.certain or found.harmful else None
 
     def _explains(

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincc
 
+from sysid.effects.effect import About
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.verdict.averaged import Average, averaged
@@ -33,16 +34,6 @@ from sysid.verdict.wording import OFTEN, UNSAID
 
 # standard deviations of its prior, by which a response may be late before more than its first order matters
 TENSE = 2.0
-ALIKE = (
-    "drift",
-    "lag",
-    "late",
-    "early",
-    "phase_delay",
-    "background",
-    "dwell",
-    "saturation",
-)  # in several logs
 SURELY = 4.0  # standard deviations of the noise
 ROUGHLY = 0.1  # of a residual, by which a response farther along explains it
 # log-likelihood towards a curve over temperature: with three of them a log that contradicts two is as likely
@@ -76,12 +67,12 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     views = View.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
-    tried = terms(views, free, away)
+    tried = terms(views, free, About.of(state, reference), away)
     found = fit.found(tried)
     if len(views) > 1 and not any(
         f.harmful and f.certain for f in found
     ):  # alike in several logs: freer, and so looked for last
-        alike = list(together([t for t in tried if t.name in ALIKE and fit.tells(t)], views))
+        alike = list(together([t for t in tried if t.alike and fit.tells(t)]))
         found, tried = found + fit.found(alike, len(tried)), tried + alike
     if len(views) > 1:
         found += [

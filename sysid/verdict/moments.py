@@ -59,12 +59,12 @@ def _later(i: int, view: View) -> Iterator[Term]:
     for off in (rows * view.trial.spacing for rows in OFF):
         if off < 2 * c.tau:
             late, early = (view.observed((c.later(t) - c.forced)[None])[0] for t in (off, -off))
-            yield of_one(i, "late", late, LATE.format(log.name, f" of about {off:.2g} s"), 1)
-            yield of_one(i, "early", early, EARLY.format(log.name, off, stated - off), 1)
+            yield of_one(i, "late", late, LATE.format(log.name, f" of about {off:.2g} s"), True)
+            yield of_one(i, "early", early, EARLY.format(log.name, off, stated - off), True)
     taus = c.tau * np.array([0.1, 0.3])
     for order in (1, 4):
         for late, shape in zip(taus, view.observed(c.behind(taus / order, order).T - c.forced), strict=True):
-            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {late:.2g} s"), 1)
+            yield of_one(i, "late", shape, LATE.format(log.name, f" of about {late:.2g} s"), True)
 
 
 def _unheld(i: int, view: View) -> Iterator[Term]:
@@ -92,7 +92,7 @@ def _unheld(i: int, view: View) -> Iterator[Term]:
     said = f"{trial.log.name}: {runs if own else NOT_HELD}"
     if shapes:
 
-        def say(value: np.ndarray, _: View) -> str | None:
+        def say(value: np.ndarray, _: np.ndarray) -> str | None:
             # A drive that is fed back from the response goes with its noise, by another number than one.
             return said if np.any(np.abs(np.log(np.maximum(value, 1e-9))) < np.log(LIKE_ONE)) else None
 

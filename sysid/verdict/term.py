@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.verdict.view import View
+from sysid.effects.number import Number
 
 UNNAMED = ""  # what is said of a size that the logs may show, but that is not what the term is about
 
@@ -18,7 +18,8 @@ class Term:
 
     name: str
     shapes: dict[int, np.ndarray] = field(repr=False)
-    say: Callable[[np.ndarray, View], str | None]  # of the m coefficients; None: that makes no sense; UNNAMED
+    # of the m coefficients and their standard deviations; None: that makes no sense; UNNAMED
+    say: Callable[[np.ndarray, np.ndarray], str | None]
     log: int | None = None  # the one log that it is about
     freedom: int = 1  # numbers that it has, its place on a grid among them
     beside: tuple[str, float] | None = (
@@ -29,14 +30,18 @@ class Term:
     unseen: str = ""
     # what every plate has a little of: not one of many things that chance may look like
     expected: bool = False
+    # what several logs may have alike, which then do not contradict each other
+    alike: bool = False
     # what one log would have for itself, of which few are tried beside all that a log may hold
     between: bool = False
     parts: tuple["Term", ...] = field(
         default=(), repr=False
     )  # of one log each, in place of shapes of its own
+    # by name, of the same as `say`, in units of the bench
+    numbers: Callable[[np.ndarray, np.ndarray], dict[str, Number]] = lambda value, std: {}
 
 
-def together(terms: Sequence[Term], views: Sequence[View]) -> Iterator[Term]:
+def together(terms: Sequence[Term]) -> Iterator[Term]:
     """The same thing in several logs at once, in each by what it has: where all are off alike, none
     contradicts the rest."""
     alike: dict[tuple[str, int], list[Term]] = {}
@@ -45,25 +50,28 @@ def together(terms: Sequence[Term], views: Sequence[View]) -> Iterator[Term]:
         if t.log is not None:
             alike.setdefault((t.name, met[t.name, t.log]), []).append(t)
             met[t.name, t.log] += 1
-    return (_all(parts, views) for parts in alike.values() if len(parts) > 1)
+    return (_all(parts) for parts in alike.values() if len(parts) > 1)
 
 
-def _all(parts: Sequence[Term], views: Sequence[View]) -> Term:
-    ends = np.cumsum([next(iter(t.shapes.values())).shape[1] for t in parts])
+def _all(parts: Sequence[Term]) -> Term:
+    ends = np.cumsum([next(iter(t.shapes.values())).shape[1] for t in parts])[:-1]
 
-    def say(value: np.ndarray, _: View) -> str | None:
-        said = [t.say(v, views[t.log or 0]) for t, v in zip(parts, np.split(value, ends[:-1]), strict=True)]
-        return (
-            None
-            if None in said
-            else f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
-        )
+    def say(value: np.ndarray, std: np.ndarray) -> str | None:
+        each = zip(parts, np.split(value, ends), np.split(std, ends), strict=True)
+        said = [t.say(v, s) for t, v, s in each]
+        if None in said or UNNAMED in said:
+            return None if None in said else UNNAMED
+        return f"{said[0]}; and so in {len(said) - 1} other log{'s' if len(said) > 2 else ''}"
 
     return Term(
         parts[0].name, {}, say, parts[0].log, freedom=sum(t.freedom for t in parts), parts=tuple(parts)
     )
 
 
-def of_one(i: int, name: str, shape: np.ndarray, sentence: str, sign: int = 0) -> Term:
-    """A term of one real number in one log, of the given sign (0: either)."""
-    return Term(name, {i: shape[:, None]}, lambda value, _: sentence if value[0] * sign >= 0 else None, i)
+def of_one(i: int, name: str, shape: np.ndarray, sentence: str, alike: bool = False) -> Term:
+    """A term of one real number in one log, which is not negative."""
+
+    def say(value: np.ndarray, std: np.ndarray) -> str | None:
+        return sentence if value[0] >= 0 else None
+
+    return Term(name, {i: shape[:, None]}, say, i, alike=alike)

@@ -1,6 +1,7 @@
 """One log linearised about the fit, for misfits, comparisons and plans: its rows, and what the bench may have
 added."""
 
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -47,6 +48,7 @@ class View:
         coloured: bool = False,
     ):
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
+        self.reference = reference
         size = abs(trial.turn)
         self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
@@ -176,6 +178,25 @@ class View:
         if self.trial.signed:
             return self.turn * shapes
         return (rice.towards(self.plate, self.trial.lift) * shapes).real
+
+    @cached_property
+    def ideal(self) -> Trial:
+        """The log as if it were what is modelled: what an effect does to noise would explain that noise."""
+        return replace(self.trial, log=replace(self.trial.log, response=self.model))
+
+    @cached_property
+    def base(self) -> np.ndarray:
+        """(n,) `modelled` of the log as it is."""
+        return self.modelled(self.ideal)
+
+    def modelled(self, trial: Trial) -> np.ndarray:
+        """(n,) the plate's part of the log read as `trial`, as it is recorded, less what is recorded."""
+        moved = trial.inputs is not self.trial.inputs or trial.filter is not self.trial.filter
+        course = Course.of(trial, self.reference, self.course.theta) if moved else self.course
+        start, late = self.beside
+        plate = self.own * (course.forced + start * course.free + late * course.rate)
+        plate = plate if trial.alongside is None else plate + trial.alongside
+        return self.observed(plate[None])[0] - trial.log.response
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
         """Columns as real, weighted rows, with a row for each one's prior."""

@@ -1,0 +1,126 @@
+"""What effects do to logs to first order: a `Term` for each place of their other numbers."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.effects.effect import About, Effect
+from sysid.effects.number import Number
+from sysid.effects.registry import EFFECTS
+from sysid.trials.trial import Trial
+from sysid.verdict.term import UNNAMED, Term
+from sysid.verdict.view import View
+
+STEP = 1e-4  # prior standard deviations: of a difference, whose error is in proportion to it
+LEAST = 1e-9  # of a shape: less is rounding
+EXACT = 1e-300  # of them, as of a number without an error
+WITHIN = 2.0  # prior standard deviations; a larger number is of something else
+
+
+def of_effects(
+    views: Mapping[int, View], about: About, effects: Sequence[Effect] = EFFECTS
+) -> Iterator[Term]:
+    """All that these effects may be in the logs: in each for itself, or in all that show them."""
+    for effect in effects:
+        shown = {i: v for i, v in views.items() if effect.shows(v.trial)}
+        whole = effect.scope == "plate"
+        for group in [shown] if whole else [{i: v} for i, v in shown.items()]:
+            if group:
+                yield from _terms(effect, group, about)
+
+
+def _terms(effect: Effect, views: Mapping[int, View], about: About) -> Iterator[Term]:
+    """Of one effect in these logs. A coefficient is one of its `linear` numbers in prior standard deviations;
+    where it has none, 1 is all that it does."""
+    i, view = next(iter(views.items()))
+    stds = effect.stds(view.trial, about)
+    places = np.zeros((1, len(stds))) if effect.places is None else effect.places(view.trial, about)
+    name = f"{view.trial.log.name}: " if len(views) == 1 else ""
+    for values in places:
+        shapes, shown = _shapes(effect, views, values, stds, about)
+        if not shapes:
+            continue
+        place = Place(effect, view.trial, about, values, stds, _apart(places, values), shown, name)
+        yield Term(
+            effect.name,
+            shapes,
+            place.say,
+            i if len(views) == 1 else None,
+            freedom=next(iter(shapes.values())).shape[1] + (len(places) > 1),
+            unseen=effect.unseen(view.trial, about),
+            expected=effect.expected and all(_even(v) for v in views.values()),
+            alike=not effect.many,
+            numbers=place.numbers,
+        )
+
+
+def _even(view: View) -> bool:
+    """Settled points in even noise, of which nothing but the plate leans a peak by as little as it does."""
+    noise = view.trial.noise
+    return view.trial.steady and not (noise.coloured or noise.share)
+
+
+def _apart(places: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(d,) half of the way to the next place, of each number."""
+    away = np.abs(places - place)
+    nearest = np.min(np.where(away > 0, away, np.inf), axis=0, initial=np.inf)
+    return np.where(np.isfinite(nearest), 0.5 * nearest, 0.0)
+
+
+def _shapes(
+    effect: Effect, views: Mapping[int, View], place: np.ndarray, stds: np.ndarray, about: About
+) -> tuple[dict[int, np.ndarray], list[int]]:
+    """Of each log (n, m), and which numbers they are of: those that do something."""
+    numbers = list(effect.linear)
+    steps = [STEP * stds[k] * np.eye(len(place))[k] for k in numbers] or [0.0]
+    over = STEP if numbers else 1.0
+    found = {}
+    for i, view in views.items():
+        read = [effect.applied(view.ideal, place + step, about) for step in steps]
+        if any(len(trial.log) != len(view.trial.log) for trial in read):
+            return {}, []
+        found[i] = np.stack([(view.modelled(t) - view.base) / over for t in read], axis=1)
+    size = np.sqrt(sum(np.sum(np.abs(x) ** 2, axis=0) for x in found.values()))
+    some = np.flatnonzero(size > LEAST * max(np.max(size), *(v.trial.scale for v in views.values())))
+    if not len(some):
+        return {}, []
+    return {i: x[:, some] for i, x in found.items()}, [numbers[k] for k in some if numbers]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Numbers `values` (d,) of an effect of which those of `shown` are coefficients; `apart` (d,) is how well
+    the others are known; sentences begin with `name`."""
+
+    effect: Effect
+    trial: Trial
+    about: About
+    values: np.ndarray
+    stds: np.ndarray
+    apart: np.ndarray
+    shown: list[int]
+    name: str
+
+    def numbers(self, value: np.ndarray, std: np.ndarray) -> dict[str, Number]:
+        """By coefficients and their standard deviations, in units of the bench."""
+        return self.effect.numbers(
+            self.trial, self._with(self.values, value), self._with(self.apart, std), self.about
+        )
+
+    def say(self, value: np.ndarray, std: np.ndarray) -> str | None:
+        """The same in words; None where such numbers make no sense."""
+        if np.any(np.abs(value) > WITHIN):
+            return UNNAMED
+        exact = EXACT * self.stds
+        sense = self.effect.seen(self._with(self.values, value), exact) if self.shown else value[0] > 0
+        if not sense:
+            return None
+        told = self.effect.said(self.trial, self.numbers(value, std))
+        return f"{self.name}{told.what}; {told.to_do}"
+
+    def _with(self, all_of_it: np.ndarray, shown: np.ndarray) -> np.ndarray:
+        """(d,) with the numbers of the coefficients."""
+        found = all_of_it.copy()
+        found[self.shown] = shown[: len(self.shown)] * self.stds[self.shown]
+        return found
