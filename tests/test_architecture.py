@@ -28,7 +28,7 @@ trials     noise whitening trial experiment heat perturbed projected jitter extr
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift beside registry
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
-           standing differing term moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
+           standing differing term firstorder moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
 reading
 adoption   description search adopt
 fitting

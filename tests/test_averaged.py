@@ -26,7 +26,9 @@ def linear(bench):
     fit = sysid.fit(bench.transient(seed=3, noise=0.01))
     state = fit.modes[0]
     views = View.each(state, fit.reference)
-    return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(views, fit.names, About.of(state, fit.reference), 0.0)
+    return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(
+        views, fit.names, About.of(state, fit.reference), 0.0
+    )
 
 
 def spanned(linear):

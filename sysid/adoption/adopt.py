@@ -32,7 +32,7 @@ from sysid.verdict.unexplained import left_of, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
-PROMISES = 0.05  # of the log likelihood of the best to first order: numbers that are large curve what they do
+PROMISES = 0.1  # of the log likelihood of the best to first order: numbers that are large curve what they do
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 

@@ -42,11 +42,10 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
-    shift, at = found["shift_Hz"], found["at"]
+    shift = found["shift_Hz"]
     return Told(
-        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at"
-        f" {at.value:.2g}"
-        f" {trial.log.response_unit}",
+        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at the largest"
+        " response",
         "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a"
         " smaller drive",
     )
@@ -89,10 +88,10 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
         return replace(trial, inputs=inputs._replace(damped=damped))
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
-        more, at = found["more"], found["at"]
+        more = found["more"]
         return Told(
             f"damping depends on the amplitude, by about {100 * more.value:+.3g} ± {100 * more.std:.1g} % at"
-            f" {at.value:.2g} {trial.log.response_unit}",
+            " the largest response",
             "G and tau are those of a small one; record at a smaller drive",
         )
 
