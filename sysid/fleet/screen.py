@@ -3,8 +3,8 @@ the single fit looks for beside its model.
 
 The noise is tried by score tests of one number each against what the single fit would take it for (colour,
 outliers, levels that differ between the channels, noise that goes with the response or with its rate, noise
-of the phase); a plate is passed on from `WORTH` of the single fit on, and the logarithm of the number of
-these tests, where the single fit's own estimate agrees. The rest is tried with `fleet.template`.
+of the phase); where one is worth `WORTH` the single fit's own estimate decides. Colour and noise of the phase
+are held to a little more. The rest is tried with `fleet.template`.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from sysid.fleet.delayed import shares
 from sysid.fleet.template import PHASES, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
-from sysid.trials.noise import WORTH, apart, estimate, proportional, scatter_of_stamps, tails
+from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
 from sysid.verdict.coincidence import SEEN
 from sysid.verdict.finding import Finding
@@ -37,6 +37,9 @@ COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
     "time stamps that scatter",
     "noise of the phase",
 )
+# in log-likelihood, where chance would make more of it than of others: colour is one of half a dozen kinds, and
+# the two numbers of a phase's noise are looked for only as a fit ends
+LEAST = {COLOUR: WORTH + np.log(6), PHASE: ODD}
 
 
 def residual(log: Reduced, step: np.ndarray) -> np.ndarray:
@@ -168,7 +171,7 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
             PHASE: phase_noise(log.block.columns[:, 0] * turn[:, None], left)
         }
         for kind, worth in kinds.items():
-            some = ~(worth < WORTH + np.log(len(kinds)))
+            some = ~(worth < LEAST.get(kind, WORTH))
             for p in np.flatnonzero(some):
                 some[p] = not np.isfinite(worth[p]) or _confirmed(kind, log.block, int(p), left[p])
             say(some, kind)
