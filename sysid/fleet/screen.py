@@ -37,8 +37,8 @@ COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
     "time stamps that scatter",
     "noise of the phase",
 )
-# in log-likelihood, where chance would make more of it than of others: colour is one of half a dozen kinds, and
-# the two numbers of a phase's noise are looked for only as a fit ends
+# in log-likelihood, where chance would make more of it than of others: colour is one of half a dozen kinds,
+# and the two numbers of a phase's noise are looked for only as a fit ends
 LEAST = {COLOUR: WORTH + np.log(6), PHASE: ODD}
 
 

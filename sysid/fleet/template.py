@@ -176,9 +176,8 @@ class Template:
         own = numbers[:, at] * self._here(phases)[:, which]
         share = each.likely(own, self.views)
         for p in np.flatnonzero(share.any(axis=0)).tolist():
-            some = [
-                (each.each[k], each.own(own[p], k), float(share[k, p])) for k in np.flatnonzero(share[:, p])
-            ]
+            here = np.flatnonzero(share[:, p]).tolist()
+            some = [(each.each[k], each.own(own[p], k), float(share[k, p])) for k in here]
             spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
             hint = widest(some, FREE, self.views)
             said[p] = hint and hint.told(True)
