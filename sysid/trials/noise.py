@@ -25,9 +25,9 @@ from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
 WORTH = 4.0  # log-likelihood that colour must gain over white noise: less may be chance
-# the same of every other kind, of which a log is tried for half a dozen: odds of a thousand to one. White noise
-# in their place costs some information, and leaves errors nearly what they are; in that of colour it makes them
-# small
+# the same of every other kind, of which a log is tried for half a dozen: odds of a thousand to one. White
+# noise in their place costs some information and leaves errors nearly what they are; in that of colour it
+# makes them small
 ODD = 6.9
 TIMES = 24  # number of correlation times, and of scatters of stamps, that are tried
 # of the longest step between rows: closer ones are alike, as stamps of a steady clock have few digits
