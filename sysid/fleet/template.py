@@ -11,11 +11,13 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from sysid import reading
 from sysid.effects.registry import ADOPTED, EVERY
+from sysid.fleet.arrays import Rows, on_rows, one, padding, there
 from sysid.fleet.closed import Block
 from sysid.logs.log import Log
 from sysid.minimum.minimise import DOUBTFUL, State
@@ -87,7 +89,7 @@ class Template:
         models = []
         for block in blocks:
             block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
-            models.append(block.columns[0, 0].copy())
+            models.append(np.array(one(block.columns, 0)[0]))
         rng = np.random.default_rng(0)
         simulated = [
             replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
@@ -145,10 +147,15 @@ class Template:
             views=tuple(views),
         )
 
-    def numbers(self, rows: np.ndarray) -> np.ndarray:
-        """(P, q) of all tests side by side, by residuals (P, R) in the plate's frame, with those of the
-        priors."""
-        return rows @ self.weights
+    def numbers(self, rows: Rows, which: np.ndarray) -> np.ndarray:
+        """(p, q) of all tests side by side, of these plates (p,), by the residuals (P, R) of all in the
+        plate's frame, with those of the priors."""
+        some = np.pad(which, (0, padding(len(which))), mode="edge")
+        return np.asarray(_products(rows, some, self._weights))[: len(which)]
+
+    @cached_property
+    def _weights(self) -> Rows:
+        return there(self.weights)
 
     def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[str]:
         """The name of what each plate's logs hold beside the model, or that would move its parameters far if
@@ -220,6 +227,11 @@ class Template:
                 replace(t, log=replace(t.log, temperature=np.full(len(t.log), temperature))) for t in trials
             ]
         return identify.why(name, trials, 1.0, FREE, 1)
+
+
+@on_rows()
+def _products(xp: Any, rows: Rows, which: np.ndarray, weights: Rows) -> Rows:
+    return rows[which] @ weights
 
 
 def _state(theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], reference) -> State:
