@@ -11,7 +11,7 @@ from conftest import most, seeds, study, tiers
 
 import sysid
 from sysid.effects.effect import About
-from sysid.fleet import lane
+from sysid.fleet import arrays, lane
 from sysid.fleet.groups import Group
 from sysid.fleet.lane import rows_of
 from sysid.fleet.plate import row_of
@@ -92,6 +92,27 @@ def test_plates_without_noise_are_what_they_are(kind):
             p, value = row["parameters"][parameter], getattr(truth, parameter)
             assert abs(p["value"] - value) < 4 * p["std"]
             assert p["std"] < (3e-3 if parameter == "G" and kind == "step" else 1e-5) * value
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param("step", id="step"), study("sweep", id="sweep"), study("both", id="both")]
+)
+def test_arrays_of_an_accelerator_give_the_same_rows(kind, monkeypatch, unfitted):
+    """JAX's arrays, on the processor where there is nothing else."""
+    plates = {str(k): made(kind, k) for k in range(8)}
+    plates |= {f"off {k}": [step(k, 0.02, 100.0, 32290.0, None, 2.0)] for k in range(2) if kind == "step"}
+    here = told(plates)
+    monkeypatch.setattr(arrays, "here", lambda: arrays.ACCELERATOR)
+    monkeypatch.setattr(lane, "_cells", {})
+    there = told(plates)
+    assert {name: row["way_why"] for name, row in here.items()} == {
+        name: row["way_why"] for name, row in there.items()
+    }
+    for name, row in here.items():
+        for parameter in ("G", "tau", "f0") if row["way"] == "batch" else ():
+            a, b = row["parameters"][parameter], there[name]["parameters"][parameter]
+            assert abs(a["value"] - b["value"]) < 1e-9 * a["std"]
+            assert b["std"] == pytest.approx(a["std"], rel=1e-9)
 
 
 LATE, TIMED = {}, {"delay_s": 0.0}

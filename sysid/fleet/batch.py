@@ -1,5 +1,5 @@
 """The fit of many plates that are recorded alike: the equations of the single fit with a leading axis of
-plates P, in numpy.
+plates P.
 
 Each look at the rows is one Gram matrix of the columns of each log (`fleet.closed`). The bench's coefficients
 are complex with an isotropic prior, and are eliminated in it,
@@ -212,7 +212,7 @@ class _Going:
     def seen(self, blocks: Sequence[Block], first: bool) -> list[Seen]:
         """Each log here; at the `first` look the rotations are found."""
         rows = [b.look(self.theta, t, v) for b, t, v in zip(blocks, self.turns, self.values, strict=True)]
-        products = [gram(b.columns) for b in blocks]
+        products = [np.asarray(gram(b.columns)) for b in blocks]
         if first:
             self.turns = [_turned(b, m) for b, m in zip(blocks, products, strict=True)]
             for row, turn in zip(rows, self.turns, strict=True):  # with which only the response goes as yet

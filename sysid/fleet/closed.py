@@ -13,9 +13,11 @@ that nothing is late.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from sysid.fleet.arrays import Rows, on_rows, put, there
 from sysid.model.plant import poles, steady
 
 LOOSE = 10.0  # times the largest response: the prior of what the bench adds, as `Trial.looseness` has it
@@ -56,24 +58,20 @@ class Step:
         lateness = np.hypot(0.0 if self.timed else self.spacing, 1 / (TWO_PI * self.frequency))
         self.prior = np.stack([loose, lateness, loose, loose], axis=1)
         self.freedom = 2 * n - 2 * len(self.names) - 1
-        self.columns = np.zeros((plates, 7, n), complex)
-        self.columns[:, 4], self.columns[:, 6] = 1, self.response
-        self.columns[:, 5, self.first :] = np.sign(self.drive)[:, None]
+        columns = np.zeros((plates, 7, n), complex)
+        columns[:, 4], columns[:, 6] = 1, self.response
+        columns[:, 5, self.first :] = np.sign(self.drive)[:, None]
+        self.columns: Rows = there(columns)
 
     def noise(self) -> np.ndarray:
         """(P,) level of white noise per channel, by second differences away from the step."""
-        second = np.diff(self.response, 2, axis=1)
-        away = np.abs(np.arange(second.shape[1]) - self.row) > 2
-        return np.sqrt(np.mean(np.abs(second[:, away]) ** 2, axis=1) / 12)
+        away = np.abs(np.arange(len(self.time) - 2) - self.row) > 2
+        return np.sqrt(np.asarray(_scatter(self.columns, np.flatnonzero(away), order=2)) / 12)
 
     def start(self) -> np.ndarray:
         """(P, 3) log G, log tau, f0 from the data: behind the step y(t) - y(0) = p int y + c t + d, p the
         slow pole, linear in p, c and d."""
-        y = self.response[:, self.first :] - np.mean(self.response[:, : self.first], axis=1, keepdims=True)
-        step = np.diff(self.since, prepend=self.since[0])
-        area = np.cumsum(0.5 * step * (y + np.concatenate([y[:, :1], y[:, :-1]], axis=1)), axis=1)
-        shapes = np.stack([area, np.broadcast_to(self.since, y.shape) + 0j, np.ones_like(y)], axis=1)
-        found = _least_squares(shapes, y)
+        found = np.asarray(_decaying(self.columns, self.since, first=self.first))
         pole = found[:, 0]
         falls = pole.real < 0
         tau = np.where(falls, -1 / np.where(falls, pole.real, 1.0), 0.25 * self.since[-1])
@@ -89,38 +87,16 @@ class Step:
         tau, omega = np.exp(theta[:, 1]), TWO_PI * self.frequency
         s = poles(tau, TWO_PI * (theta[:, 2] - self.frequency), omega, xp=np)
         p, push = s.slow, np.exp(theta[:, 0]) * self.drive * s.gain
-        grown, before = self._powers(p)
-        c, k, target = self.columns, self.first, (push / p)[:, None]
-        c[:, 2, :k] = before
-        np.multiply(grown, np.exp(p * self.elapsed[self.row])[:, None], out=c[:, 2, k:])
-        rate = np.multiply(push[:, None], grown, out=c[:, 3, k:])
-        slow = target * grown - target
-        np.add(slow, (push / s.fast)[:, None], out=c[:, 0, k:])
-        start, late = value[:, 0] / turn, value[:, 1] / turn
-        by_pole = c[:, 1, k:]  # of forced + start free + late rate
-        np.multiply(rate, (1 / p + late)[:, None], out=by_pole)
-        by_pole *= self.since
-        by_pole -= slow / p[:, None]
-        c[:, 1, :k] = 0
-        c[:, 1] += start[:, None] * self.elapsed * c[:, 2]
+        numbers = np.stack([p, push, push / s.fast, value[:, 0] / turn, value[:, 1] / turn])
+        self.columns = _driven(
+            self.columns, numbers, self.elapsed, self.since, self.spacing, row=self.row, even=self.even
+        )
         rows = np.zeros((len(p), 5, 7), complex)
         rows[:, 0, 0], rows[:, 0, 3] = turn, value[:, 1]
         rows[:, 1, 1], rows[:, 1, 0], rows[:, 1, 3] = turn / tau, -turn, -value[:, 1]
         rows[:, 2, 1], rows[:, 3, 0] = TWO_PI * 1j * turn, 1j * turn
         rows[:, 4, 6], rows[:, 4, 0] = 1, -turn
         return rows
-
-    def _powers(self, pole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """exp(p t) since the drive acts, (P, n - k), and from the first row to it, (P, k). On an even grid
-        products of a coarse and a fine one."""
-        if not self.even:
-            return np.exp(pole[:, None] * self.since), np.exp(pole[:, None] * self.elapsed[: self.first])
-        n = max(len(self.since), self.first)
-        fine = int(np.ceil(np.sqrt(n)))
-        near = np.exp(pole[:, None] * (self.spacing * np.arange(fine)))
-        far = np.exp(pole[:, None] * (self.spacing * fine * np.arange(-(-n // fine))))
-        every = (far[:, :, None] * near[:, None]).reshape(len(pole), -1)
-        return every[:, : len(self.since)] * near[:, 1:2], every[:, : self.first]
 
 
 @dataclass(eq=False)
@@ -147,45 +123,30 @@ class Sweep:
         self.prior = np.repeat(LOOSE * self.scale[:, None], 2, axis=1)
         self.freedom = 2 * n - 2 * len(self.names) - 1
         sign = np.sign(self.drive)[:, None]
-        self.columns = np.zeros((plates, 6, n), complex)
-        self.columns[:, 3], self.columns[:, 4] = sign, sign * away / np.max(np.abs(away))
-        self.columns[:, 5] = self.response
+        columns = np.zeros((plates, 6, n), complex)
+        columns[:, 3], columns[:, 4] = sign, sign * away / np.max(np.abs(away))
+        columns[:, 5] = self.response
+        self.columns: Rows = there(columns)
 
     def noise(self) -> np.ndarray:
         """(P,) level of white noise per channel, by third differences."""
-        third = np.diff(self.response[:, self.order], 3, axis=1)
-        return np.sqrt(np.mean(np.abs(third) ** 2, axis=1) / 40)
+        return np.sqrt(np.asarray(_scatter(self.columns, self.order, order=3)) / 40)
 
     def start(self) -> np.ndarray:
         """(P, 3) log G, log tau, f0 from the data: y = (A + B u + C u^2)/(u - p) over the scaled frequency u,
         linear in p, A, B and C with the weights of the last pole."""
-        centre, half, y = np.mean(self.points), 0.5 * np.ptp(self.points), self.response
-        u = (self.points - centre) / half
-        shapes = np.stack([y, *(np.broadcast_to(u**k + 0j, y.shape) for k in range(3))], axis=1)
-        weight = np.ones((len(y), len(u)))
-        for _ in range(4):
-            pole = _least_squares(shapes * weight[:, None], u * y * weight)[:, 0]
-            weight = 1 / np.maximum(np.abs(u - pole[:, None]), 1e-3)
+        centre, half = np.mean(self.points), 0.5 * np.ptp(self.points)
+        pole = np.asarray(_peaked(self.columns, (self.points - centre) / half))
         tau = 1 / (TWO_PI * half * np.maximum(np.abs(pole.imag), 1e-6))
-        theta = np.stack([np.zeros(len(y)), np.log(tau), centre + half * pole.real], axis=1)
-        self.look(theta, np.ones(len(y), complex), np.zeros((len(y), 2)))
-        gain = _least_squares(self.columns[:, [0, 3, 4]], y)[:, 0]
+        theta = np.stack([np.zeros(len(tau)), np.log(tau), centre + half * pole.real], axis=1)
+        self.look(theta, np.ones(len(tau), complex), np.zeros((len(tau), 2)))
+        gain = np.asarray(_gain(self.columns))
         theta[:, 0] = np.log(np.maximum(np.abs(gain), 1e-300))
         return theta
 
     def look(self, theta: np.ndarray, turn: np.ndarray, value: np.ndarray) -> np.ndarray:
         """As that of `Step`; the bench's columns are the same at every plate."""
-        tau, omega = np.exp(theta[:, 1:2]), TWO_PI * self.points
-        detuning = TWO_PI * (theta[:, 2:3] - self.points)
-        c, amplitude = self.columns, (np.exp(theta[:, 0]) * self.drive)[:, None]
-        np.multiply(amplitude, steady(tau, detuning, omega, np), out=c[:, 0])
-        # h = (1 + d/omega)/(1 - j x),  x = d (2 omega + d) tau/(2 omega)
-        x = detuning * (2 * omega + detuning) / (2 * omega) * tau
-        turned = 1j / (1 - 1j * x)
-        np.multiply(c[:, 0], x * turned, out=c[:, 1])
-        np.multiply(
-            TWO_PI * c[:, 0], 1 / (omega + detuning) + turned * (1 + detuning / omega) * tau, out=c[:, 2]
-        )
+        self.columns = _settled(self.columns, theta, self.drive, self.points)
         rows = np.zeros((len(theta), 5, 6), complex)
         for k in range(3):
             rows[:, k, k] = turn
@@ -196,14 +157,111 @@ class Sweep:
 Block = Step | Sweep
 
 
-def gram(columns: np.ndarray) -> np.ndarray:
+@on_rows()
+def gram(xp: Any, columns: Rows) -> Rows:
     """(P, m, m) products of columns (P, m, n)."""
     return columns.conj() @ columns.swapaxes(1, 2)
 
 
-def _least_squares(shapes: np.ndarray, y: np.ndarray) -> np.ndarray:
+@on_rows("order")
+def _scatter(xp: Any, columns: Rows, rows: np.ndarray, *, order: int) -> Rows:
+    """(P,) mean square of differences of what was recorded: of second ones at these rows, else of third ones
+    of the rows in this order."""
+    y = columns[:, -1]
+    found = xp.diff(y, 2, axis=1)[:, rows] if order == 2 else xp.diff(y[:, rows], 3, axis=1)
+    return xp.mean(xp.abs(found) ** 2, axis=1)
+
+
+@on_rows("first")
+def _decaying(xp: Any, columns: Rows, since: np.ndarray, *, first: int) -> Rows:
+    """(P, 3) p, c and d of `Step.start`."""
+    recorded = columns[:, -1]
+    y = recorded[:, first:] - xp.mean(recorded[:, :first], axis=1, keepdims=True)
+    step = xp.concatenate([0 * since[:1], since[1:] - since[:-1]])
+    area = xp.cumsum(0.5 * step * (y + xp.concatenate([y[:, :1], y[:, :-1]], axis=1)), axis=1)
+    shapes = xp.stack([area, xp.broadcast_to(since, y.shape) + 0j, xp.ones_like(y)], axis=1)
+    return _least_squares(xp, shapes, y)
+
+
+@on_rows("row", "even")
+def _driven(
+    xp: Any,
+    columns: Rows,
+    numbers: np.ndarray,
+    elapsed: np.ndarray,
+    since: np.ndarray,
+    spacing: float,
+    *,
+    row: int,
+    even: bool,
+) -> Rows:
+    """The columns of a step; `numbers` (5, P): the slow pole, what pushes it, what the fast one settles at,
+    start and lateness in the plate's frame."""
+    p, push, fast, start, late = numbers
+    k = row + 1
+    grown, before = _powers(xp, p, elapsed[:k], since, spacing, even)
+    target = (push / p)[:, None]
+    columns = put(columns, np.s_[:, 2, :k], before)
+    columns = put(columns, np.s_[:, 2, k:], grown * xp.exp(p * elapsed[row])[:, None])
+    rate, slow = push[:, None] * grown, target * grown - target
+    columns = put(columns, np.s_[:, 3, k:], rate)
+    columns = put(columns, np.s_[:, 0, k:], slow + fast[:, None])
+    by_pole = rate * (1 / p + late)[:, None] * since - slow / p[:, None]  # of forced + late rate
+    begun = start[:, None] * elapsed * columns[:, 2]
+    return put(put(columns, np.s_[:, 1, :k], begun[:, :k]), np.s_[:, 1, k:], by_pole + begun[:, k:])
+
+
+def _powers(
+    xp: Any, pole: Rows, elapsed: np.ndarray, since: np.ndarray, spacing: float, even: bool
+) -> tuple[Rows, Rows]:
+    """exp(p t) since the drive acts, (P, n - k), and from the first row to it, (P, k). On an even grid
+    products of a coarse and a fine one."""
+    if not even:
+        return xp.exp(pole[:, None] * since), xp.exp(pole[:, None] * elapsed)
+    n = max(len(since), len(elapsed))
+    fine = int(np.ceil(np.sqrt(n)))
+    near = xp.exp(pole[:, None] * (spacing * np.arange(fine)))
+    far = xp.exp(pole[:, None] * (spacing * fine * np.arange(-(-n // fine))))
+    every = (far[:, :, None] * near[:, None]).reshape(len(pole), -1)
+    return every[:, : len(since)] * near[:, 1:2], every[:, : len(elapsed)]
+
+
+@on_rows()
+def _peaked(xp: Any, columns: Rows, u: np.ndarray) -> Rows:
+    """(P,) the pole of `Sweep.start` over the scaled frequency."""
+    y = columns[:, -1]
+    shapes = xp.stack([y, *(xp.broadcast_to(u**k + 0j, y.shape) for k in range(3))], axis=1)
+    weight, pole = xp.ones(y.shape), y[:, 0]
+    for _ in range(4):
+        pole = _least_squares(xp, shapes * weight[:, None], u * y * weight)[:, 0]
+        weight = 1 / xp.maximum(xp.abs(u - pole[:, None]), 1e-3)
+    return pole
+
+
+@on_rows()
+def _gain(xp: Any, columns: Rows) -> Rows:
+    """(P,) by how much the response of a sweep exceeds its column, beside what the bench adds."""
+    return _least_squares(xp, columns[:, np.array([0, 3, 4])], columns[:, -1])[:, 0]
+
+
+@on_rows()
+def _settled(xp: Any, columns: Rows, theta: np.ndarray, drive: np.ndarray, points: np.ndarray) -> Rows:
+    """The columns of a sweep at theta (P, 3)."""
+    tau, omega = xp.exp(theta[:, 1:2]), TWO_PI * points
+    detuning = TWO_PI * (theta[:, 2:3] - points)
+    amplitude = (xp.exp(theta[:, 0]) * drive)[:, None]
+    forced = amplitude * steady(tau, detuning, omega, xp)
+    # h = (1 + d/omega)/(1 - j x),  x = d (2 omega + d) tau/(2 omega)
+    x = detuning * (2 * omega + detuning) / (2 * omega) * tau
+    turned = 1j / (1 - 1j * x)
+    by_f0 = TWO_PI * forced * (1 / (omega + detuning) + turned * (1 + detuning / omega) * tau)
+    columns = put(columns, np.s_[:, 0], forced)
+    return put(put(columns, np.s_[:, 1], forced * (x * turned)), np.s_[:, 2], by_f0)
+
+
+def _least_squares(xp: Any, shapes: Rows, y: Rows) -> Rows:
     """(P, K) coefficients of shapes (P, K, n) in y (P, n), columns scaled to unit size."""
-    size = np.maximum(np.linalg.norm(shapes, axis=2), 1e-300)
+    size = xp.maximum(xp.linalg.norm(shapes, axis=2), 1e-300)
     unit = shapes / size[:, :, None]
-    found = np.linalg.solve(gram(unit) + REGULAR * np.eye(unit.shape[1]), unit.conj() @ y[:, :, None])
-    return found[:, :, 0] / size
+    products = unit.conj() @ unit.swapaxes(1, 2) + REGULAR * xp.eye(unit.shape[1])
+    return xp.linalg.solve(products, unit.conj() @ y[:, :, None])[:, :, 0] / size

@@ -38,11 +38,12 @@ else:  # where libraries do not survive a fork
 LARGEST = 250  # plates in a batch, a part of the table each
 EACH = 8  # batches of a worker, so that all end at about the same time
 FITS = 8  # plates that are fitted one by one, in a batch: takes about as long as loading what fits them
-THREADS = (
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-)  # of matrices too small for more than one
+# read as a process loads its libraries: one thread for matrices too small for more, and of an accelerator,
+# which they share, no more memory than is needed
+SURROUNDINGS = {
+    **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    "XLA_PYTHON_CLIENT_PREALLOCATE": "false",
+}
 LOADED = ("sysid.fleet.told", "sysid.fleet.differ", "sysid.fitting", "sysid.posterior.posterior")
 TRIES = 3  # to begin processes, which something may kill
 GONE = 0.5  # s that a server takes to go once it was killed, before which no other begins; more at each try
@@ -227,8 +228,8 @@ class _Anew(Context):
 def _pool(jobs: int, where: str) -> Iterator[Executor]:
     """A pool whose processes begin, with one thread each for matrices; they end with the block, or with this
     process. Raises EngineError where they do not begin."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))  # read as a process loads its libraries
+    before = {name: os.environ.get(name) for name in SURROUNDINGS}
+    os.environ.update(SURROUNDINGS)
     context, pools = _Anew(), list[Executor]()
     try:
         while not (pools and _answers(pools[-1], jobs)):

@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from sysid.logs.log import Log
     from sysid.verdict.differing import Said
 
-MOST, NUMBERS = (
-    64,
-    30_000,
-)  # plates at once, and rows of all of them: their columns stay in a processor's cache
 LEAST_ROWS = 40  # of a log, of which its noise can be told
 Plate = tuple[Group, "list[Log]"]
 
@@ -83,7 +79,9 @@ def rows_together(
 
 def together(logs: "Sequence[Log]") -> int:
     """How many plates with such logs are fitted at once."""
-    return max(min(MOST, NUMBERS // max(map(len, logs))), 1)
+    from sysid.fleet.arrays import here
+
+    return max(min(here().plates, here().rows // max(map(len, logs))), 1)
 
 
 def _closed(settings: Settings) -> str:
@@ -185,7 +183,7 @@ def _rows(
         if not half:
             passed(replace(plates[0][0], alone="its rows tell nothing"))
         return
-    why = seen.why
+    why = seen.why[: len(plates)]
     left = [
         f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
     ]
@@ -202,10 +200,12 @@ def _judged(
 ) -> "tuple[Batch, list[np.ndarray], Screened, list[list[Said]]]":
     """The fits of plates of one layout; what each leaves of its logs, and whether it goes to `sysid.fit`; and
     what is said of logs that differ."""
+    from sysid.fleet.arrays import padded
     from sysid.fleet.delayed import spanned
     from sysid.fleet.differ import dispersion, widened
     from sysid.fleet.screen import residual, screened, vague
 
+    plates = padded(plates)
     with np.errstate(all="ignore"):
         batch = fit_together(plates)
         lefts = [residual(log, batch.step) for log in batch.logs]

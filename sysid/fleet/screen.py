@@ -3,22 +3,23 @@ the single fit looks for beside its model.
 
 The noise is tried by score tests of one number each against what the single fit would take it for (colour,
 outliers, levels that differ between the channels, noise that goes with the response or with its rate, noise
-of the phase); a plate is passed on from `WORTH` of the single fit on, and the logarithm of the number of
-these tests, where the single fit's own estimate agrees. The rest is tried with `fleet.template`.
+of the phase); where one is worth `WORTH` the single fit's own estimate decides. Colour and noise of the phase
+are held to a little more. The rest is tried with `fleet.template`.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.fleet.arrays import Rows, on_rows, one, there
 from sysid.fleet.batch import Batch, Reduced, both
 from sysid.fleet.closed import Block, Step
 from sysid.fleet.delayed import shares
 from sysid.fleet.template import PHASES, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
-from sysid.trials.noise import WORTH, apart, estimate, proportional, scatter_of_stamps, tails
+from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
 from sysid.verdict.coincidence import SEEN
 from sysid.verdict.finding import Finding
@@ -37,66 +38,89 @@ COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
     "time stamps that scatter",
     "noise of the phase",
 )
+# in log-likelihood, where chance would make more of it than of others: colour is one of half a dozen kinds,
+# and the two numbers of a phase's noise are looked for only as a fit ends
+LEAST = {COLOUR: WORTH + np.log(6), PHASE: ODD}
 
 
 def residual(log: Reduced, step: np.ndarray) -> np.ndarray:
     """(P, n) of one log, in units of its noise."""
     along = log.along(step)
     along[:, log.block.bench] -= log.values(step)
-    return (along[:, None] @ log.block.columns)[:, 0] / log.noise(step, log.values(step))[:, None]
+    return np.asarray(_left(log.block.columns, along, log.noise(step, log.values(step))))
 
 
-def noise(block: Block, left: np.ndarray) -> dict[str, np.ndarray]:
-    """What each other kind of noise is worth in log-likelihood, (P,), by residuals (P, n) in the order of the
-    rows."""
+@on_rows()
+def _left(xp: Any, columns: Rows, along: np.ndarray, std: np.ndarray) -> Rows:
+    return (along[:, None] @ columns)[:, 0] / std[:, None]
+
+
+def noise(block: Block, turn: np.ndarray, left: np.ndarray) -> dict[str, np.ndarray]:
+    """What each other kind of noise is worth in log-likelihood, (P,), by residuals (P, n) with the rotation
+    `turn` (P,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = _worth(block.columns, left, block.order, turn, moving=not block.swept)
+    kinds = (COLOUR, TAILS, APART, SHARE, *(() if block.swept else (STAMPS,)), PHASE)
+    return dict(zip(kinds, map(np.asarray, found), strict=True))
+
+
+@on_rows("moving")
+def _worth(xp: Any, columns: Rows, left: np.ndarray, order: np.ndarray, turn: np.ndarray, *, moving: bool):
+    """(P,) of each kind, the residual's rows taken in this `order`; of a response that is `moving`, by its
+    rate as well."""
+    across = phase_noise(xp, columns[:, 0] * turn[:, None], left)
+    left, model = left[:, order], columns[:, 0][:, order]
     n, square = left.shape[1], left.real**2 + left.imag**2
     total = square.sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = [np.sum((left[:, k:] * left[:, :-k].conj()).real, axis=1) / total for k in (1, 2)]
-        found = {COLOUR: n * np.maximum(np.max(share, axis=0), 0.0) ** 2}
-        kurtosis = (np.mean(square**2, axis=1) / (total / n) ** 2 - 2) * np.sqrt(n) / 2
-        rare = np.max(square, axis=1) * n / total - np.log(n)
-        found[TAILS] = np.maximum(0.5 * np.maximum(kurtosis, 0.0) ** 2, rare)
-        d, q = np.sum(left.real**2, axis=1), np.sum(left.imag**2, axis=1)
-        found[APART] = n * np.log(total / (2 * np.sqrt(d * q)))
-        relative = square * (n / total)[:, None] - 1
-        model = block.columns[:, 0, block.order]
-        found[SHARE] = _rising(model.real**2 + model.imag**2, relative)
-        if isinstance(block, Step):
-            rate = block.columns[:, 3]
-            found[STAMPS] = _rising(rate.real**2 + rate.imag**2, relative)
-    return found
+    share = [xp.sum((left[:, k:] * left[:, :-k].conj()).real, axis=1) / total for k in (1, 2)]
+    colour = n * xp.maximum(xp.maximum(*share), 0.0) ** 2
+    kurtosis = (xp.mean(square**2, axis=1) / (total / n) ** 2 - 2) * np.sqrt(n) / 2
+    rare = xp.max(square, axis=1) * n / total - np.log(n)
+    outliers = xp.maximum(0.5 * xp.maximum(kurtosis, 0.0) ** 2, rare)
+    d, q = xp.sum(left.real**2, axis=1), xp.sum(left.imag**2, axis=1)
+    differ = n * xp.log(total / (2 * xp.sqrt(d * q)))
+    relative = square * (n / total)[:, None] - 1
+    found = [colour, outliers, differ, _rising(xp, model, relative)]
+    return [*found, *([_rising(xp, columns[:, 3], relative)] if moving else ()), across]
 
 
-def _rising(weight: np.ndarray, relative: np.ndarray) -> np.ndarray:
-    """(P,) worth of a power that rises with a weight (P, n)."""
-    weight = weight - np.mean(weight, axis=1, keepdims=True)
-    score = np.sum(weight * relative, axis=1) / np.sqrt(np.sum(weight**2, axis=1))
-    return 0.5 * np.maximum(score, 0.0) ** 2
+def _rising(xp: Any, size: Rows, relative: Rows) -> Rows:
+    """(P,) worth of a power that rises with the square of a size (P, n)."""
+    weight = size.real**2 + size.imag**2
+    weight = weight - xp.mean(weight, axis=1, keepdims=True)
+    score = xp.sum(weight * relative, axis=1) / xp.sqrt(xp.sum(weight**2, axis=1))
+    return 0.5 * xp.maximum(score, 0.0) ** 2
 
 
-def phase_noise(model: np.ndarray, left: np.ndarray) -> np.ndarray:
+def phase_noise(xp: Any, model: Rows, left: Rows) -> Rows:
     """(P,) worth of noise across the response in proportion to it, alone or in neighbours, over that along
     it."""
     turned = left * model.conj()
     across, along = turned.imag, turned.real
-    worth = np.zeros(len(left))
+    worth = xp.zeros(len(left))
     for power in (across**2 - along**2, across[:, 1:] * across[:, :-1] - along[:, 1:] * along[:, :-1]):
-        score = power.sum(axis=1) / np.sqrt(np.maximum(np.sum(power**2, axis=1), 1e-300))
-        worth = np.maximum(worth, 0.5 * np.maximum(score, 0.0) ** 2)
+        score = power.sum(axis=1) / xp.sqrt(xp.maximum(xp.sum(power**2, axis=1), 1e-300))
+        worth = xp.maximum(worth, 0.5 * xp.maximum(score, 0.0) ** 2)
     return worth
 
 
-def _recorded(block: Block) -> np.ndarray:
+@on_rows()
+def _recorded(xp: Any, columns: Rows, scale: np.ndarray) -> Rows:
     """(P,) whether rows repeat the row before, share the largest or smallest value of a channel, or are
-    recorded in steps."""
-    y = block.response
-    found = np.any(y[:, 1:] == y[:, :-1], axis=1)
+    recorded in steps; `scale` (P,): the largest response."""
+    y = columns[:, -1]
+    found = xp.any(y[:, 1:] == y[:, :-1], axis=1)
     for channel in (y.real, y.imag):
-        ordered = np.sort(channel, axis=1)
-        same = ordered[:, 1:] - ordered[:, :-1] <= block.scale[:, None] * 10.0**-DIGITS
-        found |= same[:, 0] | same[:, -1] | (np.mean(same, axis=1) > 1 - REPEATED)
+        ordered = xp.sort(channel, axis=1)
+        same = ordered[:, 1:] - ordered[:, :-1] <= scale[:, None] * 10.0**-DIGITS
+        found = found | same[:, 0] | same[:, -1] | (xp.mean(same, axis=1) > 1 - REPEATED)
     return found
+
+
+@on_rows()
+def _largest(xp: Any, columns: Rows) -> Rows:
+    """(P,) the largest of the modelled response."""
+    return xp.max(xp.abs(columns[:, 0]), axis=1)
 
 
 def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
@@ -110,11 +134,12 @@ def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
     if kind == APART:
         return apart(left, np.ones(len(left))) != 1
     if kind == SHARE:
-        size = np.abs(block.columns[p, 0, order]) / block.scale[p]
+        size = np.abs(np.asarray(one(block.columns, p))[0, order]) / block.scale[p]
         return proportional(left[order], size, np.ones(len(left)), False) > 0
     if kind == STAMPS and isinstance(block, Step):
         told = block.first + BEGINS - 1
-        return scatter_of_stamps(left[told:], block.columns[p, 3, told:], block.spacing) > 0
+        rate = np.asarray(one(block.columns, p))[3, told:]
+        return scatter_of_stamps(left[told:], rate, block.spacing) > 0
     return True
 
 
@@ -163,12 +188,10 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
     )
     phases = []
     for log, turn, left in zip(batch.logs, batch.turns, lefts, strict=True):
-        say(_recorded(log.block), "rows that repeat, or are recorded in steps")
-        kinds = noise(log.block, left[:, log.block.order]) | {
-            PHASE: phase_noise(log.block.columns[:, 0] * turn[:, None], left)
-        }
-        for kind, worth in kinds.items():
-            some = ~(worth < WORTH + np.log(len(kinds)))
+        recorded = np.asarray(_recorded(log.block.columns, log.block.scale))
+        say(recorded, "rows that repeat, or are recorded in steps")
+        for kind, worth in noise(log.block, turn, left).items():
+            some = ~(worth < LEAST.get(kind, WORTH))
             for p in np.flatnonzero(some):
                 some[p] = not np.isfinite(worth[p]) or _confirmed(kind, log.block, int(p), left[p])
             say(some, kind)
@@ -192,14 +215,13 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
             why[here] = template.refused
             continue
         if rows is None:
-            rows = np.concatenate(
-                [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)], axis=1
-            )
+            each = [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)]
+            rows = there(np.concatenate(each, axis=1))
         second = np.max(np.abs(template.second), axis=(0, 1))
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        numbers = template.numbers(rows[here])
+        numbers = template.numbers(rows, here)
         for p, name in zip(here, template.found(numbers, phases[here]), strict=True):
             why[p] = why[p] or name
         quiet = why[here] == ""
@@ -265,7 +287,7 @@ def cancelling(batch: Batch, log: Reduced, turn: np.ndarray) -> tuple[np.ndarray
     seen = np.abs(first.real) >= SEEN * log.error(form, held)
     late = (turn.conj() * values[:, 1]).real / log.prior[:, 1]
     worth = 2 * np.log(np.abs(first) / error) - 0.5 * np.abs(left / error) ** 2 + 0.5 * late**2
-    largest = np.max(np.abs(log.block.columns[:, 0]), axis=1)
+    largest = np.asarray(_largest(log.block.columns))
     return np.where(seen, 1 + first.real / largest, 1.0), np.where(seen, worth, -np.inf)
 
 

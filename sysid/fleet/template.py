@@ -10,6 +10,8 @@ a cell finds nearly as much as the plate's own.
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from sysid import reading
 from sysid.effects.effect import About
 from sysid.effects.registry import ADOPTED, EVERY
 from sysid.effects.sensor import SATURATIONS
+from sysid.fleet.arrays import Rows, on_rows, one, padding, there
 from sysid.fleet.closed import Block
 from sysid.logs.log import Log
 from sysid.minimum.minimise import DOUBTFUL, State
@@ -25,7 +28,7 @@ from sysid.model.prior import NAMES
 from sysid.model.span import inverted
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
-from sysid.verdict.averaged import Allowed, allowed, likely, shows, widest
+from sysid.verdict.averaged import Allowed, Together, allowed, shows, widest
 from sysid.verdict.coincidence import tightened
 from sysid.verdict.finding import Finding
 from sysid.verdict.firstorder import of_effects
@@ -51,12 +54,6 @@ class Trying:
     chance: float
     phase: tuple[int, int] | None = None
     allowed: Allowed | None = None
-
-    def here(self, phases: np.ndarray) -> np.ndarray:
-        """(P,) whether it is one for plates of such rotations (P, logs)."""
-        if self.phase is None:
-            return np.ones(len(phases), bool)
-        return phases[:, self.phase[0]] == self.phase[1]
 
     def light(self, before: Mapping[tuple[str, int | None], float]) -> "Trying":
         """Without the arrays over the rows, which the template has side by side. `before`: how likely what
@@ -95,7 +92,7 @@ class Template:
         models = []
         for block in blocks:
             block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
-            models.append(block.columns[0, 0].copy())
+            models.append(np.array(one(block.columns, 0)[0]))
         rng = np.random.default_rng(0)
         simulated = [
             replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
@@ -152,21 +149,23 @@ class Template:
             views=tuple(views),
         )
 
-    def numbers(self, rows: np.ndarray) -> np.ndarray:
-        """(P, q) of all tests side by side, by residuals (P, R) in the plate's frame, with those of the
-        priors."""
-        return rows @ self.weights
+    def numbers(self, rows: Rows, which: np.ndarray) -> np.ndarray:
+        """(p, q) of all tests side by side, of these plates (p,), by the residuals (P, R) of all in the
+        plate's frame, with those of the priors."""
+        some = np.pad(which, (0, padding(len(which))), mode="edge")
+        return np.asarray(_products(rows, some, self._weights))[: len(which)]
+
+    @cached_property
+    def _weights(self) -> Rows:
+        return there(self.weights)
 
     def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[str]:
         """The name of what each plate's logs hold beside the model, or that would move its parameters far if
         they do, with the thresholds of `misfits`; "" where that is nothing. `numbers` (P, q) of all tests;
         `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
-        chance = np.array([x.chance for x in self.tried])
-        for k, x in enumerate(self.tried):
-            worth[:, k] *= x.here(phases)
         found = [""] * len(numbers)
-        for p, k in zip(*np.nonzero(worth > chance + PERHAPS), strict=True):
+        for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
             certain = worth[p, k] >= x.chance + ENOUGH
             if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
@@ -178,17 +177,45 @@ class Template:
     def averaged(self, numbers: np.ndarray, phases: np.ndarray) -> tuple[np.ndarray, list[Finding | None]]:
         """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
         what is said of it (`verdict.averaged`)."""
-        each = [(x.allowed, k) for k, x in enumerate(self.tried) if x.allowed is not None]
-        own = [self._own(numbers, k) * self.tried[k].here(phases)[:, None] for _, k in each]
-        share = likely([x for x, _ in each], own)
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
+        if self._spanned is None:
+            return spans, said
+        which, at, each = self._spanned
+        own = numbers[:, at] * self._here(phases)[:, which]
+        share = each.likely(own)
         for p in np.flatnonzero(share.any(axis=0)).tolist():
-            some = [(each[k][0], own[k][p], float(share[k, p])) for k in np.flatnonzero(share[:, p])]
+            here = np.flatnonzero(share[:, p]).tolist()
+            some = [(each.each[k], each.own(own[p], k), float(share[k, p])) for k in here]
             spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
             hint = widest(some, FREE, self.views)
             said[p] = hint and hint.told(True)
         return spans, said
+
+    @cached_property
+    def _chance(self) -> np.ndarray:
+        """(K,) what each test is worth by chance."""
+        return np.array([x.chance for x in self.tried])
+
+    @cached_property
+    def _phases(self) -> np.ndarray:
+        """(K, 2) of each test the log and the place of its `phase`, -1 where it is for all."""
+        return np.array([x.phase or (-1, -1) for x in self.tried])
+
+    def _here(self, phases: np.ndarray) -> np.ndarray:
+        """(P, K) whether each test is one for plates of such rotations (P, logs)."""
+        log, place = self._phases.T
+        return (place < 0) | (phases[:, log] == place)
+
+    @cached_property
+    def _spanned(self) -> tuple[np.ndarray, np.ndarray, Together] | None:
+        """What errors span: of each of its numbers which test it is of, and where it stands."""
+        tests = [k for k, x in enumerate(self.tried) if x.allowed is not None]
+        if not tests:
+            return None
+        sizes = [self.tried[k].scored.values.shape[1] for k in tests]
+        at = np.concatenate([self.begins[k] + np.arange(n) for k, n in zip(tests, sizes, strict=True)])
+        return np.repeat(tests, sizes), at, Together.of([a for k in tests if (a := self.tried[k].allowed)])
 
     def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(P, r) those of the k-th test."""
@@ -202,6 +229,11 @@ class Template:
                 replace(t, log=replace(t.log, temperature=np.full(len(t.log), temperature))) for t in trials
             ]
         return identify.why(name, trials, 1.0, FREE, 1)
+
+
+@on_rows()
+def _products(xp: Any, rows: Rows, which: np.ndarray, weights: Rows) -> Rows:
+    return rows[which] @ weights
 
 
 def _state(theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], reference) -> State:

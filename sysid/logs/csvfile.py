@@ -6,10 +6,10 @@ line and the column.
 
 import itertools
 import math
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from sysid.logs import layout, units
@@ -74,7 +74,7 @@ class Head:
 
 def called(path: str) -> str:
     """A file's name without its folder, on one line."""
-    return Path(path).name.replace("\n", " ")
+    return os.path.basename(path).replace("\n", " ")
 
 
 def read_head(path: str, dialect: Dialect) -> Head:

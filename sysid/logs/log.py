@@ -11,6 +11,7 @@ A log is a table with a header whose names end in their units; lines `# key: val
 """
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -88,6 +89,15 @@ class Log(Shown):
                 f"{self.path or self.name}: found a transient log without time, expected a column such as"
                 f" time_s"
             )
+
+    def again(self, response: np.ndarray, **told: Any) -> "Log":
+        """The same inputs with another response, a complex one of as many rows, and what is `told` of it.
+        Raises LogError for a response that is none."""
+        new = copy(self)
+        for name, value in told.items():
+            object.__setattr__(new, name, value)
+        object.__setattr__(new, "response", new._own("response", response))
+        return new
 
     def _own(self, name: str, values: Any) -> np.ndarray:
         array = np.asarray(values)

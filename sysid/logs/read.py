@@ -165,10 +165,9 @@ def with_response(
     }
     response, unit = _response(head, plan, arrays, log.frequency, (log.drive, log.drive_unit))
     response.flags.writeable = False
-    return dataclasses.replace(
-        log,
+    return log.again(
+        response,
         name=called(path),
-        response=response,
         response_unit=unit,
         metadata=metadata,
         path=path,

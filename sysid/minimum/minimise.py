@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt
 from sysid.minimum.images import images
-from sysid.minimum.search import Search
+from sysid.minimum.search import SEARCH_ROWS, Search
 from sysid.minimum.start import joint, local
 from sysid.model.experiment import Groups, Residual
 from sysid.model.plant import LOW_Q, Plant
@@ -19,7 +19,7 @@ from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
-from sysid.trials.trial import Trial, numbers_taken, with_noise
+from sysid.trials.trial import Trial, freedom, numbers_taken, with_noise
 
 log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
@@ -98,6 +98,13 @@ def shares(states: Sequence[State]) -> np.ndarray:
     return weight / weight.sum()
 
 
+def hopeful(state: State, best: State) -> bool:
+    """Whether a minimum by a first estimate of the noise is not far above the best, but for what it may gain
+    if the noise turns out to be coloured."""
+    searched = sum(min(freedom(t), 2 * SEARCH_ROWS) for t in best.trials)
+    return state.cost <= best.cost + 10 * MODES + 0.05 * searched
+
+
 @dataclass(frozen=True)
 class Minimiser:
     """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are
@@ -109,6 +116,10 @@ class Minimiser:
 
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""
+        return self.distinct(self.roughly(trials, start))
+
+    def roughly(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
+        """What those starting points lead to, the best first, by a first estimate of the noise."""
         self._prepare(trials)
         log.info("where to start")
         search = Search(trials, (self._frequency, self.reference[1]))
@@ -131,10 +142,7 @@ class Minimiser:
                 found.append(self.refine(trials, theta, rounds))
         found.sort(key=lambda s: s.cost)
         found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
-        # One far above the best is left out, but for what it may gain if the noise turns out to be coloured.
-        return self._distinct(
-            [s for s in found if s.cost <= found[0].cost + 10 * MODES + 0.05 * search.freedom.sum()]
-        )
+        return [s for s in found if hopeful(s, found[0])]
 
     def imaged(self, states: Sequence[State]) -> list[State]:
         """The minima and the images of the best of them, the best first, as far as they count as modes: for
@@ -143,7 +151,7 @@ class Minimiser:
         log.info("mirror images of the minimum")
         best = sorted(states, key=lambda s: s.cost)
         more = self._images(best, 30)
-        return self._distinct([*best, *more]) if more else [s for s in best if s.cost <= best[0].cost + MODES]
+        return self.distinct([*best, *more]) if more else [s for s in best if s.cost <= best[0].cost + MODES]
 
     def _images(self, found: Sequence[State], rounds: int) -> list[State]:
         """Mirror images of the best minimum that are not among `found`."""
@@ -292,7 +300,7 @@ class Minimiser:
         points, score = joint(search, best, cost, "k_T" in self.free)
         return *_spread(points, score), cost
 
-    def _distinct(self, found: Sequence[State]) -> list[State]:
+    def distinct(self, found: Sequence[State]) -> list[State]:
         """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
         for first in found:

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg.lapack import dpttrf, dpttrs
 
 from sysid.model.span import orthonormal, times
-from sysid.trials.noise import ALIKE, ROUNDING, WORTH, forgotten
+from sysid.trials.noise import ALIKE, ODD, ROUNDING, forgotten
 from sysid.trials.perturbed import Course
 from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
@@ -73,7 +73,7 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
     cost = cost + volume
     plain = _plain(trial, rows / towards) + 2 * float(np.sum(np.log(weight)))
     best = int(np.argmin(cost))
-    if plain - cost[best] < WORTH + TWO:
+    if plain - cost[best] < ODD + TWO:
         return None
     level = power * float(scale[best])
     chance = np.exp(cost[best] - cost)

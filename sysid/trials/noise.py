@@ -24,7 +24,11 @@ from scipy.special import gammaln
 from sysid.model.span import orthonormal
 
 Design = Callable[[], np.ndarray]
-WORTH = 4.0  # log-likelihood that colour or tails must gain over white normal noise: less may be chance
+WORTH = 4.0  # log-likelihood that colour must gain over white noise: less may be chance
+# the same of every other kind, of which a log is tried for half a dozen: odds of a thousand to one. White
+# noise in their place costs some information and leaves errors nearly what they are; in that of colour it
+# makes them small
+ODD = 6.9
 TIMES = 24  # number of correlation times, and of scatters of stamps, that are tried
 # of the longest step between rows: closer ones are alike, as stamps of a steady clock have few digits
 ALIKE_STEPS = 1e-6
@@ -203,7 +207,7 @@ def _likeliest(square: np.ndarray, channels: int) -> tuple[float, np.ndarray, fl
         return normal, np.ones(n), None
     costs, weights = _student(square, TAILS[:, None], channels)
     best = int(np.argmin(costs))
-    if costs[best] > normal - WORTH:
+    if costs[best] > normal - ODD:
         return normal, np.ones(n), None
     return costs[best], weights[best], float(TAILS[best])
 
@@ -218,7 +222,7 @@ def apart(residual: np.ndarray, weight: np.ndarray) -> float:
     if len(residual) < 20 or not (np.any(d) and np.any(q)):
         return 1.0
     gained = len(d) * np.log((np.mean(d) + np.mean(q)) / (2 * np.sqrt(np.mean(d) * np.mean(q))))
-    if gained < WORTH and np.all(weight == 1):
+    if gained < ODD and np.all(weight == 1):
         return 1.0
     alike, ratio = _likeliest(d + q, 2)[0], 1.0
     for _ in range(20):
@@ -226,7 +230,7 @@ def apart(residual: np.ndarray, weight: np.ndarray) -> float:
         cost, weight, _ = _likeliest(d + q / ratio**2, 2)
         if abs(ratio / before - 1) < 1e-3:
             break
-    worth = alike - cost - len(d) * np.log(ratio) > WORTH
+    worth = alike - cost - len(d) * np.log(ratio) > ODD
     return ratio if worth and 1 / MOST_APART < ratio < MOST_APART else 1.0
 
 
@@ -257,7 +261,7 @@ def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, know
     best = int(np.argmin(cost))
     if known:
         return float(SHARES[best])
-    if cost[0] - cost[best] < WORTH:
+    if cost[0] - cost[best] < ODD:
         return 0.0
     robust = [
         _likeliest(square / spread[k] ** 2, channels)[0] + channels * np.sum(np.log(spread[k]))
@@ -265,7 +269,7 @@ def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, know
     ]
     left = residual / spread[best]
     shared = np.sum((left[1:] * left[:-1].conj()).real) / np.sum(np.abs(left) ** 2) * np.sqrt(n * channels)
-    return float(SHARES[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
+    return float(SHARES[best]) if robust[0] - robust[1] > ODD and shared < ALONE else 0.0
 
 
 def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) -> float:
@@ -286,12 +290,12 @@ def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) ->
     spread = np.sqrt(1 + (tried[:, None] * speed) ** 2)
     cost = 0.5 * n * np.log(np.mean((along / spread) ** 2, axis=1)) + np.sum(np.log(spread), axis=1)
     best = int(np.argmin(cost))
-    if cost[0] - cost[best] < WORTH:
+    if cost[0] - cost[best] < ODD:
         return 0.0
     robust = [_likeliest((along / spread[k]) ** 2, 1)[0] + np.sum(np.log(spread[k])) for k in (0, best)]
     moved = (along / spread[best])[tried[best] * speed > 1]
     shared = np.sum(moved[1:] * moved[:-1]) / max(np.sum(moved**2), 1e-300) * np.sqrt(len(moved))
-    return float(tried[best]) if robust[0] - robust[1] > WORTH and shared < ALONE else 0.0
+    return float(tried[best]) if robust[0] - robust[1] > ODD and shared < ALONE else 0.0
 
 
 def spikes(residual: np.ndarray, clock: np.ndarray) -> np.ndarray | None:

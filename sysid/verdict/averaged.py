@@ -112,23 +112,44 @@ def allowed(tried: Sequence[tuple[Term, Scored]]) -> list[Allowed]:
     return [Allowed(t, s, 1 / (len(places) * places[t.name, t.log])) for t, s in shown]
 
 
-def likely(each: Sequence[Allowed], numbers: Sequence[np.ndarray]) -> np.ndarray:
-    """(K, P) how likely each effect is by its numbers (P, r) in logs of as many plates; 0 where the logs
-    speak against it."""
-    odds = np.zeros((len(each), len(numbers[0]) if each else 0))
-    for k, (x, own) in enumerate(zip(each, numbers, strict=True)):
-        found = x.evidence(own)
-        for p in np.flatnonzero(found > 0):
-            if x.say(own[p]) is not None:
-                odds[k, p] = x.before * np.expm1(min(found[p], MOST))
-    return odds / (1 + odds.sum(axis=0))
+class Together(NamedTuple):
+    """Effects that logs allow, their numbers side by side, each one's from `begins` on."""
+
+    each: Sequence[Allowed]
+    begins: np.ndarray
+    usual: np.ndarray  # (q,) variances
+    before: np.ndarray  # (K,) how likely each is beforehand over the chance of none
+
+    @classmethod
+    def of(cls, each: Sequence[Allowed]) -> "Together":
+        """Of these effects, at least one."""
+        usual = [x.scored.usual for x in each]
+        begins = np.cumsum([0, *map(len, usual[:-1])])
+        return cls(each, begins, np.concatenate(usual), np.array([x.before for x in each]))
+
+    def own(self, numbers: np.ndarray, k: int) -> np.ndarray:
+        """(r,) those of the k-th effect."""
+        return numbers[self.begins[k] :][: len(self.each[k].scored.usual)]
+
+    def likely(self, numbers: np.ndarray) -> np.ndarray:
+        """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
+        against it."""
+        shown = self.usual / (1 + self.usual) * numbers**2 - np.log1p(self.usual)
+        found = 0.5 * np.add.reduceat(shown, self.begins, axis=1).T
+        odds = np.zeros_like(found)
+        for k, p in zip(*np.nonzero(found > 0), strict=True):
+            if self.each[k].say(self.own(numbers[p], k)) is not None:
+                odds[k, p] = self.before[k] * np.expm1(min(found[k, p], MOST))
+        return odds / (1 + odds.sum(axis=0))
 
 
 def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
     each = allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
+    if not each:
+        return Average.none()
     numbers = [x.scored.numbers for x in each]
-    share = likely(each, [n[None] for n in numbers])
+    share = Together.of(each).likely(np.concatenate(numbers)[None])
     some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
     if not some:
         return Average.none()

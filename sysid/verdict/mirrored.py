@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.minimum.minimise import Minimiser, State
+from sysid.minimum.minimise import Minimiser, State, hopeful
 from sysid.trials.trial import Trial
 from sysid.verdict.linear import Found
 from sysid.verdict.misfit import described
@@ -25,8 +25,12 @@ def mirrored(
     """The logs, one transient or all of them, whose conjugates are described along with the others, which
     they are not themselves, and better than by anything that is `likely`; else None."""
     least, found = max([SURE, *(f.worth for f in likely)]), None
+    alike = minimiser.refine(tuple(trials), together.theta, 1)
     for turned in _tried(trials):
-        there = minimiser.minima(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))[0]
+        first = minimiser.roughly(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))
+        if not hopeful(first[0], alike):
+            continue
+        there = minimiser.distinct(first)[0]
         if (worth := together.cost - there.cost) > least and described(minimiser, there):
             names = ", ".join(trials[i].log.name for i in turned)
             said = (
