@@ -140,7 +140,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
-        return Judged(wrong, doubts, found, True, looked)
+        return Judged(wrong, doubts, found, not turned.mostly, looked)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
     gain = (
         likely[0].log if between and likely[0].name == "gain" else None
@@ -244,7 +244,7 @@ def _spoilt(trial: Trial, fingered: bool) -> str | None:
 
 def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:
     logs = () if found.log is None else (state.trials[found.log].log.name,)
-    return Finding(found.name, outcome, sentence, logs, found.numbers, found.worth, found.moves)
+    return Finding(found.name, outcome, sentence, logs, found.numbers, found.worth, found.moves, found.mostly)
 
 
 def _unharmed(found: Found) -> str:

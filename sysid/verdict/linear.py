@@ -42,6 +42,7 @@ class Found:
     certain: bool = True
     explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
     numbers: dict[str, Number] = field(default_factory=dict)  # in units of the bench
+    mostly: bool = False  # it is most of its logs, and nothing is told of them
 
     @property
     def farthest(self) -> str:

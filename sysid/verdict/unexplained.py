@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import State
 from sysid.model.span import times
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import joined, whitened
 from sysid.verdict.identify import seconds
-from sysid.verdict.wording import SAY_SO, stamps_shared
+from sysid.verdict.wording import stamps_shared
 
 # standard deviations of G, tau or f0: of what is left, no more than half would have been taken for one of
 # them
@@ -91,8 +90,6 @@ def least_that_matters(state: State) -> float:
 
 
 def _why(trial: Trial) -> str:
-    if trial.swept and not trial.log.amplitude_only and not phase_falls(trial):
-        return f"the phase rises through the resonance; if d and q are not swapped, {SAY_SO}"
     if not trial.steady and stamps_shared(trial) > SHARED * len(trial.whole or trial.log):
         return "rows share their time stamps; record the time with more digits"
     return (
