@@ -24,13 +24,14 @@ RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an ampli
 
 
 def terms(views: list[View], free: Sequence[str], about: About, away: float) -> list[Term]:
-    """All that is tried; parameters are reported `away` (degC) from the mean temperature of the logs."""
+    """All that is tried, of what looks alike the simplest first: a log of another gain before a law of the
+    drive. Parameters are reported `away` (degC) from the mean temperature of the logs."""
     return list(
         chain(
-            of_effects(dict(enumerate(views)), about),
+            between(views, free),
             *(_of_one(i, v) for i, v in enumerate(views)),
             of_all(views, away, free),
-            between(views, free),
+            of_effects(dict(enumerate(views)), about),
         )
     )
 
