@@ -20,7 +20,7 @@ precision
 shell
 shown
 logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           jsonlines uff touchstone files preset plan signal mapping mapfile capture opening missing stated timed labels
+           jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing stated timed labels
            columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
 rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
