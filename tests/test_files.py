@@ -228,6 +228,20 @@ def test_a_universal_file(save, tmp_path):
     assert 'quantity = "velocity"' in refused(tmp_path / "a.uff").mapping
 
 
+def test_one_channel_alone_has_no_drive(tmp_path):
+    """A struck fork: a draft would ask for columns that are not there."""
+    wavfile = pytest.importorskip("scipy.io.wavfile")
+    struck = np.exp(-np.arange(4000) / 1e3) * np.cos(0.06 * np.arange(4000))
+    wavfile.write(tmp_path / "fork.wav", 44100, (3e4 * struck).astype(np.int16))
+    error = refused(
+        tmp_path / "fork.wav",
+        "one channel alone (channel 1; sample_rate_Hz: 44100)",
+        "a second channel",
+        "time_s",
+    )
+    assert error.mapping is None
+
+
 def one_port(y, r):
     return (1 - r * y) / (1 + r * y)
 

@@ -26,7 +26,7 @@ from sysid.logs.plan import Plan, Source, is_decibel
 from sysid.logs.signal import decode, is_analysed, lock_in, turned
 from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
 from sysid.logs.timed import timed
-from sysid.logs.together import doubted, in_common_units, of_one_plate
+from sysid.logs.together import doubted, in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.unknown import not_understood
 from sysid.logs.waveform import from_samples, sample_times, uneven
 
@@ -66,7 +66,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 def of_one_bench(logs: list[Log]) -> list[Log]:
     """Logs of one plate, each once, in the first one's units. Raises LogError where they are not."""
-    return [doubted(log) for log in once(in_common_units(of_one_plate(logs)))]
+    return temperatures_in_names([doubted(log) for log in once(in_common_units(of_one_plate(logs)))])
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
