@@ -11,10 +11,28 @@ from sysid.minimum.guess import candidates
 from sysid.model.prior import NAMES
 from sysid.rows import thermometer
 from sysid.rows.clock import even
+from sysid.rows.condense import taken
 from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
+from sysid.rows.onset import onset
 from sysid.rows.prepare import undelayed
 from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
 from sysid.verdict import wording
+from sysid.verdict.identify import seconds
+
+
+def from_onsets(logs: Sequence[Log]) -> tuple[tuple[Log, ...], list[str]]:
+    """The logs, those of a decay without a recorded drive from the row on where it begins, and a sentence on
+    each that begins later than its first."""
+    begins = [onset(log) for log in logs]
+    said = [
+        f"{log.name}: no drive is recorded, and it decays only from row {begin} (counted from 0) on,"
+        f" {seconds(float(log.time[begin] - log.time[0]))} after the first; the rows before are left out; to"
+        f" keep them, record the drive"
+        for log, begin in zip(logs, begins, strict=True)
+        if begin
+    ]
+    cut = [taken(log, np.arange(b, len(log))) if b else log for log, b in zip(logs, begins, strict=True)]
+    return tuple(cut), said
 
 
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:

@@ -20,9 +20,9 @@ precision
 shell
 shown
 logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           jsonlines uff touchstone files preset plan signal mapping mapfile capture opening missing stated timed labels
-           roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
-rows       clock dwell hold rounding thermometer lost glitch condense level gap prepare
+           jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing stated timed labels
+           columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
+rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
 trials     noise whitening trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge

@@ -96,18 +96,86 @@ def test_dates_through_a_mapping_file(save):
     refused(path, "line 2", "'when'", "a date", columns=table)
 
 
-@pytest.mark.parametrize("name", ["time", "time_s"])
-def test_a_day_that_could_be_a_month_is_refused(save, name):
-    path = save(stamped(lambda at: at.strftime("%d/%m/%Y %H:%M:%S.%f"), name))
-    error = refused(
-        path, "01/03/2024 12:00:00.000000", "2024-03-31T12:00:00.001", "seconds since the first row"
+LOCAL = {
+    "German": "%d.%m.%Y %H:%M:%S.%f",
+    "American": "%m/%d/%Y %I:%M:%S.%f %p",
+    "of two digits": "%d-%m-%y %H:%M:%S.%f",
+    "T": "%d/%m/%YT%H:%M:%S.%f",
+}
+EVE = datetime.datetime(
+    2024, 4, 5, 23, 59, 59, 999100
+)  # nine rows before a day that might be the fourth of June
+
+
+def locally(form, first, name="time", step=datetime.timedelta(microseconds=100)):
+    rows = [row.partition(",")[2] for row in STEPS]
+    stamps = [(first + k * step).strftime(form) for k in range(len(rows))]
+    header = HEADER.replace("time_s", name)
+    return header + "".join(f"{stamp},{row}\n" for stamp, row in zip(stamps, rows, strict=True))
+
+
+@pytest.mark.parametrize("form", LOCAL.values(), ids=LOCAL)
+@pytest.mark.parametrize("name", ["time", "time_s", "timestamp"])
+def test_local_dates_within_a_day_are_read_whatever_their_order(save, form, name):
+    for hour in (0, 11, 12, 23):  # noon and midnight are 12 of a half day
+        (log,) = read_logs(save(locally(form, NOON.replace(hour=hour), name)))
+        check_step(log)
+        assert f"column {name} is counted from its first row" in " ".join(log.notes)
+    (log,) = read_logs(save(locally(form, NOON.replace(minute=59, second=59, microsecond=999000), name)))
+    check_step(log)  # across one o'clock
+
+
+@pytest.mark.parametrize("form", [form for name, form in LOCAL.items() if name != "of two digits"])
+@pytest.mark.parametrize("block", [1 << 24, 200])
+def test_a_day_above_twelve_tells_the_order_of_local_dates(save, form, block, monkeypatch):
+    """Wherever it stands in the column, which is read in blocks."""
+    monkeypatch.setattr(csvbody, "BLOCK", block)
+    check_step(read_logs(save(locally(form, EVE.replace(day=30))))[0])  # of April, to the first of May
+    rows = "".join(f"{row.partition(',')[2]}\n" for row in STEPS).splitlines()
+    days = [datetime.datetime(2024, 3, 1) + datetime.timedelta(days=k) for k in range(24)]
+    text = HEADER.replace("time_s", "time") + "".join(
+        f"{day.strftime(form)},{row}\n" for day, row in zip(days, rows, strict=True)
     )
-    assert error.mapping is None  # which would not help
+    (log,) = read_logs(save(text))
+    np.testing.assert_allclose(log.time, 86400.0 * np.arange(24))
+
+
+@pytest.mark.parametrize("form", LOCAL.values(), ids=LOCAL)
+def test_a_day_that_could_be_a_month_is_refused(save, form):
+    for name in ("time", "time_s"):
+        path = save(locally(form, EVE, name))
+        error = refused(path, "line 11", "cannot be told apart", "2024-03-31T12:00:00.001", "since the first")
+        assert error.mapping is None  # which would not help
+    (log,) = read_logs(save(locally(form, EVE, "timestamp")))
+    assert log.time is None and "day and month cannot be told apart" in " ".join(log.notes)
+
+
+@pytest.mark.parametrize(
+    "cell",
+    ["31.02.2024 12:00:00", "32.01.2024 12:00:00", "01.03.2024 13:00:00 PM", "01.03.2024 25:00:00", "x"],
+)
+def test_a_local_date_that_is_none_is_refused(save, cell):
+    lines = locally(LOCAL["German"], NOON).splitlines()
+    lines[5] = f"{cell},{lines[5].partition(',')[2]}"
+    refused(save("\n".join(lines)), "line 6", repr(cell), "a date as in the first row")
+
+
+def test_times_of_day_go_on_past_midnight_once(save):
+    text = locally("%H:%M:%S.%f", EVE)
+    (log,) = read_logs(save(text))
+    check_step(log)
+    assert "column time holds times of day, which pass midnight before line 11" in log.notes
+    check_step(read_logs(save(locally("%I:%M:%S.%f %p", EVE)))[0])
+    check_step(read_logs(save(locally("%H:%M:%S.%f", EVE, "timestamp")))[0])
+    twice = locally("%H:%M:%S", EVE, step=datetime.timedelta(hours=7))
+    refused(save(twice), "line 3", "a time not below the one before")
+    half = locally("%I:%M:%S.%f", EVE.replace(hour=12))  # of half a day, from 12:59:59 to 01:00:00
+    refused(save(half), "line 11", "a time not below the one before")
 
 
 def test_a_timestamp_that_is_not_read_says_why(save):
-    local = read_logs(save(stamped(lambda at: at.strftime("%d.%m.%Y %H:%M:%S.%f"))))[0]
-    assert "day and month cannot be told apart" in " ".join(local.notes)
+    odd = read_logs(save(stamped(lambda at: at.strftime("%d.%m.%Y %Hh%M"))))[0]
+    assert "a date of a form that is not read" in " ".join(odd.notes)
     ticks = read_logs(save(HEADER.replace("time_s", "timestamp") + ROWS))[0]
     assert "it states no unit of time; call it timestamp_s" in " ".join(ticks.notes)
     swept = "timestamp,frequency_Hz,w_um,time_s\n1,2,3,4\n2,3,4,5\n"

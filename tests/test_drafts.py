@@ -96,6 +96,42 @@ def test_an_impedance_or_an_admittance_needs_no_answer_but_a_unit_that_is_not_st
     assert not [note for note in log.notes if "taken as" in note]
 
 
+REFERRED = [
+    ("Frequency (Hz),dB(m/s/V),Phase (deg)", ""),
+    ("Frequency [Hz],Magnitude [dB(m/s/V)],Phase [deg]", ""),
+    ("f / Hz,Mag dB(m/s/V),Phase / deg", ""),
+    ("Frequency [Hz],Magnitude [dB re 1 m/s/V],Phase [°]", ""),
+    ("[ Hz ],[ dB(m/s/V) ],[ deg ]", ""),
+    ("[ Hz ]\t[ dB re 1 m/s/V ]\t[ deg ]", "Signal:\tH1 Velocity / Voltage\n\nFrequency\tMagnitude\tPhase\n"),
+    (
+        "[ Hz ]\t[ dB(m/s/V) ]\t[ deg ]",
+        "Source:\tfork.pvd\n\nPoint Index:\t1\n\nFrequency\tMagnitude\tPhase\n",
+    ),
+]
+
+
+@pytest.mark.parametrize(("head", "above"), REFERRED)
+def test_decibels_of_a_reference_are_decibels(save, head, above):
+    """As a vibrometer writes them; they were read as m/s/V, and the phase was lost."""
+    text = above + table(head, F, *decibel(S))
+    path = save(text.replace(",", "\t") if above else text)
+    draft = refused(path).mapping
+    assert asked(draft) == ["amplitude", "quantity", "phase_sign"], draft
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)
+
+
+def test_a_magnitude_below_zero_is_no_magnitude(save):
+    """Decibels that are taken for linear were read as an amplitude with its sign turned."""
+    path = save(table("f,a,b", F, *decibel(S)))
+    columns = '[columns]\nfrequency = { column = "f", unit = "Hz" }\nphase = { column = "b", unit = "deg" }\n'
+    text = f'amplitude = "peak"\nquantity = "displacement"\nphase_sign = 1\n{columns}'
+    linear = save(f'{text}magnitude = {{ column = "a", unit = "um" }}\n', "map.toml")
+    refused(path, "line 2, column 'a'", "a magnitude of 0 or more; is it in dB?", columns=linear)
+    (log,) = read_logs(path, columns=save(f'{text}magnitude = {{ column = "a", unit = "dB" }}\n', "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)
+
+
 SIGNALS = {
     "Frequency in Hz,TR1: Gain (Real),TR1: Gain (Imag)": re_im,
     "Frequency (Hz),S21 (dB),S21 (deg)": decibel,
@@ -182,6 +218,59 @@ def test_a_signal_of_any_unit_is_offered_as_w(save, head):
     assert log.kind == "transient"
     if len(columns) == 3:
         assert np.ptp(log.drive) > 0 and np.array_equal(log.drive > 0, DRIVE > 0)
+
+
+RNG = np.random.default_rng(4)
+LATE = np.where(T > 1.0, 5.0, 0.0)
+PRESSURE = 1.013 + 0.3 * (1 - np.exp(-np.clip(T - 1.0, 0, None) / 0.4)) + 0.004 * RNG.standard_normal(len(T))
+RAMP = np.clip((T - 1.0) / 0.4, 0, 1) * 4.0
+PAIRS = {  # of units that are not known, and of readings of few digits
+    "Temps (s),Rapport cyclique (%),Vitesse (tr/min)": (LATE, SPEED, ("duty", "%", "tr/min")),
+    "Zeit (s),Tastgrad (%),Drehzahl (U/min)": (LATE, SPEED, ("duty", "%", "U/min")),
+    "t_ms,valve_V,p_bar": (RAMP, PRESSURE, ("voltage", "V", "?")),
+    "Time (s),Heater (W),TC1 (F)": (LATE, 70 + SPEED, ("drive", "W", "degF")),
+    "Time (s),Heater (W),TC2 (C)": (LATE, 20 + SPEED, ("drive", "W", "degC")),
+    "Time (s),Heater (W),TC2 (°C)": (LATE, np.round(PRESSURE, 2), ("drive", "W", "°C")),
+    "Time (s),Pump (V),Flow (Nl/min)": (RAMP, PRESSURE, ("voltage", "V", "?")),
+}
+
+
+@pytest.mark.parametrize("head", PAIRS)
+def test_a_drive_beside_a_signal_of_an_unknown_unit_is_the_drive(save, head):
+    drive, signal, (name, unit, other) = PAIRS[head]
+    draft = refused(save(table(head, T, drive, signal))).mapping
+    first, second = head.split(",")[1:]
+    given = tomllib.loads(draft)["columns"]
+    assert given.pop("time")["column"] == head.partition(",")[0]
+    assert given == {name: {"column": first, "unit": unit}, "w": {"column": second, "unit": other}}, draft
+    turned = table(",".join([head.partition(",")[0], second, first]), T, signal, drive)
+    assert tomllib.loads(refused(save(turned)).mapping)["columns"] | {"time": 0} == {**given, "time": 0}
+
+
+@pytest.mark.parametrize("head", ["Time (s),Pressure (bar),Flow (l/min)", "Time (s),valve_V,p_bar"])
+def test_of_two_that_tell_nothing_the_response_is_asked_for(save, head):
+    path = save(table(head, T, *RNG.standard_normal((2, len(T)))))
+    draft = refused(path).mapping
+    assert tomllib.loads(draft)["columns"]["w"] == {"column": "?", "unit": "?"}
+    assert "quantity" not in draft and "phase_sign" not in draft
+    refused(path, "no column '?'", columns=save(answered(draft).replace('"V"', '"?"'), "map.toml"))
+
+
+def test_what_counts_the_rows_is_no_response(save):
+    swing = 12 * np.cos(5 * T)
+    for name in ("frame", "bild", "Datensatz"):
+        draft = refused(save(table(f"{name},time_s,angle_deg", np.arange(len(T)), T, swing))).mapping
+        assert tomllib.loads(draft)["columns"]["w"] == {"column": "angle_deg", "unit": "deg"}, draft
+
+
+def test_remarks_are_offered_as_nothing(save):
+    lines = (
+        table("Nr\tf / Hz\tRe / um\tIm / um", np.arange(len(F)), F, *re_im(S)).replace(",", "\t").splitlines()
+    )
+    for remark in ("", "ok"):
+        rows = [f"{line}\t{'door' if k == 40 else remark}" for k, line in enumerate(lines[1:])]
+        draft = refused(save("\n".join([f"{lines[0]}\tBemerkung", *rows]))).mapping
+        assert draft.count("Bemerkung") == 1 and "# not used: Nr, Bemerkung" in draft, draft
 
 
 def test_an_amplitude_is_not_asked_for_the_sign_of_its_phase(save):

@@ -6,6 +6,7 @@ What was written here is the truth; each file is made by the library's own write
 import gzip
 import io
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -227,6 +228,20 @@ def test_a_universal_file(save, tmp_path):
     assert 'quantity = "velocity"' in refused(tmp_path / "a.uff").mapping
 
 
+def test_one_channel_alone_has_no_drive(tmp_path):
+    """A struck fork: a draft would ask for columns that are not there."""
+    wavfile = pytest.importorskip("scipy.io.wavfile")
+    struck = np.exp(-np.arange(4000) / 1e3) * np.cos(0.06 * np.arange(4000))
+    wavfile.write(tmp_path / "fork.wav", 44100, (3e4 * struck).astype(np.int16))
+    error = refused(
+        tmp_path / "fork.wav",
+        "one channel alone (channel 1; sample_rate_Hz: 44100)",
+        "a second channel",
+        "time_s",
+    )
+    assert error.mapping is None
+
+
 def one_port(y, r):
     return (1 - r * y) / (1 + r * y)
 
@@ -292,6 +307,92 @@ def test_two_ports_tell_where_the_plate_is(save, tmp_path, place):
     (log,) = read_logs(path, columns=table)
     np.testing.assert_allclose(log.response, stated / (2 * np.pi * F), rtol=1e-9)
     assert "as preset:touchstone says" in " ".join(log.notes)
+
+
+WRITTEN = {  # of CITI files, and how an array is written in each form
+    "RI": lambda s: (s.real, s.imag),
+    "MAGANGLE": lambda s: (np.abs(s), np.degrees(np.angle(s))),
+    "DBANGLE": lambda s: (20 * np.log10(np.abs(s)), np.degrees(np.angle(s))),
+}
+
+
+def citi(f, arrays, form="RI", listed=False, mark=","):
+    """A package as an HP 8753D writes it: segments of even steps, or a list of frequencies; then the arrays."""
+    lines = ["CITIFILE A.01.00", "#NA VERSION HP8753D.06.14", "NAME DATA", f"VAR FREQ MAG {len(f)}"]
+    lines += [f"DATA {name} {form}" for name in arrays]
+    half = len(f) // 2
+    parts = [f"SEG {of[0]:.17g} {of[-1]:.17g} {len(of)}" for of in (f[:half], f[half:])]
+    stated = [f"{x:.17g}" for x in f] if listed else parts
+    word = "VAR" if listed else "SEG"
+    lines += [
+        f"{word}_LIST_BEGIN",
+        *stated,
+        f"{word}_LIST_END",
+        "COMMENT taken by hand",
+        "CONSTANT TIME 1999 7 1",
+    ]
+    for s in arrays.values():
+        rows = zip(*WRITTEN[form](s), strict=True)
+        lines += ["BEGIN", *(f"{a:.15E}{mark}{b:.15E}" for a, b in rows), "END"]
+    return "\n".join([*lines, ""])
+
+
+@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize(("listed", "mark"), [(False, ","), (True, ", "), (True, "\t")])
+def test_a_citi_file_is_the_touchstone_file_of_the_same_numbers(save, tmp_path, form, listed, mark):
+    pytest.importorskip("skrf")
+    path = tmp_path / "coil.CTI"
+    path.write_text("\r\n".join(citi(F, {"S[1,1]": one_port(Y, 50)}, form, listed, mark).split("\n")))
+    draft = draft_of(path)
+    assert asked(draft) == []
+    for (log,) in (read_logs(path), read_logs(path, columns=save(draft, "map.toml"))):
+        np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
+        np.testing.assert_allclose(log.frequency, F, rtol=1e-15)
+        assert log.response_unit == "C" and set(log.drive) == {1.0}
+    assert "the reference impedance is taken as 50 ohm" in " ".join(log.notes)
+    seventy_five = {"S[1,1]": one_port(Y, 75), "PORTZ[1]": np.full(len(F), 75 + 0j)}
+    path.write_text(citi(F, seventy_five, form))
+    (log,) = read_logs(path)
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-9)
+    assert log.metadata["reference_ohm"] == "75" and "50 ohm" not in " ".join(log.notes)
+
+
+def test_a_citi_file_of_two_ports_or_of_a_transmission(save, tmp_path):
+    pytest.importorskip("skrf")
+    z, r = 1 / Y, 50.0
+    s11, s21 = z / (z + 2 * r), 2 * r / (z + 2 * r)
+    path = tmp_path / "a.citi"
+    path.write_text(citi(F, {"S[1,1]": s11, "S[2,1]": s21, "S[1,2]": s21, "S[2,2]": s11}))
+    (log,) = read_logs(path)
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-8)
+    assert log.metadata["device"] == "in series"
+    path.write_text(citi(F, {"S[2,1]": s21}))
+    draft = refused(path, "found no response", "S21 re").mapping
+    assert asked(draft) == ["quantity"]
+    text = draft.replace('quantity = "?"', 'quantity = "transmission"').replace('unit = "?"', 'unit = "1"')
+    (log,) = read_logs(path, columns=save(text + '[metadata]\ndevice = "in series"\n', "map.toml"))
+    np.testing.assert_allclose(log.response, Y / (2 * np.pi * F), rtol=1e-8)
+
+
+def test_what_a_citi_file_may_not_be_is_said(tmp_path):
+    pytest.importorskip("skrf")
+    path, s = tmp_path / "a.cti", one_port(Y, 50)
+    whole = citi(F, {"S[1,1]": s})
+    for text, *words in (
+        (whole[: whole.index("\n", len(whole) // 2) + 1], "line 1", "was the file written to its end?"),
+        (whole.removesuffix("END\n"), "line 1", "was the file written to its end?"),
+        (whole.replace("VAR FREQ", "VAR POWER MAG 2\nVAR FREQ"), "POWER, FREQ", "FREQ alone"),
+        (whole.replace(" RI", " MAG"), "an array in MAG", "MAGANGLE"),
+        (whole.replace("S[1,1]", "V1"), "0 packages", "such as S[1,1]"),
+        (whole + whole, "2 packages", "a file of its own"),
+        (whole.replace("\nBEGIN\n", "\nBEGIN\nx\n"), "found 'x'", "two numbers"),
+        (re.sub(r"SEG (.*) \d+\n", r"SEG \1 1000000000000\n", whole), "1000000000000'", "a segment"),
+        (whole.replace("CITIFILE ", "CITIFILES "), "0 packages"),
+        (whole.replace(f"MAG {len(F)}", f"MAG {len(F) + 1}"), f"found {len(F)} frequencies"),
+    ):
+        assert text != whole
+        path.write_text(text)
+        refused(path, "a.cti", *words)
 
 
 def test_three_ports_are_refused(tmp_path):
@@ -371,6 +472,9 @@ def bytes_of(name, tmp_path):
         pytest.importorskip("scipy.io.wavfile").write(
             path, 192000, np.arange(4000, dtype=np.int16).reshape(-1, 2)
         )
+    elif name == "j.cti":
+        pytest.importorskip("skrf")
+        path.write_text(citi(F, {"S[1,1]": one_port(Y, 50)}))
     else:
         pytest.importorskip("skrf")
         path.write_text(touchstone("# Hz S RI R 50", FORMS["# Hz S RI R 50"](one_port(Y, 50))))
@@ -378,7 +482,7 @@ def bytes_of(name, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")  # of the libraries, in what they leave open
-@pytest.mark.parametrize("name", [*WRITERS, "g.uff", "h.wav", "i.s1p"])
+@pytest.mark.parametrize("name", [*WRITERS, "g.uff", "h.wav", "i.s1p", "j.cti"])
 def test_damaged_files_are_read_or_refused_by_name(tmp_path, name):
     """Cut off at any place, with bytes changed or doubled: a log, or a LogError that names the file."""
     whole, path = bytes_of(name, tmp_path), tmp_path / name

@@ -915,3 +915,36 @@ def test_a_part_of_the_response_that_was_constant_may_stand_above_the_header(tmp
     path.write_text("# w_um: 1\ntime_s,voltage_V\n0,1\n1,2\n")
     with pytest.raises(LogError, match="in the metadata alone, expected a column"):
         read_logs(path)
+
+
+NAMES = [
+    (["sweep_18C.csv", "sweep_24C.csv", "sweep_35C.csv"], "18, 24, 35"),
+    (["18degC.csv", "24.5degC.csv"], "18, 24.5"),
+    (["run1 at -5 °C.csv", "run2 at 20 °C.csv"], "-5, 20"),
+    (["a-18_deg.csv", "a-35_deg.csv"], "18, 35"),
+    (["sweep_18C.csv", "sweep_24.csv"], ""),  # not all of them
+    (["18C_up.csv", "24C_down.csv"], ""),  # not in one pattern
+    (["18C_1.csv", "18C_2.csv"], ""),  # one
+    (["CH1.csv", "CH2.csv"], ""),
+    (["12cm.csv", "14cm.csv"], ""),
+]
+
+
+@pytest.mark.parametrize(("names", "said"), NAMES)
+def test_temperatures_that_stand_in_the_names_alone_are_no_data_and_are_named(save, names, said):
+    """Three sweeps at three temperatures contradict each other, and nothing said why."""
+    sweep = "frequency_Hz,wd_um,wq_um\n" + "".join(f"{32000 + k},0.{k},0.1\n" for k in range(10, 30))
+    paths = [save(sweep.replace("0.1\n", f"0.{k + 2}\n"), name) for k, name in enumerate(names)]
+    logs = read_logs(paths)
+    warnings = [warning for log in logs for warning in log.warnings]
+    assert all(log.temperature is None for log in logs)
+    assert [f"names seem to hold one ({said} degC)" in warning for warning in warnings] == [True] * bool(said)
+    stated = [save(f"# temperature_degC: {20 + k}\n{sweep}", name) for k, name in enumerate(names)]
+    assert not any(log.warnings for log in read_logs(stated))
+
+
+def test_a_name_is_not_doubted_where_no_temperature_matters(save):
+    step = "time_s,voltage_V,w_um\n" + "".join(f"{k},1,0.{k}\n" for k in range(10, 30))
+    assert not any(
+        log.warnings for log in read_logs([save(step, "18C.csv"), save(step + "30,1,0.3\n", "24C.csv")])
+    )

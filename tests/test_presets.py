@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import test_layouts
 from refusal import refused
-from test_files import one_port, touchstone
+from test_files import citi, one_port, touchstone
 from test_layouts import blocks_e4990a, labone, named_4294a, one_table, raw_4294a
 
 import sysid
@@ -113,6 +113,7 @@ FILES = {
     "touchstone": [
         ("log.s1p", touchstone("# Hz S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)
     ],
+    "citi": [("log.cti", citi(F, {"S[1,1]": one_port(Y, 50)}), CURRENT)],
     "nanovna": [
         ("log.s1p", touchstone("# HZ S RI R 50", (F, one_port(Y, 50).real, one_port(Y, 50).imag)), CURRENT)
     ],
@@ -180,7 +181,7 @@ SAMPLES = [
 ]
 TRACES = ("e4990a", "hp4294a")  # over the frequencies of their own module
 SCOPES = [name for name in FILES if name.endswith("scope")]
-AUTOMATIC = ("e4990a", "hp4294a", "touchstone", "hioki")
+AUTOMATIC = ("e4990a", "hp4294a", "touchstone", "citi", "hioki")
 
 
 def written(save, name, content):

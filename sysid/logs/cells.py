@@ -133,6 +133,12 @@ def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
     return named.getvalue().strip()
 
 
+def unbracketed(text: str) -> str:
+    """A text without the brackets that it stands in, as (ms) and [ Hz ] do; not those at its end alone."""
+    text = text.strip()
+    return text[1:-1].strip() if text[:1] in ("[", "(") and text[-1:] in ("]", ")") else text
+
+
 def _below(unit: str) -> str:
     """A unit as the end of a name; of words with a unit in brackets, as `Time (s)`, all of them."""
-    return f"_{unit.strip(' []()')}" if re.fullmatch(r"[\[(]?[^\[\]()]*[\])]?", unit) else f" {unit}"
+    return f"_{unbracketed(unit)}" if re.fullmatch(r"[\[(]?[^\[\]()]*[\])]?", unit) else f" {unit}"

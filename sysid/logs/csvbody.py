@@ -26,7 +26,7 @@ from sysid.logs.cells import (
 from sysid.logs.csvfile import Head, LogError, metadata_of
 from sysid.logs.pieces import Gap, find_gaps, pieces, rows_like, without_end
 from sysid.logs.preamble import DEEPEST, names_below
-from sysid.logs.stamps import EXAMPLE, is_date, is_local, seconds_since
+from sysid.logs.stamps import EXAMPLE, is_date, is_local, seconds_since, told
 from sysid.logs.textfile import is_packed, open_text
 
 BLOCK = 1 << 24  # bytes parsed at a time
@@ -91,7 +91,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
             if rows := count - len(blank):
                 numbers, texts = _parse(head, block, line, rows, columns, key, dated)
                 for column, known in joined.items():  # longer in place: the numbers are in memory once
-                    known.resize(len(known) + rows, refcheck=False)
+                    known.resize((len(known) + rows, *numbers[column].shape[1:]), refcheck=False)
                     known[-rows:] = numbers[column]
                 keys.append(texts)
             line += count
@@ -102,6 +102,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
                 )
     if not keys:
         raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
+    joined = {column: told(values) for column, values in joined.items()}
     notes = [f"below the last row, left out: {listed(spare)}"] if spare else []
     notes += [_of_gap(gap, key is None) for gap in gaps]
     if key is not None:
@@ -127,7 +128,8 @@ def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection
     sheet, decimal = head.sheet, str(head.dialect.decimal)
     texts = [column for column in dated if column in columns and sheet.columns[column].dtype == object]
     numbers = {column: sheet.numbers(column, decimal) for column in columns if column not in texts}
-    numbers |= {column: seconds_since(head.first(column), sheet.texts(column).tolist()) for column in texts}
+    for column in texts:
+        numbers[column] = told(seconds_since(head.first(column), sheet.texts(column).tolist()))
     digest = sheet.sha256 if sheet.sha256 is not None else _digest(head.path)
     return Body(numbers, None if key is None else sheet.texts(key), digest)
 
@@ -172,7 +174,9 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, mo
         number = body.line(head, row)
         where, text = f"{head.path}, line {number}", _line(head.path, number)
         cell = "".join(split_line(text, str(head.dialect.delimiter))[column : column + 1]).strip()
-    found = f"a date {cell!r}" if is_date(cell) else repr(cell) if cell else "an empty cell"
+    local = is_local(cell)
+    found = f"a date {cell!r}" if local or is_date(cell) else repr(cell) if cell else "an empty cell"
+    found += ", whose day and month cannot be told apart" if local and head.dated(column) else ""
     found += ", which instruments write for no number" if means_none(cell) else ""
     last = (
         ""
@@ -180,7 +184,7 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, mo
         else " (the last line, without a line end: was the file still being written?)"
     )
     mark = " with a decimal comma" if head.dialect.decimal == "," and "." in cell else ""
-    if (is_date(cell) and not head.dated(column)) or is_local(cell):
+    if local or (is_date(cell) and not head.dated(column)):
         mark += f"; write a time as {EXAMPLE} in every row, or as the seconds since the first row"
     elif expected == "a finite number":  # of an experiment's rows the numbers are its own
         mark += _without(np.isfinite(body.numbers[column]), body.keys is None)
@@ -303,13 +307,16 @@ def _parse(
             raise _not_a_row_a_line(head, block, line, str(error)) from None
     if len(frame) != rows or not wanted.keys() <= set(frame):
         raise _not_a_row_a_line(head, block, line, f"{len(frame)} rows on {rows} lines")
+    numbers: dict[int, Any] = {}
     for column in columns:
+        cells = frame[column]
         if column in dated:
-            frame[column] = seconds_since(head.first(column), frame[column].fillna("").tolist())
-        elif frame[column].dtype != np.float64:
-            frame[column] = [to_number(cell, str(head.dialect.decimal)) for cell in frame[column].fillna("")]
+            numbers[column] = seconds_since(head.first(column), cells.fillna("").tolist())
+        elif cells.dtype != np.float64:
+            numbers[column] = np.array([to_number(c, str(head.dialect.decimal)) for c in cells.fillna("")])
+        else:
+            numbers[column] = cells.to_numpy(np.float64)
     texts = frame[key].str.strip().to_numpy(object) if key is not None else None
-    numbers = {column: frame[column].to_numpy(np.float64) for column in columns}
     for column, values in numbers.items():
         if (none := np.abs(values) >= NO_NUMBER).any():
             numbers[column] = np.where(none, np.nan, values)

@@ -1,4 +1,5 @@
-"""Units of spectral densities: how people write them, and whose amplitude they show.
+"""Units of spectral densities, and decibels of a reference: how people write them, and whose amplitude they
+show.
 
 A spectrum analyser, or a plotter of a thermal spectrum, shows how a signal's power is spread over frequency,
 S(f) in V^2/Hz, or its root in V/sqrt(Hz). The root is proportional to the amplitude of the response to a
@@ -17,15 +18,25 @@ _DIGIT = re.compile(
 )  # V2/Hz, and not Ch2/Hz
 _RMS = re.compile(r"(?<=[A-Za-z])_?rms((?:\^?2)?\s*/\s*Hz(?:\^0\.5)?)", re.I)  # Vrms/sqrt(Hz)
 _LEVEL = re.compile(r"(dBm?)V?\s*/\s*Hz(?:\^0\.5)?")  # of a level per hertz the ratios are those of the level
+# dB(m/s/V), dB re 1 V: what 0 dB is, of which only ratios are read
+_UNIT = r"[fpnuµmkMG]?(?:V|A|W|N|Pa|C|S|m|g|ohm|Ω)(?:\s*[/*·^²]\s*[^\s()\[\]]+)*"
+_REFERENCE = re.compile(
+    rf"(?<![A-Za-z])dB\s*(?:[(\[]\s*(?:re\b:?[^()\[\]]*|(?:1\s*)?{_UNIT})\s*[)\]]|re\b:?[^()\[\]]*)"
+)
 _POWER = re.compile(r"([^\s/]+)\^2(?:/([^\s/^]+)\^([24]))?/Hz")
 
 
 def plain(text: str) -> str:
-    """A head, or a unit, with its density written in one way that the library of units knows.
+    """A head, or a unit, with its density written in one way that the library of units knows, and without
+    the reference of its decibels.
 
     >>> plain("ASD [pm/√Hz]"), plain("(m/s)²/Hz"), plain("Vrms2/Hz"), plain("PSD (dBm/Hz)")
     ('ASD [pm/Hz^0.5]', 'm^2/s^2/Hz', 'V^2/Hz rms', 'PSD (dBm)')
+    >>> plain("Magnitude [dB(m/s/V)]"), plain("Mag dB re 1 mm/s"), plain("dB (S21)")
+    ('Magnitude [dB]', 'Mag dB', 'dB (S21)')
     """
+    if "dB" in text:
+        text = _REFERENCE.sub("dB", text)
     if "hz" not in text.casefold():
         return text
     text = text.replace("²", "^2").replace("**", "^")

@@ -11,11 +11,12 @@ import numpy as np
 
 from sysid.logs import densities, units
 from sysid.logs.cells import is_number, listed
+from sysid.logs.columns import Columns, fits
 from sysid.logs.csvfile import Head
 from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
 from sysid.logs.plan import ANGLES, is_decibel
 from sysid.logs.preset import named, recognised
-from sysid.logs.roles import QUICK, Columns, fits, lone_signal, plausible, roles, waveform
+from sysid.logs.roles import QUICK, lone_signal, plausible, roles, undecided, waveform
 
 SPLITS = (
     "log",
@@ -82,7 +83,7 @@ class _Draft:
         """What is to be said of rows of amplitudes, or of a signal that is no carrier's."""
         kind = '# kind = "steady"  # or "transient", or "waveform": raw samples of a carrier'
         lines = [kind, self._amplitude()]
-        if self.found.keys() & {"w", "wd"}:
+        if self.found.keys() & {"w", "wd"} or undecided(self.columns, self.found):
             return lines
         first = next((self.found[name] for name in ("x", "y", "magnitude") if name in self.found), None)
         lines += [self._quantity(first)]
@@ -165,6 +166,11 @@ class _Draft:
     def columns_found(self) -> list[str]:
         """The columns that are known, or probably so."""
         lines = [self._column(name, index) for name, index in self.found.items()]
+        if either := undecided(self.columns, self.found):
+            names = _in_comment(" or ".join(self._place(index) for index in either))
+            lines += [
+                f'w = {{ column = "?", unit = "?" }}  # the response: {names}; the other may be the drive'
+            ]
         half = {"x": "y", "y": "x"}
         lines += [
             f'{half[name]} = {{ column = "?", unit = "?" }}  # the other part: {name} alone is no response'
@@ -252,7 +258,8 @@ class _Draft:
             [] if driven else ["voltage"]
         )
         missing += [] if "temperature" in found else ["temperature"]
-        return missing + ([] if found.keys() & {"x", "y", "w", "wd", "magnitude"} else ["x", "y"])
+        whole = found.keys() & {"x", "y", "w", "wd", "magnitude"} or undecided(self.columns, found)
+        return missing + ([] if whole else ["x", "y"])
 
     def _column(self, name: str, index: int) -> str:
         """One column with its unit, "?" where nothing tells it."""

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
-from sysid.logs import arrow, audio, matlab, tdms, touchstone, uff
+from sysid.logs import arrow, audio, citi, matlab, tdms, touchstone, uff
 from sysid.logs.cells import Dialect, listed
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.hdf import read_hdf
@@ -20,6 +20,7 @@ BY_MARK: dict[bytes, tuple[Reader, str]] = {
     b"PAR1": (arrow.read_parquet, "a Parquet file"),
     b"ARROW1": (arrow.read_feather, "a Feather file"),
     b"RIFF": (audio.read_wav, "a WAV file"),
+    b"CITIFILE": (citi.read_citi, "a CITI file"),
     b"TDSm": (tdms.read_tdms, "a TDMS file"),
 }
 USER_BLOCKS = (512, 1024, 2048)  # bytes that may stand before an HDF5 file's own

@@ -263,7 +263,7 @@ def _why_no_time(head: Head, label: str) -> str:
     if not _is_called_time(label):
         return ""
     if is_local(head.first(head.names.index(label))):
-        return f": day and month cannot be told apart; write a time as {EXAMPLE}"
+        return f": a date of a form that is not read; write a time as {EXAMPLE}"
     return f": it states no unit of time; call it {_with_unit_of_time(label)}"
 
 

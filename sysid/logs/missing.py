@@ -70,7 +70,7 @@ def rows_to_keep(
         refuse_row(head, body, source, rows, row, expected, more)
     labels = [plan.sources[name].label for name in bad]
     numbers = np.flatnonzero(missing) if rows is None else rows[missing]
-    where = listed([_place(head, body, int(number)) for number in numbers])
+    where = listed([placed(head, body, int(number)) for number in numbers])
     said = (
         f"{int(missing.sum())} of {len(missing)} rows left out, without a number in {listed(labels)}: {where}"
     )
@@ -192,5 +192,6 @@ def _lines(path: str, wanted: Mapping[int, list[int]]) -> list[tuple[str, list[i
     return found
 
 
-def _place(head: Head, body: Body, row: int) -> str:
+def placed(head: Head, body: Body, row: int) -> str:
+    """Where a row of a file, counted from 0, stands in it."""
     return f"row {row + 1}" if head.sheet is not None else f"line {body.line(head, row)}"

@@ -17,8 +17,10 @@ from sysid.logs.cells import (
     listed,
     split_line,
     to_number,
+    unbracketed,
     with_unit_cells,
 )
+from sysid.logs.densities import plain
 
 DEEPEST = 200  # lines among which the first row is looked for
 ALIKE = 3  # rows of numbers, one below the other, that are a table
@@ -167,5 +169,5 @@ def _is_wide(line: str, delimiter: str, width: int, dialect: Dialect) -> bool:
 def _are_units(cells: list[str]) -> bool:
     """Whether all cells are units, the first aside, which may be a word such as Sequence, and the empty
     ones."""
-    stated = [cell.strip(" []()") for cell in cells[1:] if cell]
-    return bool(stated) and all(map(units.is_known, stated))
+    stated = [unbracketed(cell) for cell in cells[1:] if cell]
+    return bool(stated) and all(units.is_known(plain(unit)) for unit in stated)

@@ -26,7 +26,7 @@ from sysid.logs.plan import Plan, Source, is_decibel
 from sysid.logs.signal import decode, is_analysed, lock_in, turned
 from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
 from sysid.logs.timed import timed
-from sysid.logs.together import doubted, in_common_units, of_one_plate
+from sysid.logs.together import doubted, in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.unknown import not_understood
 from sysid.logs.waveform import from_samples, sample_times, uneven
 
@@ -37,6 +37,7 @@ POSSIBLE = {
     "frequency": (0.0, np.inf, "a frequency of 0 or more"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
+NO_MAGNITUDE = 'a magnitude of 0 or more; is it in dB? then say unit = "dB"; of what has a sign, call it w'
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
@@ -65,7 +66,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 def of_one_bench(logs: list[Log]) -> list[Log]:
     """Logs of one plate, each once, in the first one's units. Raises LogError where they are not."""
-    return [doubted(log) for log in once(in_common_units(of_one_plate(logs)))]
+    return temperatures_in_names([doubted(log) for log in once(in_common_units(of_one_plate(logs)))])
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
@@ -184,9 +185,10 @@ def _refuse_impossible(
         if (beyond := (values < low) | (values > high)).any():
             refuse_row(head, body, plan.sources[key], rows, int(np.argmax(beyond)), expected)
     for key, (values, _) in arrays.items():
-        if amplitude_of(plan.sources[key].unit) and (values < 0).any():
-            row = int(np.argmax(values < 0))
-            refuse_row(head, body, plan.sources[key], rows, row, "a power density of 0 or more")
+        power = bool(amplitude_of(plan.sources[key].unit))
+        if (power or key == "magnitude") and (values < 0).any():
+            expected = "a power density of 0 or more" if power else NO_MAGNITUDE
+            refuse_row(head, body, plan.sources[key], rows, int(np.argmax(values < 0)), expected)
 
 
 def _sample_times(

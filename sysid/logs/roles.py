@@ -2,22 +2,17 @@
 and its numbers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
-from statistics import median
 
 import numpy as np
 
 from sysid.logs import units
-from sysid.logs.cells import to_number
-from sysid.logs.csvfile import Head
-from sysid.logs.labels import INPUTS, NOT_DATA, RATIOS, Label, parse
-from sysid.logs.plan import ANGLES, is_decibel
+from sysid.logs.columns import LEVELS, Columns, fits, is_hertz
+from sysid.logs.labels import INPUTS, NOT_DATA, Label
+from sysid.logs.plan import is_decibel
 
 QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 TURN = 360.0  # degrees, beyond which a principal angle does not go
-LEVELS = 3  # of a drive that is stepped, at most
+FLICKER = 3  # times as often as a drive a reading of few digits changes, at least
 COUNTERS = {
     "sample",
     "samples",
@@ -32,6 +27,8 @@ COUNTERS = {
     "run",
     "log",
     "grid",
+    "frame",
+    "frames",
     "#",
 }
 SAY_NOTHING = {
@@ -46,96 +43,6 @@ SAY_NOTHING = {
     "formatted",
 }  # of what a trace is
 _PAIRS = (("wd", "wq"), ("x", "y"), ("magnitude", "phase"))
-
-
-@dataclass(frozen=True)
-class Columns:
-    """The columns of a file with what their heads say, and what their first numbers show."""
-
-    head: Head
-
-    @cached_property
-    def labels(self) -> tuple[Label, ...]:
-        """What the head of each column says."""
-        return tuple(map(parse, self.head.names))
-
-    @cached_property
-    def ratio(self) -> str:
-        """ "ohm" where the columns hold an impedance, by their units, or R beside X, or |Z|; "S" of an
-        admittance; else ""."""
-        for of in RATIOS:
-            for label in self.labels:
-                said = label.unit and not is_decibel(label.unit) and label.unit not in ANGLES
-                if said and units.is_of(label.unit, of) and (label.part or label.letter(of)):
-                    return of
-        bare = [set(label.words) for label in self.labels if not label.unit or label.unit in ANGLES]
-        alone = {label.words[0] for label in self.labels if not label.unit and label.words}
-        for of, sign, pair, name in (
-            ("ohm", "z", {"r", "x"}, "impedance"),
-            ("S", "y", {"g", "b"}, "admittance"),
-        ):
-            parts = [label for label in self.labels if not label.unit and sign in label.words and label.part]
-            if (
-                (pair <= alone and not (of == "ohm" and "y" in alone))
-                or parts
-                or any(name in words for words in bare)
-            ):
-                return of
-            if of == "ohm" and "z" in alone:
-                return of
-        return ""
-
-    @cached_property
-    def is_circuit(self) -> bool:
-        """Whether an analyser wrote the elements of a circuit, Cp beside D say, which are no response as they
-        stand."""
-        stated = [label.unit for label in self.labels if label.unit and label.unit not in ANGLES]
-        return any(
-            units.same_kind(unit, kind) for unit in stated for kind in ("F", "H") if not is_decibel(unit)
-        )
-
-    def numbers(self, column: int) -> np.ndarray:
-        """Its first numbers, as far as they are any."""
-        cells = [row[column] for row in self.head.sample if column < len(row)]
-        found = np.array([to_number(cell, str(self.head.dialect.decimal)) for cell in cells] or [np.nan])
-        return found[np.isfinite(found)]
-
-    def unit(self, column: int) -> str:
-        return self.labels[column].unit
-
-    def is_signed(self, column: int) -> bool:
-        found = self.numbers(column)
-        return bool(np.any(found < 0) and not is_decibel(self.unit(column)))
-
-    def moves(self, column: int) -> bool:
-        """Whether its first numbers are not all the same; of few that is not asked."""
-        found = self.numbers(column)
-        return len(found) < 3 or bool(np.ptp(found) > 0)
-
-    def rises(self, column: int) -> bool:
-        """Whether its numbers go on in one direction, as times and swept frequencies do."""
-        steps = np.diff(self.numbers(column))
-        return len(steps) > 0 and bool(np.all(steps > 0) or np.all(steps < 0))
-
-    def step(self, time: int) -> float:
-        """Seconds between the first rows; of a column that does not say its unit, as if it held seconds."""
-        steps = [after - before for before, after in pairwise(self.numbers(time).tolist())]
-        unit = self.unit(time)
-        return float(units.convert(median(steps), unit if fits("time", unit) else "s", "s")) if steps else 0.0
-
-
-def fits(name: str, unit: str) -> bool:
-    """Whether a unit is of the kind of what a mapping file calls so."""
-    if name == "phase":
-        return unit in ANGLES
-    if name in ("magnitude", "w") and (unit in ANGLES or is_decibel(unit)):
-        return is_decibel(unit)
-    return units.fits(name, unit)
-
-
-def is_hertz(unit: str) -> bool:
-    """Whether a unit is one of Hz, and not of something per Hz."""
-    return unit.endswith("Hz") and "/" not in unit
 
 
 def roles(columns: Columns) -> dict[str, int]:
@@ -177,8 +84,9 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     if found.keys() & {"wd", "x", "y", "magnitude", "response"} or not found.keys() & {"time", "frequency"}:
         return found
     if "w" not in found:
-        left = [k for k in range(len(columns.labels)) if k not in found.values() and _may_respond(columns, k)]
-        left = _without_drive(columns, found, [index for index in left if columns.unit(index)] or left)
+        left = _without_drive(columns, found, _telling(columns, _left(columns, found)))
+        if undecided(columns, found):
+            return found
         told = bool(left) and (len(left) == 1 or bool(columns.unit(left[0])))
         one = left[0] if told else None if left else _lone_input(columns, found)
         if one is None:
@@ -193,18 +101,44 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     return found
 
 
+def _left(columns: Columns, found: Mapping[str, int]) -> list[int]:
+    """Columns that are not found to be something else, and may be a response."""
+    return [k for k in range(len(columns.labels)) if k not in found.values() and _may_respond(columns, k)]
+
+
+def undecided(columns: Columns, found: Mapping[str, int]) -> list[int]:
+    """The two columns of which one may be the drive and one the response, where neither their heads nor their
+    numbers tell which is which; empty where something does."""
+    inputs = {"frequency", "temperature", *units.DRIVES, *"wxy", "wd", "magnitude", "response"}
+    left = _left(columns, found)
+    told = len(left) != 2 or not any(map(columns.unit, left)) or found.keys() & inputs
+    return [] if told else left
+
+
+def _telling(columns: Columns, left: list[int]) -> list[int]:
+    """Of columns that may be a response those that state a unit, where any does; with the one beside it that
+    does not, where the one that does is held at levels as a drive is."""
+    stated = [index for index in left if columns.unit(index)]
+    if len(left) == 2 and len(stated) == 1 and columns.is_held(stated[0]):
+        (other,) = set(left) - set(stated)
+        return stated if columns.is_held(other) else left
+    return stated or left
+
+
 def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:
-    """Columns that may be a response, without one of few levels beside it, which is put into `found` as the
-    drive."""
-    few = [index for index in left if len(np.unique(columns.numbers(index))) <= LEVELS]
+    """Columns that may be a response, without one beside it that is held at levels, which is put into `found`
+    as the drive."""
+    held = sorted((index for index in left if columns.is_held(index)), key=columns.changes)
+    if len(held) == 2 and FLICKER * columns.changes(held[0]) <= columns.changes(held[1]):
+        del held[1]
     others = len(left) + ("temperature" in found and columns.moves(found["temperature"]))
-    if others != 2 or len(few) != 1 or len(columns.head.sample) <= LEVELS or found.keys() & {*units.DRIVES}:
+    if others != 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
         return left
-    unit = columns.unit(few[0])
+    unit = columns.unit(held[0])
     found["voltage" if not unit or fits("voltage", unit) else "duty" if fits("duty", unit) else "drive"] = (
-        few[0]
+        held[0]
     )
-    return [index for index in left if index not in few]
+    return [index for index in left if index not in held]
 
 
 def _lone_input(columns: Columns, found: dict[str, int]) -> int | None:
@@ -236,6 +170,7 @@ def plausible(columns: Columns, name: str, used: Mapping[str, int]) -> list[int]
             and not NOT_DATA.search(columns.head.names[index])
         )
         of_kind = label.part in parts and (not label.unit or fits(name, label.unit))
+        data = data and columns.holds_data(index)
         if index not in used.values() and data and of_kind and (name != "time" or columns.moves(index)):
             found.append(index)
     return found
@@ -248,6 +183,7 @@ def _may_respond(columns: Columns, index: int) -> bool:
         label.unit and units.same_kind(label.unit, kind) for kind in ("ohm", "S")
     )
     inputs = columns.head.dated(index) or (label.unit and (fits("time", label.unit) or is_hertz(label.unit)))
+    data = data and columns.holds_data(index) and not columns.counts(index)
     return data and not part and not inputs and label.part != "phase" and columns.moves(index)
 
 
@@ -255,7 +191,7 @@ def _named(columns: Columns) -> dict[str, list[int]]:
     """Every column under the name that its head suggests."""
     found: dict[str, list[int]] = {}
     for index, label in enumerate(columns.labels):
-        if NOT_DATA.search(columns.head.names[index]) or not label.words:
+        if NOT_DATA.search(columns.head.names[index]) or not (label.words or label.unit):
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)

@@ -1,5 +1,5 @@
-"""The time of a log's rows, as far as it serves: one that goes back is refused, and dates that are too coarse
-are kept out."""
+"""The time of a log's rows, as far as it serves: one that goes back is refused, times of day go on past
+midnight, and dates that are too coarse are kept out."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -8,9 +8,9 @@ import numpy as np
 
 from sysid.logs.csvbody import Body
 from sysid.logs.csvfile import Head
-from sysid.logs.missing import refuse_row
+from sysid.logs.missing import placed, refuse_row
 from sysid.logs.plan import Plan
-from sysid.logs.stamps import coarse
+from sysid.logs.stamps import DAY, EXAMPLE, coarse, is_clock, is_local, past_midnight
 
 FINER = (
     "a later one than in the row before; record fractions of a second, or say kind: steady where the rows"
@@ -21,26 +21,48 @@ FINER = (
 def timed(
     head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: dict, kind: str | None
 ) -> Plan:
-    """The plan without a time that does not serve. Raises LogError where one that is wanted goes back, or is
-    too coarse."""
+    """The plan without a time that does not serve; `arrays` gets times of day that go on past midnight.
+    Raises LogError where a time that is wanted goes back, or is too coarse."""
+    plan = _past_midnight(head, body, plan, rows, arrays)
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
-        return _without_time(plan, arrays)
+        return _without_time(head, plan, arrays)
     if "time" in arrays and (decrease := decrease_of(arrays["time"][0])) is not None:
         refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
     if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
         if kind != "steady" and not _sweeps(arrays):
             refuse_row(head, body, plan.sources["time"], rows, same, FINER)
-        return _without_time(plan, arrays)
+        return _without_time(head, plan, arrays)
     return plan
 
 
-def _without_time(plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
+def _past_midnight(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: dict[str, tuple[np.ndarray, str]]
+) -> Plan:
+    """The plan with a note where times of day begin anew, from where on they are now those of a day later."""
+    column = plan.sources["time"].column if "time" in arrays and plan.sources["time"].dated else None
+    if column is None or not is_clock(head.first(column)):
+        return plan
+    time, unit = arrays["time"]
+    if (row := past_midnight(time)) is None:
+        return plan
+    later = np.round(time[row:] + DAY, 9)  # to the nanosecond, as stamps are read
+    arrays["time"] = (np.append(time[:row], later), unit)
+    where = placed(head, body, row if rows is None else int(rows[row]))
+    note = f"column {plan.sources['time'].label} holds times of day, which pass midnight before {where}"
+    return dataclasses.replace(plan, notes=(*plan.notes, note))
+
+
+def _without_time(head: Head, plan: Plan, arrays: dict[str, tuple[np.ndarray, str]]) -> Plan:
     """The plan with a note that the dates are kept out, as they now are of `arrays`."""
-    del arrays["time"]
-    note = (
-        f"column {plan.sources['time'].label} is kept out of the fit: its dates are too coarse, go back or"
-        f" are missing"
+    column = plan.sources["time"].column
+    local = column is not None and is_local(head.first(column))
+    lost = bool(np.isnan(arrays.pop("time")[0]).any())
+    why = (
+        f"day and month cannot be told apart in all of its dates; write a time as {EXAMPLE}"
+        if local and lost
+        else "its dates are too coarse, go back or are missing"
     )
+    note = f"column {plan.sources['time'].label} is kept out of the fit: {why}"
     return dataclasses.replace(plan, notes=(*plan.notes, note))
 
 

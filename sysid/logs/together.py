@@ -1,17 +1,26 @@
 """Logs that are read together: those of one plate, in common units."""
 
 import dataclasses
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.logs import units
+from sysid.logs.cells import listed
+from sysid.logs.csvfile import called
 from sysid.logs.metadata import stated
 from sysid.logs.textfile import LogError
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
 
+# a temperature in a file's name: 18C, 24.5degC, 35_deg, -5 °C
+IN_NAME = re.compile(
+    r"(?:^|(?<=[^a-z\d.,]))(?P<number>(?:(?<=[_ (=])-)?\d+(?:[.,]\d+)?)"
+    r"[ _]?(?:°C?|deg_?C?|grad|C)(?![a-z\d])",
+    re.IGNORECASE,
+)
 ROOM = (273.15, 333.15)  # K
 
 
@@ -34,6 +43,25 @@ def doubted(log: "Log") -> "Log":
         return log
     note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
     return dataclasses.replace(log, notes=(*log.notes, note))
+
+
+def temperatures_in_names(logs: list["Log"]) -> list["Log"]:
+    """The logs, the first with a warning where none has a temperature and all files' names seem to hold one,
+    in one pattern: `sweep_18C.csv`, `sweep_24C.csv`. It is no data: a name may mean something else."""
+    names = list(dict.fromkeys(called(log.path) for log in logs if log.path))
+    if any(log.temperature is not None or log.frequency is None or not log.path for log in logs):
+        return logs
+    found = [IN_NAME.search(name) for name in names]
+    held = [one["number"].replace(",", ".") for one in found if one]
+    alike = {re.sub(r"-?\d+([.,]\d+)?", "#", name) for name in names}
+    if len(held) < len(names) or len({*map(float, held)}) < 2 or len(alike) > 1:
+        return logs
+    said = (
+        f"{names[0]} and {len(names) - 1} more: no temperature is recorded, and their names seem to hold one"
+    )
+    do = f"state it above each header, as in # temperature_degC: {held[0]}"
+    warning = f"{said} ({listed(list(dict.fromkeys(held)))} degC); {do}"
+    return [dataclasses.replace(logs[0], warnings=(*logs[0].warnings, warning)), *logs[1:]]
 
 
 def in_common_units(logs: list["Log"]) -> list["Log"]:

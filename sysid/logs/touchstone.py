@@ -29,30 +29,38 @@ def read_touchstone(path: str, kind: str) -> Store:
     skrf, store = library("skrf", path, kind, "touchstone"), Store(path, kind)
     claim_text(store)
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             network = skrf.Network()
             network.read_touchstone(path)
-            frequency, s, z0 = network.f, network.s, network.z0
-            found = _admittances(network) if network.s.shape[1] <= 2 else {}
+            enter(store, network)
+    except LogError:
+        raise
     except Exception as error:  # the library answers damaged files with errors of many types
         raise LogError(
             f"{path}: found a damaged Touchstone file ({type(error).__name__}: {error}), expected one that"
             f" can be read"
         ) from None
-    if s.shape[1] > 2:
-        raise LogError(f"{path}: found {s.shape[1]} ports, expected one or two")
-    ports = s.shape[1]
+    return store
+
+
+def enter(store: Store, network: Any) -> None:
+    """Enter the scattering parameters of a network into a store, and the admittance that they mean. More than
+    two ports: LogError."""
+    frequency, s, ports = network.f, network.s, network.s.shape[1]
+    if ports > 2:
+        raise LogError(f"{store.path}: found {ports} ports, expected one or two")
+    with np.errstate(all="ignore"):
+        found = _admittances(network)
     for table, admittance in found.items():
         store.add(table, "frequency_Hz", frequency)
         store.add(table, "Y", admittance, "S")
         for row, column in np.ndindex(ports, ports):
             store.add(table, f"S{row + 1}{column + 1}", s[:, row, column])
         store.facts[table] = {"device": _AT[table]}
-    store.constants["reference_ohm"] = f"{z0[0, 0].real:g}"
+    store.constants["reference_ohm"] = f"{network.z0[0, 0].real:g}"
     if ports == 2:
         _choose(store, s[:, 0, 0], s[:, 1, 0])
-    return store
 
 
 def _admittances(network: Any) -> dict[str, np.ndarray]:

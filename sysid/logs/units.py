@@ -94,7 +94,10 @@ _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
 _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, a farad
-_ALIASES = {"%": "percent", "pct": "percent", "°C": "degC", "°F": "degF"}
+_ALIASES = {
+    "%": "percent", "pct": "percent", "°C": "degC", "°F": "degF",
+    "tr/min": "rpm", "U/min": "rpm",  # of French and of German
+}  # fmt: skip
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {
     "hertz": "Hz", "volt": "V", "second": "s", "sec": "s", "meter": "m", "metre": "m", "micron": "um",

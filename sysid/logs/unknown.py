@@ -7,12 +7,20 @@ from sysid.logs.cells import Dialect, listed
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.draft import template
 from sysid.logs.found import joined
+from sysid.logs.metadata import rate_key
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
     """What to say of a file whose columns are not known: what was found, what was expected, and a mapping
     file to begin with."""
     path = head.path
+    if len(head.names) == 1 and (rate := rate_key(head.metadata)):
+        said = f"found one channel alone ({head.names[0] or 'without a name'}; {rate}: {head.metadata[rate]})"
+        drive = "expected the drive beside it, recorded at once as a second channel"
+        decay = (
+            "of a decay that nothing drives, save the amplitude over time, as time_s and w_V: it tells tau"
+        )
+        return LogError(f"{path}: {said}, which does not tell what drives it; {drive}; {decay}")
     if head.dialect.header and (wide := min(map(_width, head.sample))) > len(head.names) + 1:
         across = "; a table that lies across, one quantity a line, is to be turned: one a column"
         said = f"found {wide} columns, expected {len(head.names)} as in the header{across}"
