@@ -207,7 +207,7 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
     """By the single fit's own terms."""
     why, keys, rows = np.full(len(batch.theta), "", object), cells.keys(batch), None
     spans, said = np.zeros_like(batch.covariance), list[Finding | None]([None] * len(why))
-    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
+    std, levels = np.sqrt(np.einsum("pii->pi", batch.covariance)), np.stack(_levels(batch), axis=1)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     for key in np.unique(keys, axis=0):
         here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
@@ -226,7 +226,8 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
             why[p] = why[p] or name
         quiet = why[here] == ""
         here = here[quiet]
-        added, told = template.averaged(numbers[quiet], phases[here])
+        power = (levels[here] / WIDTHS[2] ** key[2:-1]) ** 2
+        added, told = template.averaged(numbers[quiet], phases[here], power)
         spans[here] = added * std[here, :, None] * std[here, None]
         for p, finding in zip(here.tolist(), told, strict=True):
             said[p] = finding
@@ -311,11 +312,7 @@ class Cells:
     def keys(self, batch: Batch) -> np.ndarray:
         """(P, 3 + logs) whole numbers of each plate's cell."""
         middle, theta = batch.blocks[-1].middle, batch.theta
-        level = [
-            np.log(np.maximum(x.std, 1e-300) / (np.exp(theta[:, 0]) * np.abs(x.block.drive)))
-            / np.log(WIDTHS[2])
-            for x in batch.logs
-        ]
+        level = [np.log(level) / np.log(WIDTHS[2]) for level in _levels(batch)]
         places = [theta[:, 1] / WIDTHS[0], 2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1], *level]
         whole = np.nan_to_num(np.rint(np.clip(np.stack(places, axis=1), -1e6, 1e6)))
         return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
@@ -336,3 +333,9 @@ class Cells:
             ]
             known = self.made[tuple(key)] = Template.of(self.logs, blocks, theta, levels, bool(key[-1]))
         return known
+
+
+def _levels(batch: Batch) -> list[np.ndarray]:
+    """(P,) of each log the noise over the settled response."""
+    gain = np.exp(batch.theta[:, 0])
+    return [np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs]

@@ -172,19 +172,23 @@ class Template:
                 found[p] = x.term.name
         return found
 
-    def averaged(self, numbers: np.ndarray, phases: np.ndarray) -> tuple[np.ndarray, list[Finding | None]]:
+    def averaged(
+        self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
+    ) -> tuple[np.ndarray, list[Finding | None]]:
         """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
-        what is said of it (`verdict.averaged`)."""
+        what is said of it (`verdict.averaged`). `power` (P, logs): of the noise, over that of the cell."""
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
         if self._spanned is None:
             return spans, said
         which, at, each = self._spanned
         own = numbers[:, at] * self._here(phases)[:, which]
-        share = each.likely(own, self.views)
+        logs = np.array([x.term.log or 0 for x in self.tried])
+        share = each.likely(own, self.views, power[:, logs[which]])
         for p in np.flatnonzero(share.any(axis=0)).tolist():
             here = np.flatnonzero(share[:, p]).tolist()
-            some = [(each.each[k], each.own(own[p], k), float(share[k, p])) for k in here]
+            there = [each.each[k].louder(power[p, each.each[k].term.log or 0]) for k in here]
+            some = [(x, each.own(own[p], k), float(share[k, p])) for k, x in zip(here, there, strict=True)]
             spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
             hint = widest(some, FREE, self.views)
             said[p] = hint and hint.told(True)
