@@ -28,8 +28,9 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
 from sysid.verdict.averaged import Allowed, Together, allowed, shows, widest
 from sysid.verdict.coincidence import tightened
+from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
-from sysid.verdict.linear import ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.linear import ENOUGH, PERHAPS, Found, Linear, Scored, chances_of
 from sysid.verdict.misfit import ALIKE
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import saturations, terms
@@ -157,20 +158,30 @@ class Template:
     def _weights(self) -> Rows:
         return there(self.weights)
 
-    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[str]:
-        """The name of what each plate's logs hold beside the model, or that would move its parameters far if
-        they do, with the thresholds of `misfits`; "" where that is nothing. `numbers` (P, q) of all tests;
-        `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
+    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[list[Found]]:
+        """What each plate's logs hold beside the model, or that would move its parameters far if they do, by
+        the thresholds of `misfits`; `numbers` (P, q) of all tests, `phases` (P, logs): in which PHASES of a
+        quarter turn each rotation is."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
-        found = [""] * len(numbers)
+        found: list[list[Found]] = [[] for _ in numbers]
         for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
-            certain = worth[p, k] >= x.chance + ENOUGH
-            if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
-                continue
-            if x.term.say(x.scored.values @ u, self.views[x.term.log or 0]) is not None:
-                found[p] = x.term.name
+            certain = bool(worth[p, k] >= x.chance + ENOUGH)
+            moves = dict(zip(FREE, (x.scored.moves @ u).tolist(), strict=True))
+            said = x.term.say(x.scored.values @ u, self.views[x.term.log or 0])
+            new = Found(said or "", worth[p, k], moves, x.term.name, x.term.log, x.term.freedom, certain)
+            if said is not None and (certain or new.harmful):
+                found[p].append(new)
         return found
+
+    def doubt(self, found: Sequence[Found]) -> Finding | None:
+        """What the single fit would warn of where a plate's logs hold these, none of them certain; None where
+        it has to look closer, as at what one log has for itself."""
+        between = {(x.term.name, x.term.log) for x in self.tried if x.term.between or x.term.parts}
+        if any(f.certain or (f.name, f.log) in between for f in found):
+            return None
+        likely = likeliest(sorted(found, key=lambda f: -f.worth))
+        return next(iter(doubted(likely, [t.log.name for t in self.trials])), None)
 
     def averaged(
         self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
