@@ -1,9 +1,10 @@
 """Lots of plates: how fast `sysid.fit_fleet` is beside a loop of pandas and scipy, and which odd plates it
 finds.
 
-python benchmarks/fleet.py [--plates 300] [--lots 200] [--jobs 2] [--only lots | engines | lane]: writes
-benchmarks/fleet.md, of which only one part is made anew; `engines` is the table of `fleet_engines.py`, of `--plates`
-and of a tenth of them, and `lane` are those of `fleet_lane.py`.
+OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py [--only NAME] [--plates N] [--jobs 2]: writes benchmarks/fleet.md, of
+which one section is made anew, or all of them; what stands below the line "Notes" of a section stays. `engines` is
+the table of `fleet_engines.py`, of so many plates and of a tenth of them; from `speed` on they are those of
+`fleet_lane.py`.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import os
 import re
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import date
 from pathlib import Path
@@ -27,7 +29,7 @@ from sysid.fleet.odd import with_odd
 
 ROWS, POINTS, DRIVE, AT, NOISE = 240, np.linspace(31800, 32800, 101), 100.0, 32290.0, 0.02
 NAMES = ("G", "tau", "f0")
-ENGINES, LANE = "## Killed on the way", "## The fast lane"
+NOTES = "\nNotes\n"  # below which a section is what somebody wrote
 KINDS = (
     "G and tau at 0.6",
     "f0 3 sd off",
@@ -120,8 +122,27 @@ def by_scipy(folder: Path, seed: int) -> np.ndarray:
     return found.x
 
 
-def throughput(folder: Path, count: int, jobs: int, turns: int = 3) -> str:
-    """Plates a second, from files to the table, in turns with the loop of scipy, and processor time."""
+def throughput(counts: Sequence[int], jobs: int, turns: int = 3) -> str:
+    """Plates a second of lots of so many, from files to the table, in turns with the loop of scipy, and
+    processor time."""
+    rows = []
+    for count in counts:
+        with tempfile.TemporaryDirectory() as where:
+            written(Path(where), count, {})
+            rows.append(_turns(Path(where), count, jobs, turns))
+    table = "\n".join(rows)
+    return f"""Two files a plate ({ROWS} and {len(POINTS)} rows); {jobs} processes, their start and the reading of files included; in
+turns with a loop of one process over 400 plates, medians of {turns}; programs compiled before, and the server whose forks the
+processes are begun before. Of a busy machine only the ratios of processor time tell something.
+
+| plates | fitted together | plates a second | ms of processor a plate | the loop: a second | ms | loop over fleet (each turn) | 95 % intervals hold G, tau, f0, % |
+|---|---|---|---|---|---|---|---|
+{table}
+"""
+
+
+def _turns(folder: Path, count: int, jobs: int, turns: int) -> str:
+    """A row of that table."""
     sysid.fit_fleet([str(folder)], jobs=jobs)  # programs are compiled, and kept
     spent = np.zeros((turns, 2, 2))
     for turn in spent:
@@ -138,19 +159,13 @@ def throughput(folder: Path, count: int, jobs: int, turns: int = 3) -> str:
         for k, n in enumerate(NAMES)
     ]
     (theirs, ours), (their_cost, our_cost) = np.median(spent, axis=0).T
-    covered = ", ".join(f"{n} {100 * x:.0f} %" for n, x in zip(NAMES, inside, strict=True))
-    return f"""## Throughput
-
-Two files a plate ({ROWS} and {len(POINTS)} rows); {jobs} processes, their start and the reading of files included; in
-turns with a loop of one process, medians of {turns}; programs compiled before.
-
-| plates | | plates a second | ms of processor a plate |
-|---|---|---|---|
-| {count} | `sysid.fit_fleet`, with screen, errors and posterior | {1 / ours:.1f} | {1e3 * our_cost:.2f} |
-| | pandas and `least_squares` from 20 % off | {1 / theirs:.1f} | {1e3 * their_cost:.2f} |
-
-95 % intervals hold the truth: {covered}. {(table["way"] == "batch").sum()} of the plates were fitted together.
-"""
+    each = ", ".join(f"{a / b:.1f}" for a, b in spent[:, :, 1])
+    covered = ", ".join(f"{100 * x:.1f}" for x in inside)
+    together = (table["way"] == "batch").sum()
+    return (
+        f"| {count} | {together} | {1 / ours:.1f} | {1e3 * our_cost:.2f} | {1 / theirs:.1f} | {1e3 * their_cost:.2f} |"
+        f" **{their_cost / our_cost:.1f}** ({each}) | {covered} |"
+    )
 
 
 def _clocks() -> np.ndarray:
@@ -183,7 +198,7 @@ def found_in_fits(count: int, jobs: int) -> str:
         rows.append(f"| {kind or 'of the lot'} | {len(part)} | {int(part['odd'].sum())} | {said[:150]} |")
     return "\n".join(
         [
-            f"## Odd plates of a lot of {count}, fitted\n",
+            f"{count} plates.\n",
             "| kind | plates | called odd | the first reason |",
             "|---|---|---|---|",
             *rows,
@@ -213,9 +228,7 @@ def found_in_tables(lots: int) -> str:
             f"| {named} | {shares} | {np.mean(alarms):.2f} | {100 * np.mean(np.array(alarms) > 1):.0f} % |"
         )
     table = "\n".join(lines)
-    return f"""## Odd plates of a thousand, in tables
-
-{lots} lots each of 1000 plates: ln G and ln tau scatter by 0.1, f0 by 20 Hz; errors of each plate 0.3 %, 0.45 %,
+    return f"""{lots} lots each of 1000 plates: ln G and ln tau scatter by 0.1, f0 by 20 Hz; errors of each plate 0.3 %, 0.45 %,
 0.45 Hz. 20 plates are odd.
 
 | correlation in the lot | G and tau at 0.6 | f0 at 3 sd | f0 moved by 3 sd | false alarms | lots with two |
@@ -261,30 +274,6 @@ def drawn(
     return frame, kind
 
 
-def lane(jobs: int) -> str:
-    """The tables of the fast lane."""
-    return f"""{LANE}
-
-Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py --only lane` on {date.today()}. White noise of 1 % of the
-response, a bench that turns, offsets, feeds through and triggers late by a part of a row.
-
-### Milliseconds a plate, one core, in turns with `least_squares` from starts 20 % off
-
-{fleet_lane.throughput()}
-### What is passed on of clean plates, and 95 % intervals of the others
-
-{fleet_lane.chance()}
-### Rows of the batch beside those of `sysid.fit`, in its errors (the largest of G, tau and f0)
-
-{fleet_lane.agreement(jobs=jobs)}
-### Plates that something spoils, and the same plates all by `sysid.fit`
-
-Told: the row names a finding or a warning, or has another result than successful. Silently wrong: it does not, and a
-parameter is more than {fleet_lane.WRONG:g} of its errors off.
-
-{fleet_lane.spoiled(jobs=jobs)}"""
-
-
 def engines(plates: int, jobs: int) -> str:
     """The table of runs that are killed on the way."""
 
@@ -292,45 +281,64 @@ def engines(plates: int, jobs: int) -> str:
         written(folder, count, {})
         return np.array([numbers(seed)[:3] for seed in range(count)])
 
-    begun = os.getloadavg()[2]
     table = fleet_engines.compared([plates // 10, plates], jobs, write)
-    return f"""{ENGINES}
-
-Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py --only engines --plates {plates}` on {date.today()}; {os.cpu_count()}
-cores that others used too (load average {begun:.0f} as it began, {os.getloadavg()[2]:.0f} as it ended), {jobs} workers. Two files a plate ({ROWS} and {len(POINTS)}
-rows), one plate of {fleet_engines.SHARE} with a damaged file: {", ".join(fleet_engines.DAMAGE)}. As a quarter of the plates were
-done a worker was killed by its pid, as half were a second one, and the run itself as three quarters were; then the same command went on.
+    return f"""{jobs} workers. Two files a plate ({ROWS} and {len(POINTS)} rows), one plate of {fleet_engines.SHARE} with a damaged file:
+{", ".join(fleet_engines.DAMAGE)}. As a quarter of the plates were done a worker was killed by its pid, as half were a
+second one, and the run itself as three quarters were; then the same command went on.
 
 {table}
 """
 
 
-def lots(plates: int, count: int, jobs: int) -> str:
-    """The tables of lots."""
-    parts = [found_in_tables(count), found_in_fits(plates, jobs)]
-    with tempfile.TemporaryDirectory() as where:
-        written(Path(where), plates, {})
-        parts.append(throughput(Path(where), plates, jobs))
-    said = f"# Lots of plates\n\nMade by `python benchmarks/fleet.py --only lots` on {date.today()}.\n\n"
-    return said + "\n".join(parts) + "\n"
+# of each section the heading, and what makes it of a count of plates, or its own, and of processes
+SECTIONS: dict[str, tuple[str, Callable[[int | None, int], str]]] = {
+    "tables": ("## Odd plates of a thousand, in tables", lambda n, jobs: found_in_tables(n or 100)),
+    "fits": ("## Odd plates of a lot, fitted", lambda n, jobs: found_in_fits(n or 400, jobs)),
+    "throughput": ("## Throughput", lambda n, jobs: throughput([n] if n else [2000, 10_000], jobs)),
+    "engines": ("## Killed on the way", lambda n, jobs: engines(n or 10_000, jobs)),
+    "speed": (
+        "## The fast lane: milliseconds a plate, one core, in turns with `least_squares` from starts 20 % off",
+        lambda n, jobs: fleet_lane.throughput(n or 256),
+    ),
+    "chance": (
+        "## The fast lane: what is passed on of clean plates, and 95 % intervals of the others",
+        lambda n, jobs: fleet_lane.chance(n or 2000),
+    ),
+    "agreement": (
+        "## The fast lane: its rows beside those of `sysid.fit`, in its errors (the largest of G, tau and f0)",
+        lambda n, jobs: fleet_lane.agreement(n or 100, jobs),
+    ),
+    "spoiled": (
+        "## The fast lane: plates that something spoils, and the same plates all by `sysid.fit`",
+        lambda n, jobs: fleet_lane.spoiled(n or 16, jobs),
+    ),
+}
+
+
+def section(name: str, plates: int | None, jobs: int, before: str) -> str:
+    """One section made anew, with the notes of the one before."""
+    heading, make = SECTIONS[name]
+    told = f"--only {name}" + (f" --plates {plates}" if plates else "")
+    begun = os.getloadavg()[2]
+    table = make(plates, jobs)
+    loads = f"load average {begun:.0f} as it began, {os.getloadavg()[2]:.0f} as it ended"
+    made = f"Made by `OPENBLAS_NUM_THREADS=1 python benchmarks/fleet.py {told}` on {date.today()}, {os.cpu_count()} cores, {loads}."
+    _, mark, notes = before.partition(NOTES)
+    return f"{heading}\n\n{made}\n\n{table}{mark}{notes}".rstrip("\n") + "\n\n"
 
 
 if __name__ == "__main__":
     command = argparse.ArgumentParser(description=__doc__)
-    command.add_argument("--plates", type=int, default=300)
-    command.add_argument("--lots", type=int, default=100)
+    command.add_argument("--plates", type=int, help="of each table (its own counts); lots, of `tables`")
     command.add_argument("--jobs", type=int, default=2)
-    command.add_argument("--only", choices=("lots", "engines", "lane"))
+    command.add_argument("--only", choices=SECTIONS)
     arguments = command.parse_args()
     place = Path(__file__).with_suffix(".md")
-    parts = re.split(f"^(?={ENGINES}|{LANE})", place.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    makers = {
-        "lots": lambda: lots(arguments.plates, arguments.lots, arguments.jobs),
-        "engines": lambda: engines(arguments.plates, arguments.jobs),
-        "lane": lambda: lane(arguments.jobs),
+    top, *parts = re.split("^(?=## )", place.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    known = {
+        name: part for part in parts for name, (heading, _) in SECTIONS.items() if part.startswith(heading)
     }
-    told = zip(makers.items(), parts, strict=True)
-    place.write_text(
-        "".join(make() if arguments.only in (None, name) else part for (name, make), part in told),
-        encoding="utf-8",
-    )
+    for name in [arguments.only] if arguments.only else list(SECTIONS):
+        known[name] = section(name, arguments.plates, arguments.jobs, known.get(name, ""))
+        text = top + "".join(known[name] for name in SECTIONS if name in known)
+        place.write_text(text.rstrip("\n") + "\n", encoding="utf-8")

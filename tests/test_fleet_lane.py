@@ -296,8 +296,9 @@ def spoilt(kind, seed):
 def test_spoilt_plates_are_passed_on(kind, unfitted):
     rows = told({str(k): spoilt(kind, k) for k in range(70, 76)} | {"clean": made("both", 2)})
     assert rows.pop("clean")["way"] == "batch"
-    assert {row["way"] for row in rows.values()} == {"fit"}
-    assert all(row["way_why"] for row in rows.values())
+    # of a second mode that is no more than likely the row warns, as the single fit does
+    assert all(row["way_why"] if row["way"] == "fit" else row["warnings"] for row in rows.values())
+    assert {row["way"] for row in rows.values()} == {"fit"} or kind == "second mode"
 
 
 @pytest.mark.parametrize(
@@ -351,9 +352,26 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
         np.testing.assert_allclose(scored.values @ u * np.linalg.norm(rows, axis=0), beside[3:], rtol=1e-5)
 
 
+def test_what_may_be_chance_is_warned_of_as_the_single_fit_has_it():
+    """Of lone sweeps that seem to lean, in white noise: the same sentence, its numbers those of the plate."""
+    plates = {str(seed): made("sweep", seed) for seed in (11, 183, 378)}
+    for name, row in told(plates).items():
+        single = row_of(Group(name, tuple(plates[name])), Settings())
+        assert row["way"] == "batch" and row["result"] == single["result"]
+        (ours,), (theirs,) = row["findings"], single["findings"]
+        assert (ours["key"], ours["outcome"]) == (theirs["key"], theirs["outcome"])
+        assert [said.partition(" (")[0] for said in row["warnings"]] == [
+            said.partition(" (")[0] for said in single["warnings"]
+        ]
+        assert row["warnings"]
+        for parameter in ("G", "tau", "f0"):
+            a, b = row["parameters"][parameter], single["parameters"][parameter]
+            assert a["value"] == pytest.approx(b["value"], abs=0.05 * b["std"])
+            assert a["std"] == pytest.approx(b["std"], rel=0.1)
+
+
 def test_errors_span_what_those_of_the_single_fit_do(unfitted):
-    """A row is lost on the rise of each step. A batch has tests of plates that are nearly alike, of other noise
-    by up to a factor of 1.4: errors agree to a third, values as ever; and what an error spans is told of the
+    """A row is lost on the rise of each step. Errors agree, and values; and what an error spans is told of the
     plate's own log."""
     plates = {}
     for seed in range(60):
@@ -369,8 +387,8 @@ def test_errors_span_what_those_of_the_single_fit_do(unfitted):
         fit, finding = sysid.fit(plates[name]), row["findings"][0]
         assert finding["logs"] == [name]
         assert finding["sentence"].startswith(f"{name}: ")
-        assert finding["sentence"] in row["notes"]
+        assert finding["sentence"] in [*row["notes"], *row["warnings"]]
         for parameter in ("G", "tau", "f0"):
             found, single = row["parameters"][parameter], fit.parameters[parameter]
             assert found["value"] == pytest.approx(single.value, abs=0.1 * single.std)
-            assert found["std"] == pytest.approx(single.std, rel=0.33)
+            assert found["std"] == pytest.approx(single.std, rel=0.1)

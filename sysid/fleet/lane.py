@@ -188,7 +188,7 @@ def _rows(
         f * x.noise(batch.step, x.values(batch.step))[:, None] for f, x in zip(lefts, batch.logs, strict=True)
     ]
     good = np.flatnonzero(why == "").tolist()
-    rows = told(batch, good, plates, left, said, seen.said, cells, settings)
+    rows = told(batch, good, plates, left, said, seen, cells, settings)
     each = round((time.perf_counter() - started) / len(plates), 6)
     yield [{**row, "seconds": each} for row in rows]
     for p in np.flatnonzero(why != "").tolist():

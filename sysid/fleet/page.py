@@ -1,6 +1,6 @@
 """fleet.html: the report of a lot, one file that asks for nothing else: odd plates first."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -19,12 +19,24 @@ PICTURED = 40  # odd plates with a picture, the farthest out first
 LISTED = 2000  # plates in the page's table; fleet.csv has all
 
 
-def render(frame: pd.DataFrame, found: Judged | None, rows: Sequence[Row], full: str | None) -> str:
-    """The page of a table, whose plates the `rows` are. `full`: the folder beside it that has each plate's
-    own report."""
+Rows = Mapping[int, Row] | Sequence[Row]  # by their place in the table
+
+
+def pictured(frame: pd.DataFrame) -> list[int]:
+    """Which plates of a table are drawn, by their place: the first that are odd, and that have no numbers."""
+    return [int(at) for part in _first(frame) for at in part.index[:PICTURED]]
+
+
+def _first(frame: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The odd plates, the farthest out first; and those without numbers."""
     good = frame["result"] == Result.successful.value
-    odd = frame[frame["odd"] & good].sort_values("odd_chance", kind="stable")
-    lost = frame[~good]
+    return frame[frame["odd"] & good].sort_values("odd_chance", kind="stable"), frame[~good]
+
+
+def render(frame: pd.DataFrame, found: Judged | None, rows: Rows, full: str | None) -> str:
+    """The page of a table; `rows`: those of the plates that are `pictured`. `full`: the folder beside it that
+    has each plate's own report."""
+    odd, lost = _first(frame)
     return template("fleet.html.j2").render(
         counts=words.counted(frame),
         plates=len(frame),
@@ -43,7 +55,7 @@ def render(frame: pd.DataFrame, found: Judged | None, rows: Sequence[Row], full:
 
 
 def _cards(
-    part: pd.DataFrame, frame: pd.DataFrame, found: Judged | None, rows: Sequence[Row], full: str | None
+    part: pd.DataFrame, frame: pd.DataFrame, found: Judged | None, rows: Rows, full: str | None
 ) -> list:
     """Plates with their reasons, and with their pictures where they are the first."""
     told = []

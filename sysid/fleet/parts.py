@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -38,20 +38,34 @@ class Parts:
             with suppress(OSError):
                 os.unlink(fresh)
 
-    def rows(self) -> Iterable[Row]:
-        """All rows there are, the latest parts last."""
+    def done(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
+        """The rows of plates whose logs and settings are those of an earlier run, each once, a part at a
+        time."""
+        wanted, latest = {g.plate: g for g in groups}, dict[str, tuple[Path, int]]()
+        for path, rows in self._each():
+            latest |= {
+                row["plate"]: (path, k) for k, row in enumerate(rows) if row["settings"] == settings.digest
+            }
+        for path, rows in self._each():
+            here = [row for k, row in enumerate(rows) if latest.get(row["plate"]) == (path, k)]
+            group = (wanted.get(row["plate"]) for row in here)
+            yield [row for row, g in zip(here, group, strict=True) if g is not None and _same(g, row)]
+
+    def of(self, plates: Collection[str], settings: Settings) -> dict[str, Row]:
+        """The latest rows of these plates, by plate."""
+        return {
+            row["plate"]: row
+            for _, rows in (self._each() if plates else ())
+            for row in rows
+            if row["plate"] in plates and row["settings"] == settings.digest
+        }
+
+    def _each(self) -> Iterator[tuple[Path, list[Row]]]:
+        """The rows of each part, the latest part last."""
         files = [path for path in self.folder.iterdir() if path.suffix == ENDING]
         for path in sorted(files, key=lambda path: path.stat().st_mtime_ns):
-            with (
-                suppress(ValueError),
-                open(path, encoding="utf-8") as file,
-            ):  # a part that something has damaged is done anew
-                yield from [json.loads(line) for line in file]
-
-    def done(self, groups: Sequence[Group], settings: Settings) -> dict[str, Row]:
-        """The rows of plates whose logs and settings are those of an earlier run, by plate."""
-        known = {row["plate"]: row for row in self.rows() if row["settings"] == settings.digest}
-        return {g.plate: row for g in groups if (row := known.get(g.plate)) is not None and _same(g, row)}
+            with suppress(ValueError):  # a part that something has damaged is done anew
+                yield path, [json.loads(line) for line in path.read_text("utf-8").splitlines()]
 
 
 def _same(group: Group, row: Row) -> bool:

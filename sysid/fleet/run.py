@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -73,8 +73,10 @@ def fit_fleet(
         plates = grouped(
             groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
         )
-        rows = _fitted(plates, settings, Parts(place / PARTS), partial(_engine, jobs, scheduler), meanwhile)
-        return _finished(rows, None if folder is None else place, full, shrink)
+        parts, engine = Parts(place / PARTS), partial(_engine, jobs, scheduler)
+        frame = _fitted(plates, settings, parts, engine, meanwhile)
+        rows = lambda plates: parts.of(plates, settings)  # noqa: E731
+        return _finished(frame, rows, None if folder is None else place, full, shrink)
 
 
 def _fitted(
@@ -83,16 +85,25 @@ def _fitted(
     parts: Parts,
     engine: Callable[[int], Engine],
     meanwhile: Callable[[int, int], None] | None,
-) -> list[Row]:
-    """The rows of all plates, of which those that are in the parts already are not fitted again."""
-    done = parts.done(plates, settings)
+) -> "pd.DataFrame":
+    """The table of all plates, of which those that are in the parts already are not fitted again."""
+    from sysid.fleet.table import Told
+
+    told, done = Told(), set[str]()
+
+    def add(rows: Sequence[Row]) -> None:
+        told.add(rows)
+        done.update(row["plate"] for row in rows)
+
+    for rows in parts.done(plates, settings):
+        add(rows)
     left = [group for group in plates if group.plate not in done]
     for rows in engine(len(left)).rows(left, settings) if left else ():
         parts.write(rows)
-        done |= {row["plate"]: row for row in rows}
+        add(rows)
         if meanwhile is not None:
             meanwhile(len(done), len(plates))
-    return [done[group.plate] for group in plates]
+    return told.framed([group.plate for group in plates])
 
 
 def _check(nuisances: Sequence[str]) -> None:
@@ -122,21 +133,29 @@ def cores() -> int:
 
 
 def _finished(
-    rows: Sequence[dict[str, Any]], folder: Path | None, full: bool, shrink: bool
+    frame: "pd.DataFrame",
+    rows: Callable[[Collection[str]], Mapping[str, Row]],
+    folder: Path | None,
+    full: bool,
+    shrink: bool,
 ) -> "pd.DataFrame":
-    """The table of all rows, and its files in the folder."""
+    """The table with what is known of its lot, and its files in the folder; `rows` gives those of plates."""
     from sysid.fleet.lot import with_pooled
     from sysid.fleet.odd import with_odd
-    from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet, framed
+    from sysid.fleet.table import CSV, PARQUET, as_csv, as_parquet
 
-    frame, found = with_odd(framed(rows))
+    frame, found = with_odd(frame)
     if shrink:
         frame = with_pooled(frame, found)
     if folder is not None:
         from sysid.command.outputs import add
-        from sysid.fleet.page import PAGE, render
+        from sysid.fleet.page import PAGE, pictured, render
 
-        files = {PAGE: render(frame, found, rows, PLATES if full else None).encode(), CSV: as_csv(frame)}
+        drawn = {at: frame["plate"].iloc[at] for at in pictured(frame)}
+        told = rows({*drawn.values()})
+        shown = {at: told.get(plate, {}) for at, plate in drawn.items()}
+        page = render(frame, found, shown, PLATES if full else None)
+        files = {PAGE: page.encode(), CSV: as_csv(frame)}
         with suppress(ImportError):  # the extra fleet
             files[PARQUET] = as_parquet(frame)
         add(folder, files)

@@ -160,11 +160,40 @@ def vague(batch: Batch) -> np.ndarray:
 
 class Screened(NamedTuple):
     """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
-    allow add to its covariance, (P, 3, 3), and what is said of these."""
+    allow add to its covariance, (P, 3, 3), and what is said of these; and what is to be warned of."""
 
     why: np.ndarray
     spans: np.ndarray
     said: list[Finding | None]
+    doubts: list[Finding | None]
+
+    @classmethod
+    def nothing(cls, batch: Batch) -> "Screened":
+        """Of the plates of a batch."""
+        count = len(batch.theta)
+        said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
+        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
+
+    def look(
+        self, template: Template, rows: Rows, here: np.ndarray, phases: np.ndarray, power: np.ndarray
+    ) -> None:
+        """At these plates (p,) of all (P,), with the tests of a template; `spans` in errors. `power`
+        (p, logs): of the noise, over that of the template."""
+        numbers = template.numbers(rows, here)
+        for p, found in zip(here.tolist(), template.found(numbers, phases[here]), strict=True):
+            self.doubts[p] = template.doubt(found)
+            if found and self.doubts[p] is None:
+                self.why[p] = self.why[p] or found[-1].name
+        quiet = self.why[here] == ""
+        here = here[quiet]
+        self.spans[here], told = template.averaged(numbers[quiet], phases[here], power[quiet])
+        for p, finding in zip(here.tolist(), told, strict=True):
+            self.said[p] = finding
+
+    def telling(self) -> list[int]:
+        """The plates of which something is to be said, and that stay."""
+        each = zip(self.why.tolist(), self.said, self.doubts, strict=True)
+        return [p for p, (why, said, doubt) in enumerate(each) if not why and (said or doubt)]
 
     def without(self, plates: np.ndarray) -> "Screened":
         """The same, but that errors of these (P,) span nothing: of logs that differ they do already."""
@@ -204,15 +233,15 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
 
 
 def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
-    """By the single fit's own terms."""
-    why, keys, rows = np.full(len(batch.theta), "", object), cells.keys(batch), None
-    spans, said = np.zeros_like(batch.covariance), list[Finding | None]([None] * len(why))
-    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
+    """By the single fit's own terms; of plates of which something is to be said by those at their own
+    place."""
+    keys, levels, rows = cells.keys(batch), np.stack(_levels(batch), axis=1), None
+    found = Screened.nothing(batch)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     for key in np.unique(keys, axis=0):
         here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
         if template.refused:
-            why[here] = template.refused
+            found.why[here] = template.refused
             continue
         if rows is None:
             each = [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)]
@@ -220,17 +249,15 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
         second = np.max(np.abs(template.second), axis=(0, 1))
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
-            why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        numbers = template.numbers(rows, here)
-        for p, name in zip(here, template.found(numbers, phases[here]), strict=True):
-            why[p] = why[p] or name
-        quiet = why[here] == ""
-        here = here[quiet]
-        added, told = template.averaged(numbers[quiet], phases[here])
-        spans[here] = added * std[here, :, None] * std[here, None]
-        for p, finding in zip(here.tolist(), told, strict=True):
-            said[p] = finding
-    return Screened(why, spans, said)
+            found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
+        found.look(template, rows, here, phases, (levels[here] / WIDTHS[2] ** key[2:-1]) ** 2)
+    for p in found.telling():
+        if (template := cells.own(batch, p)).refused:
+            found.why[p] = template.refused
+        else:
+            found.look(template, rows, np.array([p]), phases, np.ones((1, levels.shape[1])))
+    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
+    return found._replace(spans=found.spans * std[:, :, None] * std[:, None])
 
 
 def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -311,11 +338,7 @@ class Cells:
     def keys(self, batch: Batch) -> np.ndarray:
         """(P, 3 + logs) whole numbers of each plate's cell."""
         middle, theta = batch.blocks[-1].middle, batch.theta
-        level = [
-            np.log(np.maximum(x.std, 1e-300) / (np.exp(theta[:, 0]) * np.abs(x.block.drive)))
-            / np.log(WIDTHS[2])
-            for x in batch.logs
-        ]
+        level = [np.log(level) / np.log(WIDTHS[2]) for level in _levels(batch)]
         places = [theta[:, 1] / WIDTHS[0], 2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1], *level]
         whole = np.nan_to_num(np.rint(np.clip(np.stack(places, axis=1), -1e6, 1e6)))
         return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
@@ -323,16 +346,31 @@ class Cells:
     def template(self, key: np.ndarray) -> Template:
         """Of one cell."""
         if (known := self.made.get(tuple(key))) is None:
-            blocks = self.blocks
-            tau = np.exp(key[0] * WIDTHS[0])
-            block = blocks[-1]
-            gain = 1 / np.abs(block.drive[0])
-            theta = np.array(
-                [np.log(gain), np.log(tau), block.middle[0] + key[1] * WIDTHS[1] / (2 * np.pi * tau)]
-            )
-            levels = [
-                float(WIDTHS[2] ** k * gain * np.abs(b.drive[0]))
-                for k, b in zip(key[2:-1], blocks, strict=True)
-            ]
-            known = self.made[tuple(key)] = Template.of(self.logs, blocks, theta, levels, bool(key[-1]))
+            tau, levels = np.exp(key[0] * WIDTHS[0]), [WIDTHS[2] ** k for k in key[2:-1]]
+            detuning = key[1] * WIDTHS[1] / (2 * np.pi * tau)
+            known = self.made[tuple(key)] = self._of(1.0, tau, detuning, levels, bool(key[-1]))
         return known
+
+    def own(self, batch: Batch, p: int) -> Template:
+        """Of the p-th plate's own response, time constant, detuning and noise."""
+        settled = np.exp(batch.theta[p, 0]) * np.abs(batch.blocks[-1].drive[p])
+        detuning = batch.theta[p, 2] - batch.blocks[-1].middle[p]
+        levels = [x[p] for x in _levels(batch)]
+        return self._of(settled, batch.tau[p], detuning, levels, bool(batch.tight[p]))
+
+    def _of(
+        self, settled: float, tau: float, detuning: float, levels: Sequence[float], tight: bool
+    ) -> Template:
+        """With a settled response of this size to the last log's drive, and noise of these levels over that
+        of each."""
+        block = self.blocks[-1]
+        gain = settled / np.abs(block.drive[0])
+        theta = np.array([np.log(gain), np.log(tau), block.middle[0] + detuning])
+        sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
+        return Template.of(self.logs, self.blocks, theta, sizes, tight)
+
+
+def _levels(batch: Batch) -> list[np.ndarray]:
+    """(P,) of each log the noise over the settled response."""
+    gain = np.exp(batch.theta[:, 0])
+    return [np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs]

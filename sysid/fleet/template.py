@@ -30,9 +30,10 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
 from sysid.verdict.averaged import Allowed, Together, allowed, shows, widest
 from sysid.verdict.coincidence import tightened
+from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
 from sysid.verdict.firstorder import of_effects
-from sysid.verdict.linear import ENOUGH, MOVES, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.linear import ENOUGH, PERHAPS, Found, Linear, Scored, chances_of
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import terms
 from sysid.verdict.view import View
@@ -159,34 +160,48 @@ class Template:
     def _weights(self) -> Rows:
         return there(self.weights)
 
-    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[str]:
-        """The name of what each plate's logs hold beside the model, or that would move its parameters far if
-        they do, with the thresholds of `misfits`; "" where that is nothing. `numbers` (P, q) of all tests;
-        `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
+    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[list[Found]]:
+        """What each plate's logs hold beside the model, or that would move its parameters far if they do, by
+        the thresholds of `misfits`; `numbers` (P, q) of all tests, `phases` (P, logs): in which PHASES of a
+        quarter turn each rotation is."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
-        found = [""] * len(numbers)
+        found: list[list[Found]] = [[] for _ in numbers]
         for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
-            certain = worth[p, k] >= x.chance + ENOUGH
-            if not (certain or np.max(np.abs(x.scored.moves @ u)) > MOVES):
-                continue
-            if x.term.say(x.scored.values @ u, x.scored.errors) is not None:
-                found[p] = x.term.name
+            certain = bool(worth[p, k] >= x.chance + ENOUGH)
+            moves = dict(zip(FREE, (x.scored.moves @ u).tolist(), strict=True))
+            said = x.term.say(x.scored.values @ u, x.scored.errors)
+            new = Found(said or "", worth[p, k], moves, x.term.name, x.term.log, x.term.freedom, certain)
+            if said is not None and (certain or new.harmful):
+                found[p].append(new)
         return found
 
-    def averaged(self, numbers: np.ndarray, phases: np.ndarray) -> tuple[np.ndarray, list[Finding | None]]:
+    def doubt(self, found: Sequence[Found]) -> Finding | None:
+        """What the single fit would warn of where a plate's logs hold these, none of them certain; None where
+        it has to look closer, as at what one log has for itself."""
+        between = {(x.term.name, x.term.log) for x in self.tried if x.term.between or x.term.parts}
+        if any(f.certain or (f.name, f.log) in between for f in found):
+            return None
+        likely = likeliest(sorted(found, key=lambda f: -f.worth))
+        return next(iter(doubted(likely, [t.log.name for t in self.trials])), None)
+
+    def averaged(
+        self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
+    ) -> tuple[np.ndarray, list[Finding | None]]:
         """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
-        what is said of it (`verdict.averaged`)."""
+        what is said of it (`verdict.averaged`). `power` (P, logs): of the noise, over that of the cell."""
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
         if self._spanned is None:
             return spans, said
         which, at, each = self._spanned
         own = numbers[:, at] * self._here(phases)[:, which]
-        share = each.likely(own)
+        logs = np.array([x.term.log or 0 for x in self.tried])
+        share = each.likely(own, power[:, logs[which]])
         for p in np.flatnonzero(share.any(axis=0)).tolist():
             here = np.flatnonzero(share[:, p]).tolist()
-            some = [(each.each[k], each.own(own[p], k), float(share[k, p])) for k in here]
+            there = [each.each[k].louder(power[p, each.each[k].term.log or 0]) for k in here]
+            some = [(x, each.own(own[p], k), float(share[k, p])) for k, x in zip(here, there, strict=True)]
             spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
             hint = widest(some, FREE, self.views)
             said[p] = hint and hint.told(True)

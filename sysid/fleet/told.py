@@ -10,7 +10,7 @@ import numpy as np
 from sysid.fleet.batch import Batch
 from sysid.fleet.groups import Group
 from sysid.fleet.plate import BY_BATCH, TRACED, Row, blank, stated, traces
-from sysid.fleet.screen import Cells
+from sysid.fleet.screen import Cells, Screened
 from sysid.fleet.settings import Settings
 from sysid.fleet.template import FREE
 from sysid.verdict.differing import Said
@@ -30,12 +30,12 @@ def told(
     plates: "Sequence[tuple[Group, list[Log]]]",
     lefts: Sequence[np.ndarray],
     said: Sequence[Sequence[Said]],
-    hints: "Sequence[Finding | None]",
+    seen: Screened,
     cells: Cells,
     settings: Settings,
 ) -> list[Row]:
     """The rows of those of a batch's plates that are `good`; `lefts` (P, n): what is left of each log,
-    `said`: of logs that differ, `hints`: of what errors span."""
+    `said`: of logs that differ, `seen`: by the screen."""
     if not len(good):
         return []
     numbers, covariances = _parameters(batch.theta[good], batch.covariance[good])
@@ -54,7 +54,11 @@ def told(
         units = {"G": f"{logs[0].response_unit}/{logs[0].drive_unit}", **UNITS}
         alarms, notes = ([x.told(True) for x in said[p] if x.rare is which] for which in (True, False))
         late = _late(float(errors[p])) if batch.hung[0, p] else []
-        spanned = [] if (hint := hints[p]) is None else [_spanned(hint, logs, cells.logs)]
+        hint, doubt = seen.said[p], seen.doubts[p]
+        spanned = [] if hint is None else [_named(hint, logs, cells.logs)]
+        same = hint is not None and doubt is not None and (hint.key, hint.logs) == (doubt.key, doubt.logs)
+        doubts = [] if doubt is None or same else [_named(doubt, logs, cells.logs)]
+        hinted = [f["sentence"] for f in spanned]
         rows.append(
             blank(group, settings, BY_BATCH, read=logs)
             | {
@@ -67,12 +71,12 @@ def told(
                 "covariance": covariances[k],
                 "reference_temperature_degC": at,
                 "nrmse_percent": float(percents[k]),
-                "warnings": [*alarms, *(f["sentence"] for f in late)],
-                "findings": [*late, *spanned],
+                "warnings": [*alarms, *(hinted if same else ()), *(f["sentence"] for f in (*doubts, *late))],
+                "findings": [*doubts, *late, *spanned],
                 "notes": [
                     *(batch.notes[p] if batch.notes else ()),
                     *notes,
-                    *(f["sentence"] for f in spanned),
+                    *(() if same else hinted),
                 ],
                 "traces": [
                     {"name": log.name, **each[k]}
@@ -93,8 +97,8 @@ def _late(error: float) -> list[Row]:
     return [plain(finding(Finding("late", "noted", hangs_on_lateness(error))))]
 
 
-def _spanned(hint: "Finding", logs: "Sequence[Log]", first: "Sequence[Log]") -> Row:
-    """What is found where an error spans an effect, by the names of this plate's logs instead of those of the
+def _named(hint: "Finding", logs: "Sequence[Log]", first: "Sequence[Log]") -> Row:
+    """What is found of a plate's logs, by the names of this plate's logs instead of those of the
     `first` plate."""
     from sysid.command.outputs import finding, plain
 

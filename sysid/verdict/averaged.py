@@ -81,6 +81,10 @@ class Allowed(NamedTuple):
     scored: Scored
     before: float
 
+    def louder(self, power: float) -> "Allowed":
+        """In noise of so many times the power."""
+        return self._replace(scored=self.scored._replace(usual=self.scored.usual / power))
+
     def evidence(self, numbers: np.ndarray) -> np.ndarray:
         """log B by numbers (..., r)."""
         usual = self.scored.usual
@@ -131,14 +135,16 @@ class Together(NamedTuple):
         """(r,) those of the k-th effect."""
         return numbers[self.begins[k] :][: len(self.each[k].scored.usual)]
 
-    def likely(self, numbers: np.ndarray) -> np.ndarray:
+    def likely(self, numbers: np.ndarray, power: np.ndarray) -> np.ndarray:
         """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
-        against it."""
-        shown = self.usual / (1 + self.usual) * numbers**2 - np.log1p(self.usual)
+        against it. `power` (P, q): of the noise, over that of the tests."""
+        usual = self.usual / power
+        shown = usual / (1 + usual) * numbers**2 - np.log1p(usual)
         found = 0.5 * np.add.reduceat(shown, self.begins, axis=1).T
         odds = np.zeros_like(found)
         for k, p in zip(*np.nonzero(found > 0), strict=True):
-            if self.each[k].say(self.own(numbers[p], k)) is not None:
+            there = self.each[k].louder(power[p, self.begins[k]])
+            if there.say(self.own(numbers[p], k)) is not None:
                 odds[k, p] = self.before[k] * np.expm1(min(found[k, p], MOST))
         return odds / (1 + odds.sum(axis=0))
 
@@ -149,7 +155,8 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     if not each:
         return Average.none()
     numbers = [x.scored.numbers for x in each]
-    share = Together.of(each).likely(np.concatenate(numbers)[None])
+    whole = np.concatenate(numbers)[None]
+    share = Together.of(each).likely(whole, np.ones_like(whole))
     some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
     if not some:
         return Average.none()

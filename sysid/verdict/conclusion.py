@@ -128,7 +128,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (said := identify.overdamped(best, reference)) is not None:
         return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
     found, unseen, *_ = looked = misfits(best, reference, free, at)
-    likely = _likeliest(found)
+    likely = likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
     odd = (
         best.trials if wrong or doubts else [t for t in best.trials if not t.steady]
@@ -190,7 +190,7 @@ def retold(
     return Judged(wrong, doubts, found)
 
 
-def _likeliest(found: Sequence[Found]) -> list[Found]:
+def likeliest(found: Sequence[Found]) -> list[Found]:
     """Of what explains what the model leaves, the best and those that are hardly worth less; what is worth
     much less may be a shadow of it, and of something that explains nothing by itself as well. More than two
     alike explain nothing."""
@@ -204,7 +204,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     spoilt = {i: what for i, t in enumerate(state.trials) if not t.silent and (what := _spoilt(t, fingered))}
     if spoilt:  # what all logs may hold is seen in these as well
         found = [f for f in found if f.log is not None and f.log not in spoilt]
-    likely = _likeliest(found)
+    likely = likeliest(found)
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
     named = {f.log: f for f in reversed(likely)}
@@ -234,7 +234,7 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         wrong = [_told(every, state, "refused", every.sentence)]
     said = {(w.key, w.sentence) for w in wrong}
     noted = [f for f in likely[:1] if (f.name, f.sentence) not in said]
-    return wrong, [*doubts, *(_told(f, state, "noted", f"{f.sentence} ({_unharmed(f)})") for f in noted)]
+    return wrong, [*doubts, *doubted(noted, [t.log.name for t in state.trials])]
 
 
 def _spoilt(trial: Trial, fingered: bool) -> str | None:
@@ -242,8 +242,18 @@ def _spoilt(trial: Trial, fingered: bool) -> str | None:
     return (None if fingered else recorder.touched(trial)) or recorder.clipped(trial)
 
 
+def doubted(likely: Sequence[Found], names: Sequence[str]) -> list[Finding]:
+    """The first of what is `likely` in logs of these names as a warning, where nothing that is certain moves
+    a parameter far."""
+    return [_finding(f, names, "noted", f"{f.sentence} ({_unharmed(f)})") for f in likely[:1]]
+
+
 def _told(found: Found, state: State, outcome: str, sentence: str) -> Finding:
-    logs = () if found.log is None else (state.trials[found.log].log.name,)
+    return _finding(found, [t.log.name for t in state.trials], outcome, sentence)
+
+
+def _finding(found: Found, names: Sequence[str], outcome: str, sentence: str) -> Finding:
+    logs = () if found.log is None else (names[found.log],)
     return Finding(found.name, outcome, sentence, logs, found.numbers, found.worth, found.moves, found.mostly)
 
 
